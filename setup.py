@@ -1,7 +1,9 @@
-"""The packages live in top-level folders; setuptools is told so here (everything else is in pyproject.toml).
+"""The packages live in top-level folders; setuptools is told so here (everything else is in
+pyproject.toml).
 
-An editable install points at `.editable`, a folder of links that reads as the installed package does: the interpreter,
-type checkers and editors see the same there. `python setup.py links` makes it anew.
+An editable install points at `.editable`, a folder of links that reads as the installed package
+does: the interpreter, type checkers and editors see the same there. `python setup.py links` makes
+it anew.
 """
 
 import os
@@ -11,7 +13,17 @@ from pathlib import Path
 from setuptools import Command, setup
 from setuptools.command.editable_wheel import editable_wheel
 
-DATA = ["py.typed", "*.yaml", "*.json", "*.safetensors", "*.obj", "*.urdf", "*.srdf", "LICENSE.txt", "pool-*/*"]
+DATA = [
+    "py.typed",
+    "*.yaml",
+    "*.json",
+    "*.safetensors",
+    "*.obj",
+    "*.urdf",
+    "*.srdf",
+    "LICENSE.txt",
+    "pool-*/*",
+]
 FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 EDITABLE = Path(".editable")
 
@@ -32,7 +44,10 @@ class LinkPackages(Command):
         """Make the links where they are not as they should be."""
         package = EDITABLE / "stancekit"
         package.mkdir(parents=True, exist_ok=True)
-        wanted = {path.name: path for path in (*Path("api").glob("*.py*"), Path("api/py.typed"), *map(Path, FOLDERS))}
+        wanted = {
+            path.name: path
+            for path in (*Path("api").glob("*.py*"), Path("api/py.typed"), *map(Path, FOLDERS))
+        }
         for link in package.iterdir():
             if link.name not in wanted:
                 link.unlink() if link.is_symlink() else shutil.rmtree(link)
@@ -50,10 +65,18 @@ class Editable(editable_wheel):
         super().run()
 
 
-package_dir = {"": str(EDITABLE), "stancekit": "api", **{f"stancekit.{folder}": folder for folder in FOLDERS}}
+package_dir = {
+    "": str(EDITABLE),
+    "stancekit": "api",
+    **{f"stancekit.{folder}": folder for folder in FOLDERS},
+}
 packages = sorted(
     ["stancekit"]
-    + ["stancekit." + ".".join(path.parent.parts) for folder in FOLDERS for path in Path(folder).rglob("__init__.py")]
+    + [
+        "stancekit." + ".".join(path.parent.parts)
+        for folder in FOLDERS
+        for path in Path(folder).rglob("__init__.py")
+    ]
 )
 setup(
     packages=packages,

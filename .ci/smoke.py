@@ -1,10 +1,12 @@
-"""Install wheels and sdists into empty environments of every Python at hand, and try what a newcomer types first.
+"""Install wheels and sdists into empty environments of every Python at hand, and try what a
+newcomer types first.
 
     python .ci/smoke.py [--pins constraints.txt] dist/*.whl dist/*.tar.gz
 
-A Python is at hand where ``python3.11`` and so on are on the path or pyenv has them. Only the core is installed: what
-needs an extra has to say so in one line. The command that `stancekit play` names is then run as it stands, and the
-playground has to be served. Prints a line per artefact and exits with 1 if anything fails, or no Python is at hand.
+A Python is at hand where ``python3.11`` and so on are on the path or pyenv has them. Only the core
+is installed: what needs an extra has to say so in one line. The command that `stancekit play` names
+is then run as it stands, and the playground has to be served. Prints a line per artefact and exits
+with 1 if anything fails, or no Python is at hand.
 """
 
 from __future__ import annotations
@@ -50,7 +52,8 @@ LACKING = (
     ("robot", "go1"),
     ("play", "walls"),
 )
-"""Commands that need an extra: one line that names it, exit code 2. What the last one names is installed."""
+"""Commands that need an extra: one line that names it, exit code 2. What the last one names is
+installed."""
 PLAY = "play", "walls", "--no-browser", "--port", "0"
 SERVED_S = 120
 
@@ -63,7 +66,9 @@ def pythons() -> dict[str, str]:
         for path in [*map(str, pyenv), shutil.which(f"python{version}")]:
             if path is None:
                 continue
-            asked = subprocess.run([path, "-c", "import ensurepip, ssl"], capture_output=True, check=False)
+            asked = subprocess.run(
+                [path, "-c", "import ensurepip, ssl"], capture_output=True, check=False
+            )
             if asked.returncode == 0:
                 found[version] = path
                 break
@@ -77,30 +82,63 @@ def tried(python: str, artefact: Path, pins: Path | None) -> str:
         subprocess.run([python, "-m", "venv", folder / "venv"], check=True)
         mine = folder / "venv" / "bin" / "python"
         pinned = [] if pins is None else ["-c", str(pins.resolve())]
-        install = [mine, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *pinned, artefact.resolve()]
-        environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        install = [
+            mine,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            *pinned,
+            artefact.resolve(),
+        ]
+        environment = {
+            key: value
+            for key, value in os.environ.items()
+            if key not in ("PYTHONPATH", "VIRTUAL_ENV")
+        }
         environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "80"}
         for what, command in [
             ("pip install", install),
-            *((f"stancekit {' '.join(words)}", [mine.with_name("stancekit"), *words]) for words in TRIES),
+            *(
+                (f"stancekit {' '.join(words)}", [mine.with_name("stancekit"), *words])
+                for words in TRIES
+            ),
             ("import stancekit", [mine, "-c", LIBRARY]),
         ]:
-            ran = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+            ran = subprocess.run(
+                command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+            )
             if ran.returncode != 0:
                 return f"{what}: {(ran.stderr or ran.stdout).strip()[-600:]}"
         (folder / "robot.urdf").write_text("<robot/>")
         command = ""
         for words in LACKING:
             ran = subprocess.run(
-                [mine.with_name("stancekit"), *words], cwd=folder, env=environment, capture_output=True, text=True,
+                [mine.with_name("stancekit"), *words],
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                text=True,
                 check=False,
-            )  # fmt: skip
+            )
             named = re.search(r"pip install '(stancekit\[\w+\])'\n$", ran.stderr)
             if ran.returncode != 2 or named is None:
                 return f"stancekit {' '.join(words)}: expected exit code 2 and a package to install, got {ran.stderr}"
             command = named[1]
-        pip = [mine, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *pinned, command]
-        ran = subprocess.run(pip, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        pip = [
+            mine,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            *pinned,
+            command,
+        ]
+        ran = subprocess.run(
+            pip, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
         if ran.returncode != 0:
             return f"pip install {command}: {(ran.stderr or ran.stdout).strip()[-600:]}"
         return served([str(mine.with_name("stancekit")), *PLAY], folder, environment)
@@ -109,9 +147,13 @@ def tried(python: str, artefact: Path, pins: Path | None) -> str:
 def served(command: list[str], folder: Path, environment: dict[str, str]) -> str:
     """Start the playground and open its page; empty, or what went wrong."""
     with subprocess.Popen(
-        command, cwd=folder, env=environment | {"PYTHONUNBUFFERED": "1"}, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True,
-    ) as page:  # fmt: skip
+        command,
+        cwd=folder,
+        env=environment | {"PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as page:
         patience = threading.Timer(SERVED_S, page.kill)
         patience.start()
         assert page.stdout is not None
@@ -130,7 +172,9 @@ def served(command: list[str], folder: Path, environment: dict[str, str]) -> str
 
 def main() -> int:
     """Every artefact in every Python."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("artefacts", nargs="+", type=Path)
     parser.add_argument("--pins", type=Path)
     asked = parser.parse_args()
@@ -145,7 +189,10 @@ def main() -> int:
             message = tried(at_hand[version], artefact, asked.pins)
             wrong = wrong or bool(message)
             seconds = time.monotonic() - begin
-            print(f"Python {version}, {artefact.name}: {message or 'works'} ({seconds:.0f} s)", flush=True)
+            print(
+                f"Python {version}, {artefact.name}: {message or 'works'} ({seconds:.0f} s)",
+                flush=True,
+            )
     return int(wrong)
 
 

@@ -1,8 +1,9 @@
 """Legged robots learn and plan on hard terrain: what ``import stancekit`` gives.
 
-Problems, courses, terrain, robots and envelopes; verbs that answer, check, explain and draw them; files. Every name is
-looked up when it is first asked for, so that the import itself takes no time and loads no solver. The environments are
-Gymnasium's: ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
+Problems, courses, terrain, robots and envelopes; verbs that answer, check, explain and draw them;
+files. Every name is looked up when it is first asked for, so that the import itself takes no time
+and loads no solver. The environments are Gymnasium's:
+``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
 
 >>> import stancekit
 >>> problem = stancekit.sample("wall-3", rng=8)[0]
@@ -136,7 +137,8 @@ _HOMES = {
     "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }
-"""Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""
+"""Where each name lives: what the imports above say to type checkers, said to the interpreter
+(compared by a test)."""
 _OLD = {
     "CertificateReport": "Report",
     "GaitPlan": "Answer",
@@ -158,7 +160,9 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
 
             value: Any = version("stancekit")
         elif name in _OLD:
-            warnings.warn(f"stancekit.{name} is old: stancekit.{_OLD[name]}", DeprecationWarning, stacklevel=2)
+            warnings.warn(
+                f"stancekit.{name} is old: stancekit.{_OLD[name]}", DeprecationWarning, stacklevel=2
+            )
             return __getattr__(_OLD[name])
         elif name in ("Course", "PostureProblem"):
             from .planners.problem.old import renamed

@@ -21,11 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.file_check import FileCheck
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
-from stancekit.planners.verify import (
-    Explanation,
-    check_certificate,
-    check_plan,
-)
+from stancekit.planners.verify import Explanation, check_certificate, check_plan
 from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -41,23 +37,27 @@ def explain(
     *,
     tolerance: float | None = None,
 ) -> Explanation:
-    """Why is there no posture, or no plan: how far each single parameter must change before the certificate fails.
+    """Why is there no posture, or no plan: how far each single parameter must change before the
+    certificate fails.
 
-    Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
-    the cheapest growth first. Of a course, for its weakest leaf: the limits of E11, reach, COM radius and friction
-    where the proof pulls most, the one that changes least relative to what it is first. Of a leap: friction under every
-    toe, and reach of every limb.
+    Parameters of a posture problem: friction, reach and largest normal force of each contact, COM
+    radius, tilt limit, the cheapest growth first. Of a course, for its weakest leaf: the limits of
+    E11, reach, COM radius and friction where the proof pulls most, the one that changes least
+    relative to what it is first. Of a leap: friction under every toe, and reach of every limb.
 
     Arguments:
-        subject: an infeasible answer of ``solve`` or ``plan``, or its certificate, which knows its problem.
+        subject: an infeasible answer of ``solve`` or ``plan``, or its certificate, which knows its
+            problem.
         certificate: beside a problem as the subject, which is the old form.
-        tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's own where None.
+        tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's
+            own where None.
     Returns:
-        An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would have to become at
-        least. A certificate that is not accepted explains nothing: no relaxations, and the message says why.
+        An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would
+        have to become at least. A certificate that is not accepted explains nothing: no
+        relaxations, and the message says why.
     Raises:
-        InvalidInput: for an answer that is not infeasible, a certificate that does not know its problem, and a second
-            one beside it. A bad certificate is refused in the message.
+        InvalidInput: for an answer that is not infeasible, a certificate that does not know its
+            problem, and a second one beside it. A bad certificate is refused in the message.
     Source:
         Lagrangian bounds of E1-E11.
     Example:
@@ -68,11 +68,15 @@ def explain(
     """
     if isinstance(subject, Answer | Certificate) and certificate is not None:
         kind = "an answer" if isinstance(subject, Answer) else "a certificate"
-        raise InvalidInput(f"certificate: expected none with {kind}, which has its own, got a Certificate")
+        raise InvalidInput(
+            f"certificate: expected none with {kind}, which has its own, got a Certificate"
+        )
     if isinstance(subject, Answer):
         certificate = _proof(subject)
         if certificate is None or subject.status is not Status.INFEASIBLE:
-            raise InvalidInput(f"explain: expected an answer that is infeasible, got one that is {subject.status}")
+            raise InvalidInput(
+                f"explain: expected an answer that is infeasible, got one that is {subject.status}"
+            )
     elif isinstance(subject, Certificate):
         certificate = subject
     elif certificate is None:
@@ -81,7 +85,9 @@ def explain(
         old_form("explain(problem, certificate)", "explain(certificate), which knows its problem")
         certificate = certificate.of(subject)
     if isinstance(certificate.problem, Leap) and tolerance is not None:
-        raise InvalidInput("tolerance: expected none with a leap, whose proofs leave no residual open")
+        raise InvalidInput(
+            "tolerance: expected none with a leap, whose proofs leave no residual open"
+        )
     return explain_proof(certificate, tolerance=tolerance)
 
 
@@ -92,7 +98,9 @@ def verify(subject: Certificate, answer: None = None) -> Report[Certificate]: ..
 @overload
 def verify(subject: Problem | Leap, answer: Certificate) -> Report[Certificate]: ...
 @overload
-def verify(subject: Answer[Any], answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Any]: ...
+def verify(
+    subject: Answer[Any], answer: None = None, *, tolerance: float = TOLERANCE
+) -> Report[Any]: ...
 @overload
 def verify(subject: Plan, answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
@@ -131,23 +139,29 @@ def verify(
     course: str | None = None,
     terrain: str | Path | None = None,
 ) -> Report[Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
-    """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
+    """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
+    without a solver.
 
     Arguments:
-        subject: what ``solve``, ``plan`` or ``walk`` returned; or what carries its question: a certificate, a plan of
-            key frames, of one or of a leap, a gait trajectory, a data set, the file of a plan, a proof, a leap or a
-            gait, the folder of a data set or the name of one that ships.
-        answer: beside a problem as the subject, which is the old form: a certificate, or the plan of a posture problem.
-        tolerance: largest violation of a constraint by an accepted posture or plan, non-dimensional. Certificates and
-            walks have limits of their own.
+        subject: what ``solve``, ``plan`` or ``walk`` returned; or what carries its question: a
+            certificate, a plan of key frames, of one or of a leap, a gait trajectory, a data set,
+            the file of a plan, a proof, a leap or a gait, the folder of a data set or the name of
+            one that ships.
+        answer: beside a problem as the subject, which is the old form: a certificate, or the plan
+            of a posture problem.
+        tolerance: largest violation of a constraint by an accepted posture or plan,
+            non-dimensional. Certificates and walks have limits of their own.
         robot: of a file: a name or a file of the robot that its plan or gait has to be for.
-        course: of a plan's file: the course that it has to be of, as ``plan`` takes it; of a motion's: whose patches.
-        terrain: of the file of a motion from elsewhere (.csv, .npz, JointTrajectory, MuJoCo's .xml): heights by name or
-            file, or the file of a plan or a walk, whose ground it is.
+        course: of a plan's file: the course that it has to be of, as ``plan`` takes it; of a
+            motion's: whose patches.
+        terrain: of the file of a motion from elsewhere (.csv, .npz, JointTrajectory, MuJoCo's
+            .xml): heights by name or file, or the file of a plan or a walk, whose ground it is.
     Returns:
-        A report: ``accepted``, and what is violated, where and by how much; of a file a ``FileCheck`` with one.
+        A report: ``accepted``, and what is violated, where and by how much; of a file a
+        ``FileCheck`` with one.
     Raises:
-        InvalidInput: for a pair that does not belong together. A bad answer is refused in the report, and not raised.
+        InvalidInput: for a pair that does not belong together. A bad answer is refused in the
+            report, and not raised.
     Source:
         E1-E11; W2-W7, between the knots, too.
     Example:
@@ -158,9 +172,9 @@ def verify(
     """
     if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
         return check_file(subject, tolerance=tolerance, robot=robot, course=course, terrain=terrain)
-    for name, given in (("robot", robot), ("course", course), ("terrain", terrain)):
-        if given is not None:
-            raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {given}")
+    for name, value in (("robot", robot), ("course", course), ("terrain", terrain)):
+        if value is not None:
+            raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {value}")
     if isinstance(subject, Answer) and answer is None:
         subject = _evidence(subject)
     match subject, answer:
@@ -181,14 +195,21 @@ def verify(
         case ((Dataset() | LeapTries() | str() | Path()), None):
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
-    raise InvalidInput(f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}")
+    raise InvalidInput(
+        f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}"
+    )
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:
-    """An answer's certificate, of the answer's problem where it knows none itself; None where there is none."""
+    """An answer's certificate, of the answer's problem where it knows none itself; None where there
+    is none."""
     if answer.certificate is None or answer.certificate.problem is not None:
         return answer.certificate
-    return answer.certificate.of(answer.problem) if isinstance(answer.problem, Problem | Leap) else answer.certificate
+    return (
+        answer.certificate.of(answer.problem)
+        if isinstance(answer.problem, Problem | Leap)
+        else answer.certificate
+    )
 
 
 def _evidence(answer: Answer[Any]) -> Any:
@@ -198,5 +219,7 @@ def _evidence(answer: Answer[Any]) -> Any:
     if proof is not None:
         return proof
     if answer.solution is None:
-        raise InvalidInput(f"verify: expected an answer with a solution or a proof, got one that is {answer.status}")
+        raise InvalidInput(
+            f"verify: expected an answer with a solution or a proof, got one that is {answer.status}"
+        )
     return answer.solution

@@ -1,4 +1,5 @@
-"""Files of answers, checked anew: those that carry their question, and answers beside their problems."""
+"""Files of answers, checked anew: those that carry their question, and answers beside their
+problems."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ FRICTION = 0.75
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3
-"""A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of [m]."""
+"""A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
+[m]."""
 EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
 """What an answer of each status has to hold."""
 CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
@@ -47,13 +49,13 @@ def check_file(
     terrain: str | Path | None = None,
     why: bool = False,
 ) -> FileCheck:
-    """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it says of itself; or a
-    motion from elsewhere, for a robot and a terrain.
+    """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it
+    says of itself; or a motion from elsewhere, for a robot and a terrain.
 
-    tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as ``plan`` takes it, which
-    a plan has to be of. terrain: of a motion, see ``_check_motion``. why: a reason is
-    asked for, which proofs alone have. Raises InvalidInput for a file that holds none of them, and for one of another
-    robot or course.
+    tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as
+    ``plan`` takes it, which a plan has to be of. terrain: of a motion, see ``_check_motion``. why:
+    a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds none
+    of them, and for one of another robot or course.
     """
     from stancekit.planners.formats import plan_file
     from stancekit.planners.formats.motion_file import is_motion_file
@@ -63,7 +65,9 @@ def check_file(
         if why:
             raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
         if tolerance != TOLERANCE:
-            raise InvalidInput("tolerance: expected none with a motion, whose groups have limits of their own")
+            raise InvalidInput(
+                "tolerance: expected none with a motion, whose groups have limits of their own"
+            )
         return _check_motion(Path(path), robot, course, terrain)
     if terrain is not None:
         raise InvalidInput(f"terrain: expected a motion with it, got {name}")
@@ -73,7 +77,11 @@ def check_file(
         return _check_plan(path, tolerance, robot, course)
     if course is not None:
         raise InvalidInput(f"course: expected a plan with it, got {name}")
-    from stancekit.planners.formats import leap_file, proof_file, trajectory_file  # splines are slow to import
+    from stancekit.planners.formats import (
+        leap_file,
+        proof_file,
+        trajectory_file,
+    )  # splines are slow to import
 
     if leap_file.is_leap_file(path):
         _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
@@ -88,17 +96,23 @@ def check_file(
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         if tolerance != TOLERANCE:
-            raise InvalidInput("tolerance: expected none with a proof, which has to hold with room for any plan")
+            raise InvalidInput(
+                "tolerance: expected none with a proof, which has to hold with room for any plan"
+            )
         return proof_file.check_proof_file(path)
     if why:
         raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
     if not trajectory_file.is_trajectory(data):
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
-        wanted = "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        wanted = (
+            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        )
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
-        raise InvalidInput("tolerance: expected none with a gait, whose groups have limits of their own")
+        raise InvalidInput(
+            "tolerance: expected none with a gait, whose groups have limits of their own"
+        )
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.robot.walker import named_walker
 
@@ -106,11 +120,13 @@ def check_file(
     return FileCheck(path=name, kind="gait", report=report, message=report.message)
 
 
-def _check_motion(path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None) -> FileCheck:
+def _check_motion(
+    path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None
+) -> FileCheck:
     """Check a motion from elsewhere, see ``check_file``.
 
-    terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground are taken. course: as
-    ``plan`` takes it, whose patches, and robot where none is given, are taken.
+    terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground are
+    taken. course: as ``plan`` takes it, whose patches, and robot where none is given, are taken.
     """
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.formats.motion_file import read_motion
@@ -120,19 +136,23 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
     from stancekit.runner.export.moved import scene_of
 
     if (terrain is None) == (course is None):
-        given = "neither" if terrain is None else "both"
-        raise InvalidInput(f"terrain: expected it or a course with the motion {path}, got {given}")
+        surplus = "neither" if terrain is None else "both"
+        raise InvalidInput(
+            f"terrain: expected it or a course with the motion {path}, got {surplus}"
+        )
     who = None if robot is None else _legged(robot)
     gravity_m_s2 = GRAVITY_M_S2
     ground: Sequence[Patch] | Ground
     if course is not None:
         from stancekit.planners.problem.course_file import read_course
 
-        asked = read_course(course, None, None if robot is None or Path(course).suffix == ".json" else str(robot))
-        ground, gravity_m_s2, who = asked.terrain, asked.gravity_m_s2, who or asked.robot
+        problem = read_course(
+            course, None, None if robot is None or Path(course).suffix == ".json" else str(robot)
+        )
+        ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
     elif Path(str(terrain)).suffix == ".json":
-        own, _, ground, gravity_m_s2 = scene_of(_subject(str(terrain)))
-        who = who or own
+        robot_of_scene, _, ground, gravity_m_s2 = scene_of(_subject(str(terrain)))
+        who = who or robot_of_scene
     else:
         from stancekit.planners.terrain.reference import named_terrain
 
@@ -150,7 +170,8 @@ def _check_motion(path: Path, robot: str | Path | None, course: str | None, terr
 
 
 def _legged(robot: str | Path) -> Robot:
-    """The robot of a name or a file with its legs; what they reach is not looked at. Raises InvalidInput."""
+    """The robot of a name or a file with its legs; what they reach is not looked at. Raises
+    InvalidInput."""
     from stancekit.planners.robot.legged import robot_of, walking_robot
     from stancekit.planners.robot.robot_file import named_robot
     from stancekit.planners.robot.walker import BUILT_IN
@@ -168,7 +189,9 @@ def _subject(path: str) -> Plan | Trajectory:
     return trajectory_file.read_trajectory(path).trajectory
 
 
-def _check_plan(path: str | Path, tolerance: float, robot: str | Path | None, course: str | None) -> FileCheck:
+def _check_plan(
+    path: str | Path, tolerance: float, robot: str | Path | None, course: str | None
+) -> FileCheck:
     """Check a file of a plan of key frames, see ``check_file``."""
     from stancekit.planners.formats import plan_file
     from stancekit.planners.robot.robot_file import named_robot
@@ -184,18 +207,19 @@ def _check_plan(path: str | Path, tolerance: float, robot: str | Path | None, co
 
 def _check_none(*, robot: str | Path | None, tolerance: float, of: str) -> None:
     """Raise InvalidInput for a robot or a tolerance with a file that has its own."""
-    for option, given in (("robot", robot is not None), ("tolerance", tolerance != TOLERANCE)):
-        if given:
+    for option, value in (("robot", robot is not None), ("tolerance", tolerance != TOLERANCE)):
+        if value:
             raise InvalidInput(f"{option}: expected none with {of}")
 
 
 def check_rows(
     source: Dataset | LeapTries | str | Path, *, tolerance: float = TOLERANCE, why: bool = False
 ) -> RecheckReport:
-    """Check every witness and every certificate of a data set, of its folder, or of one that ships by its name.
-    Postures or tries of leaps: each row's evidence is what its label asks for.
+    """Check every witness and every certificate of a data set, of its folder, or of one that ships
+    by its name. Postures or tries of leaps: each row's evidence is what its label asks for.
 
-    tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no data set.
+    tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no
+    data set.
     """
     from stancekit.envs.data.leap_tries import LeapTries, open_rows
     from stancekit.envs.data.pools import check_there
@@ -204,8 +228,8 @@ def check_rows(
 
     if isinstance(source, str | Path):
         check_there(source)
-    for name, given in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
-        if given:
+    for name, value in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
+        if value:
             wanted = "expected a file of answers with it, got a data set, which has its own plan"
             raise InvalidInput(f"{name}: {wanted}")
     rows = open_rows(source) if isinstance(source, str | Path) else source
@@ -219,15 +243,19 @@ def check_answers(
     tolerance: float = TOLERANCE,
     why: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """Check the n-th answer of a text against the n-th problem of another: one record each, with its verdict.
+    """Check the n-th answer of a text against the n-th problem of another: one record each, with
+    its verdict.
 
-    problems, answers: each a text, and where it is from. why: say of every proof what would have to give. Raises
-    InvalidInput for another number of answers than of problems; a record that cannot be read is "invalid".
+    problems, answers: each a text, and where it is from. why: say of every proof what would have to
+    give. Raises InvalidInput for another number of answers than of problems; a record that cannot
+    be read is "invalid".
     """
-    asked, claims = list(read_problems(*problems)), list(json_records(*answers))
-    if len(asked) != len(claims):
-        raise InvalidInput(f"{answers[1]}: expected {len(asked)} answers, one a problem, got {len(claims)}")
-    for (where, problem), (place, claim) in zip(asked, claims, strict=True):
+    problems_read, claims = list(read_problems(*problems)), list(json_records(*answers))
+    if len(problems_read) != len(claims):
+        raise InvalidInput(
+            f"{answers[1]}: expected {len(problems_read)} answers, one a problem, got {len(claims)}"
+        )
+    for (where, problem), (place, claim) in zip(problems_read, claims, strict=True):
         if isinstance(problem, InvalidInput) or isinstance(claim, InvalidInput):
             wrong = problem if isinstance(problem, InvalidInput) else claim
             yield {"where": where, "verdict": "invalid", "message": str(wrong)}
@@ -244,7 +272,9 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
-        message = f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+        message = (
+            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+        )
         return {"verdict": "refused", "message": message}
     if isinstance(answer, Plan):
         report = check_plan(answer, tolerance=tolerance)
@@ -273,7 +303,8 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
 
 
 def _course(name: str, robot: str | None) -> Callable[[int], Problem]:
-    """The course of a name or a file, of so many key frames where it can be had with others than its own."""
+    """The course of a name or a file, of so many key frames where it can be had with others than
+    its own."""
     from stancekit.planners.problem.course_file import read_course
 
     who = None if Path(name).suffix == ".json" else robot

@@ -68,7 +68,9 @@ def plan(
     **old: Any,
 ) -> Answer[Plan]: ...
 @overload
-def plan(course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0) -> Answer[LeapPlan]: ...
+def plan(
+    course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0
+) -> Answer[LeapPlan]: ...
 @checked
 def plan(
     course: Problem | Footholds | Leap | str | Path,
@@ -86,48 +88,55 @@ def plan(
     progress: Callable[[int, int], object] | None = None,
     **old: Any,
 ) -> Answer[Plan] | Answer[LeapPlan]:
-    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries; or a leap.
+    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
+    carries; or a leap.
 
     Arguments:
-        course: a ``Problem``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
-            YAML or JSON file; one posture problem is a course of one frame, and with ``robot`` its joints are found and
-            bent, too. With a start and a goal also a terrain: a
-            mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain`` returned. A ``Leap``, or a file
-            of one, is planned by the finder of leaps, with no argument but ``method``, a ``LeapFinder``, and
-            ``time_limit_s``.
-        method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds the best plan of a
-            short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline that fails on ice). Or text:
-            "two-stage", ..., a name that a package registered under ``stancekit.planners``, "FILE.py:NAME". Or a
-            planner that was made before.
-        start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,) [m]; frames, gait
-            and candidates are laid out between them.
+        course: a ``Problem``, a built-in one by name ("stairs", "walls", "icy-walls", "tube",
+            "ground-to-wall"), or a YAML or JSON file; one posture problem is a course of one frame,
+            and with ``robot`` its joints are found and bent, too. With a start and a goal also a
+            terrain: a mesh, a grid or a cloud in a file, a ground by its name, or what ``terrain``
+            returned. A ``Leap``, or a file of one, is planned by the finder of leaps, with no
+            argument but ``method``, a ``LeapFinder``, and ``time_limit_s``.
+        method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds
+            the best plan of a short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline
+            that fails on ice). Or text: "two-stage", ..., a name that a package registered under
+            ``stancekit.planners``, "FILE.py:NAME". Or a planner that was made before.
+        start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,)
+            [m]; frames, gait and candidates are laid out between them.
         frames: number of key frames M, where not the course's own.
-        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file (extra kin); of a posture
-            problem the robot whose limbs stand, the others being held as it stands.
+        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
+            (extra kin); of a posture problem the robot whose limbs stand, the others being held as
+            it stands.
         body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
-        push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N]; a course of
-            its own may ask for more. Without one a plan that bears 5 % of the weight is sought, then 2.5 %, and the
-            report says what it bears. "two-stage" alone, and *infeasible* is not said with it.
-        wrench: on the body beside its weight at every key frame, as of a payload, wind or a rope: a force at the centre
-            of mass [N], or that and a moment about it [Nm], in world axes, shape (3,) or (6,); added to what the course
-            has. Plans carry it, and *infeasible* is said with it.
-        time_limit_s: for all of it, bending and judging included; what is not decided by then is undecided, and what
-            there is so far is in the outcome [s]. A planner that was made before keeps to its own limit, too.
-        checkpoint: of a course of more than 40 key frames, which is planned in pieces, the file NAME.json that keeps
-            what is planned so far: a call like one that was interrupted goes on from there. It is removed once there is
-            a plan.
-        progress: called after every piece of such a course with the key frames that are planned, and all.
+        push_n: horizontal push at the centre of mass, in any direction, that every stance has to
+            bear [N]; a course of its own may ask for more. Without one a plan that bears 5 % of the
+            weight is sought, then 2.5 %, and the report says what it bears. "two-stage" alone, and
+            *infeasible* is not said with it.
+        wrench: on the body beside its weight at every key frame, as of a payload, wind or a rope: a
+            force at the centre of mass [N], or that and a moment about it [Nm], in world axes,
+            shape (3,) or (6,); added to what the course has. Plans carry it, and *infeasible* is
+            said with it.
+        time_limit_s: for all of it, bending and judging included; what is not decided by then is
+            undecided, and what there is so far is in the outcome [s]. A planner that was made
+            before keeps to its own limit, too.
+        checkpoint: of a course of more than 40 key frames, which is planned in pieces, the file
+            NAME.json that keeps what is planned so far: a call like one that was interrupted goes
+            on from there. It is removed once there is a plan.
+        progress: called after every piece of such a course with the key frames that are planned,
+            and all.
         old: settings of methods and limits as arguments, which is the old form.
     Returns:
-        An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every stance and between
-        them, as far as its ``report`` says that it was checked; infeasible with a certificate, over the outer sets of a
-        robot's own legs, for the course in ``problem``, which has the candidates and the tilt limit of one that was
-        laid out already; or undecided, also with a plan whose joints cannot do it, whose
-        bodies collide, or that was not judged in time. ``bound`` is a proved lower bound on the objective of any plan.
-        Of a leap, one with a ``LeapPlan``.
+        An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every
+        stance and between them, as far as its ``report`` says that it was checked; infeasible with
+        a certificate, over the outer sets of a robot's own legs, for the course in ``problem``,
+        which has the candidates and the tilt limit of one that was laid out already; or undecided,
+        also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
+        time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
+        ``LeapPlan``.
     Raises:
-        InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are missing or have no
-            use.
+        InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
+            missing or have no use.
     Source:
         Lin et al. §IV-B, E11, E1-E10 in every stance.
     Example:
@@ -140,51 +149,93 @@ def plan(
     if isinstance(course, str | Path) and is_leap_file(course):
         course = read_leap(course).leap
     if isinstance(course, Leap):
-        beside_leap = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m, "frames": frames, "robot": robot, **old}
+        beside_leap = {
+            "start_xy_m": start_xy_m,
+            "goal_xy_m": goal_xy_m,
+            "frames": frames,
+            "robot": robot,
+            **old,
+        }
         if push_n:
-            raise InvalidInput("push_n: expected none with a leap, whose stances are not pushed yet")
+            raise InvalidInput(
+                "push_n: expected none with a leap, whose stances are not pushed yet"
+            )
         if wrench is not None:
-            raise InvalidInput("wrench: expected none with a leap, whose body bears nothing but its weight yet")
+            raise InvalidInput(
+                "wrench: expected none with a leap, whose body bears nothing but its weight yet"
+            )
         if body != WholeBodyLimits():
-            raise InvalidInput("body: expected none with a leap, whose joints and bodies are not judged yet")
+            raise InvalidInput(
+                "body: expected none with a leap, whose joints and bodies are not judged yet"
+            )
         return _leap(course, method, beside_leap, time_limit_s)
     if isinstance(method, LeapFinder):
-        raise InvalidInput(f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}")
+        raise InvalidInput(
+            f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}"
+        )
     beside = (
-        "course", "method", "start_xy_m", "goal_xy_m", "frames", "robot", "body", "push_n", "wrench", "time_limit_s"
-    )  # fmt: skip
-    given = old_arguments("plan", old, OLD, beside) if old else {}
-    called = "planner" if "planner" in given else "method"
-    method = given.pop("planner", method)
+        "course",
+        "method",
+        "start_xy_m",
+        "goal_xy_m",
+        "frames",
+        "robot",
+        "body",
+        "push_n",
+        "wrench",
+        "time_limit_s",
+    )
+    renamed = old_arguments("plan", old, OLD, beside) if old else {}
+    called = "planner" if "planner" in renamed else "method"
+    method = renamed.pop("planner", method)
     check_argument("planner", method, str | Method | Planner)
-    engine: Any = given.pop("engine", "rows")
+    engine: Any = renamed.pop("engine", "rows")
     checked_choice(engine, "engine", ("rows", "cvxpy"))
     programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    moved = {LIMITS[name]: given.pop(name) for name in LIMITS if name in given}
+    moved = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
     limits = replace(body, **moved) if moved else body
     shares = None
     if not isinstance(method, Method) and method != "two-stage":  # which have no such setting
-        shares = None if given.pop("reserve", True) else ALL_FRICTION
-    question = _question(course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m)
+        shares = None if renamed.pop("reserve", True) else ALL_FRICTION
+    question = _question(
+        course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m
+    )
     if isinstance(method, str | Method):
         options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
-        planner = _made(called, method, options, given)
-    elif given:
-        raise InvalidInput(f"{next(iter(given))}: expected none for a planner that was made before")
+        planner = _made(called, method, options, renamed)
+    elif renamed:
+        raise InvalidInput(
+            f"{next(iter(renamed))}: expected none for a planner that was made before"
+        )
     else:
         assert not isinstance(method, LeapFinder)
         planner = through_verifier(method, "courses")
     push_n = checked_number(push_n, "push_n", least=0.0)
     beside_weight = None if wrench is None else wrench_of(wrench)
-    given_so = start_xy_m is None and isinstance(course, str | Path) and callable(question) and is_scene(course)
+    given_so = (
+        start_xy_m is None
+        and isinstance(course, str | Path)
+        and callable(question)
+        and is_scene(course)
+    )
     layouts = (AS_ASKED,) if given_so else ALTERNATIVES
     return plan_course(
-        question, planner, shares=shares, limits=limits, push_n=push_n, wrench=beside_weight, layouts=layouts,
-        kept=None if checkpoint is None else PartialPlan(Path(checkpoint)), progress=progress, deadline=deadline,
-    )  # fmt: skip
+        question,
+        planner,
+        shares=shares,
+        limits=limits,
+        push_n=push_n,
+        wrench=beside_weight,
+        layouts=layouts,
+        kept=None if checkpoint is None else PartialPlan(Path(checkpoint)),
+        progress=progress,
+        deadline=deadline,
+    )
 
 
-def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: float) -> Answer[LeapPlan]:
+def _leap(
+    leap: Leap, method: object, others: dict[str, Any], time_limit_s: float
+) -> Answer[LeapPlan]:
     """Plan a leap. others: arguments that it does not take. Raises InvalidInput."""
     for name, value in others.items():
         if value is not None:
@@ -196,13 +247,20 @@ def _leap(leap: Leap, method: object, others: dict[str, Any], time_limit_s: floa
     return find_leap(leap, method, time_limit_s=time_limit_s)
 
 
-def _made(called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]) -> Planner:
-    """The planner of a method; messages begin with what the argument is called. Raises InvalidInput."""
+def _made(
+    called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]
+) -> Planner:
+    """The planner of a method; messages begin with what the argument is called. Raises
+    InvalidInput."""
     try:
         return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:
-        said = str(error)
-        raise InvalidInput(f"{called}{said.removeprefix('planner')}" if said.startswith("planner:") else said) from None
+        message = str(error)
+        raise InvalidInput(
+            f"{called}{message.removeprefix('planner')}"
+            if message.startswith("planner:")
+            else message
+        ) from None
 
 
 def _question(
@@ -220,7 +278,9 @@ def _question(
         if start is None or goal is None:
             raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
         if isinstance(course, Problem):
-            raise InvalidInput(f"start_xy_m: expected none with a {type(course).__name__}, which has its own")
+            raise InvalidInput(
+                f"start_xy_m: expected none with a {type(course).__name__}, which has its own"
+            )
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
         from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
 
@@ -239,7 +299,9 @@ def _question(
         if is_leap_file(name):
             raise InvalidInput(f"{name}: expected a course, got a leap: plan(load({name!r}))")
         if Path(name).suffix.lower() in SUFFIXES:
-            raise InvalidInput(f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none")
+            raise InvalidInput(
+                f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none"
+            )
         if Path(name).suffix == ".json":
             return read_course(name, frames, who)
 
@@ -248,16 +310,23 @@ def _question(
 
         return laid_out
     if robot is not None:
-        raise InvalidInput(f"robot: expected none with a course that is laid out, got {_called(robot)}")
+        raise InvalidInput(
+            f"robot: expected none with a course that is laid out, got {_called(robot)}"
+        )
     if frames not in (None, course.frames):
-        raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
+        raise InvalidInput(
+            f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}"
+        )
     return course
 
 
 def _footholds(name: str, robot: Robot | str | None) -> Footholds:
-    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has them where none is."""
+    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has
+    them where none is."""
     from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.foothold_search import footholds_of  # splines are slow to import
+    from stancekit.planners.terrain.foothold_search import (
+        footholds_of,
+    )  # splines are slow to import
     from stancekit.planners.terrain.reference import named_surface
 
     radius_m = 0.0 if robot is None else robot_of(robot).source.known_radius_m

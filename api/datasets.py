@@ -42,17 +42,7 @@ OLD = {
 }
 USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
-BESIDE = (
-    "problems",
-    "folder",
-    "robot",
-    "terrain",
-    "rows",
-    "seed",
-    "workers",
-    "progress",
-    *FURTHER,
-)
+BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
 
 
 @overload
@@ -95,31 +85,36 @@ def label(
 ) -> Dataset | LeapTries:
     """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
 
-    Of a class of leaps, "leap-hard" or another, choices of contacts are tried and labelled in place of problems: each
-    try is solved, with toes and forces; refuted, with multipliers that prove it; or unsolved, which claims nothing.
+    Of a class of leaps, "leap-hard" or another, choices of contacts are tried and labelled in place
+    of problems: each try is solved, with toes and forces; refuted, with multipliers that prove it;
+    or unsolved, which claims nothing.
 
     Arguments:
-        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's. Or the
-            name of a class of leaps.
+        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by
+            its class's. Or the name of a class of leaps.
         folder: of the data set; what is there already is not made again.
-        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
-        rows: how many feasible ones, and how many infeasible ones, which need their moment balance to be so; or one
-            number: the first so many samples as they come, whatever their label. Not of leaps.
+        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets
+        of its legs.
+        rows: how many feasible ones, and how many infeasible ones, which need their moment balance
+            to be so; or one number: the first so many samples as they come, whatever their label.
+            Not of leaps.
         seed: of the random stream; use another one for training than for testing.
-        workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on them.
+        workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on
+            them.
         progress: called with rows written, and all.
-        further: proposers (file of ``stancekit proposers``, asked for postures and proofs before any solver; needs
-            torch), shard_size (rows per file, which is what an interruption can lose; 500), natural (True keeps the
-            samples as they come with two numbers of rows, too, of which only the sum counts then). Of leaps:
-            scenes (how many are drawn; has to be given), shard_size, and tries (how many choices per scene each order
-            of ``LeapFinder`` makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
+        further: proposers (file of ``stancekit proposers``, asked for postures and proofs before
+            any solver; needs torch), shard_size (rows per file, which is what an interruption can
+            lose; 500), natural (True keeps the samples as they come with two numbers of rows, too,
+            of which only the sum counts then). Of leaps: scenes (how many are drawn; has to be
+            given), shard_size, and tries (how many choices per scene each order of ``LeapFinder``
+            makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
             choices, the others near good ones).
     Returns:
-        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate. Of leaps,
-        ``LeapTries``.
+        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
+        Of leaps, ``LeapTries``.
     Raises:
-        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class, and
-            arguments that leaps or postures have no use for.
+        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of
+            another class, and arguments that leaps or postures have no use for.
         LabellingFailed: where the distribution does not yield enough rows of a label.
     Source:
         Algorithm E1.
@@ -129,43 +124,43 @@ def label(
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
-    given = {name: value for name, value in further.items() if name in FURTHER}
+    options = {name: value for name, value in further.items() if name in FURTHER}
     old = {name: value for name, value in further.items() if name not in FURTHER}
-    for key, value in given.items():
+    for key, value in options.items():
         check_argument(key, value, FURTHER[key])
     run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
     if isinstance(problems, str) and is_leap_class(problems):
-        asked_of = {"robot": robot, "terrain": terrain} | given | old
+        asked_of = {"robot": robot, "terrain": terrain} | options | old
         _check_no_use(asked_of, but=("scenes", "shard_size", "tries"), of=f"leaps of {problems}")
         if rows is not USUAL_ROWS:
             raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
-        return _leaps(problems, folder, given, seed=int(seed), run=run, progress=progress)
-    of_leaps = {name: given.pop(name, None) for name in ("scenes", "tries")}
+        return _leaps(problems, folder, options, seed=int(seed), run=run, progress=progress)
+    of_leaps = {name: options.pop(name, None) for name in ("scenes", "tries")}
     _check_no_use(of_leaps, of="postures")
     wanted = _rows(
-        rows, given.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
+        rows, options.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
     )
-    name, source, asked = problems, None, None
+    name, source, problem = problems, None, None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
         name = source.name
-    if (proposers := given.pop("proposers", None)) is not None:
-        asked = _proposers(proposers)
+    if (proposers := options.pop("proposers", None)) is not None:
+        problem = _proposers(proposers)
     plan = LabelPlan(
         distribution=str(name),
         seed=int(seed),
         robot=None if robot is None or source is not None else str(robot),
         terrain=None if terrain is None or source is not None else str(terrain),
-        proposers=None if asked is None else asked.digest,
+        proposers=None if problem is None else problem.digest,
         **wanted,
-        **given,
+        **options,
     )
 
     def on_progress(state: Progress) -> None:
         if progress is not None:
             progress(state.rows, plan.rows)
 
-    labelling.label(plan, folder, run=run, source=source, progress=on_progress, proposers=asked)
+    labelling.label(plan, folder, run=run, source=source, progress=on_progress, proposers=problem)
     return Dataset.open(folder)
 
 
@@ -177,10 +172,12 @@ def export_scenes(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[str]:
-    """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a plan.
+    """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the
+    hexapod has a plan.
 
-    family: FAMILY:LEVEL as in "stairs:0.6". folder: new or empty. seed: of the first scene; the others follow.
-    progress: called with scenes written, and all. Returns the status of each. Raises InvalidInput.
+    family: FAMILY:LEVEL as in "stairs:0.6". folder: new or empty. seed: of the first scene; the
+    others follow. progress: called with scenes written, and all. Returns the status of each. Raises
+    InvalidInput.
     """
     from stancekit.learners.data import scene_set
     from stancekit.planners.plugins import split_name
@@ -257,7 +254,8 @@ def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> di
 
 
 def _proposers(path: str | Path) -> Proposers:
-    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where torch is missing."""
+    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where
+    torch is missing."""
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:

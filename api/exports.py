@@ -80,28 +80,32 @@ def export(
     room: float = 0.02,
     progress: Progress | None = None,
 ) -> Exported | ExportedMotions:
-    """Write a motion in the format of another program, many of them over drawn terrain, or labelled rows.
+    """Write a motion in the format of another program, many of them over drawn terrain, or labelled
+    rows.
 
-    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body, with names. A plan, a
-    walk or a leap is judged before it is exported, a value as well as a file, whatever either says of itself.
+    The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body,
+    with names. A plan, a walk or a leap is judged before it is exported, a value as well as a file,
+    whatever either says of itself.
 
     Arguments:
-        subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with ``count``; or a
-            labelled data set, or its folder.
-        out: the file, or for drawn motions and data sets the folder; a name beside the input where it is None.
-        to: "csv", "npz", "jointtrajectory" (ROS 2; JSON, or YAML by the name of ``out``), "mujoco" (MJCF with key
-            frames), "reference" (mjlab's tracking task), "rerun", "foxglove" (MCAP, and a layout), or "minari" for a
-            data set; None for what the ending of ``out`` says.
+        subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with
+            ``count``; or a labelled data set, or its folder.
+        out: the file, or for drawn motions and data sets the folder; a name beside the input where
+            it is None.
+        to: "csv", "npz", "jointtrajectory" (ROS 2; JSON, or YAML by the name of ``out``), "mujoco"
+            (MJCF with key frames), "reference" (mjlab's tracking task), "rerun", "foxglove" (MCAP,
+            and a layout), or "minari" for a data set; None for what the ending of ``out`` says.
         rate_hz: rows per second, 100 where it is not given; 30 to 200 are usual.
-        count: so many walks over grounds of seeds 0, 1, ...; what is in the folder already is not made again.
+        count: so many walks over grounds of seeds 0, 1, ...; what is in the folder already is not
+            made again.
         robot: who walks there, as ``walk`` takes it.
         room: of a data set, how far each side of the expert's box is moved out, non-dimensional.
         progress: called with how many are done, and all.
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
     Raises:
-        InvalidInput: for what the verifier does not accept, a format of joints where they are not known, a package
-            that is not installed, and where nothing can be written.
+        InvalidInput: for what the verifier does not accept, a format of joints where they are not
+            known, a package that is not installed, and where nothing can be written.
     Source:
         docs/exports.md names the source of each format.
     Example:
@@ -113,10 +117,12 @@ def export(
     if to is not None and to not in FORMAT_NAMES:
         raise InvalidInput(f"to: expected one of {', '.join(FORMAT_NAMES)}, got {to!r:.40}")
     path = None if out is None else Path(out)
-    drawn = isinstance(subject, str) and drawn_name(subject) and not Path(subject).exists()
-    if count is not None and not drawn:
-        raise InvalidInput(f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}")
-    if drawn:
+    is_draw = isinstance(subject, str) and drawn_name(subject) and not Path(subject).exists()
+    if count is not None and not is_draw:
+        raise InvalidInput(
+            f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}"
+        )
+    if is_draw:
         assert isinstance(subject, str)
         if count is None:
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
@@ -132,7 +138,9 @@ def export(
             raise InvalidInput(f"out: expected a file for {source}, got none")
         path = beside(Path(subject), chosen)
     if path.suffix not in FORMATS[chosen].suffixes:
-        raise InvalidInput(f"out: expected a name that ends in {' or '.join(FORMATS[chosen].suffixes)}, got {path}")
+        raise InvalidInput(
+            f"out: expected a name that ends in {' or '.join(FORMATS[chosen].suffixes)}, got {path}"
+        )
     check_writable(path)
     if isinstance(subject, str | Path):
         motion = read_accepted(Path(subject))
@@ -146,7 +154,8 @@ def export(
 
 
 def read_accepted(path: Path) -> Subject:
-    """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says. Raises InvalidInput."""
+    """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says.
+    Raises InvalidInput."""
     from stancekit.planners.formats import leap_file, plan_file, trajectory_file
 
     subject: Subject | None
@@ -185,7 +194,9 @@ def check_accepted(subject: Subject, source: str) -> None:
         case Trajectory():
             what, report = "gait", check_trajectory(subject)
     if not report.accepted:
-        raise InvalidInput(f"{source}: expected a {what} that the verifier accepts, it says: {report.message}")
+        raise InvalidInput(
+            f"{source}: expected a {what} that the verifier accepts, it says: {report.message}"
+        )
 
 
 def _called(subject: object) -> str:
@@ -193,22 +204,32 @@ def _called(subject: object) -> str:
 
 
 def _is_rows(subject: object) -> bool:
-    return isinstance(subject, Dataset) or (isinstance(subject, str | Path) and folder_of(subject).is_dir())
+    return isinstance(subject, Dataset) or (
+        isinstance(subject, str | Path) and folder_of(subject).is_dir()
+    )
 
 
 def _format(to: str | None, out: Path | None) -> str:
     """The format that was asked for, or that the file's ending says. Raises InvalidInput."""
     if to == MINARI:
-        raise InvalidInput("to: expected a format of motions, got minari, which is one of data sets")
+        raise InvalidInput(
+            "to: expected a format of motions, got minari, which is one of data sets"
+        )
     if to is not None:
         return to
-    fitting = [] if out is None else [name for name, each in FORMATS.items() if out.suffix in each.suffixes]
+    fitting = (
+        []
+        if out is None
+        else [name for name, each in FORMATS.items() if out.suffix in each.suffixes]
+    )
     if not fitting:
         raise InvalidInput(f"to: expected one of {', '.join(FORMATS)}, got none")
     return fitting[0]
 
 
-def _rows(subject: Dataset | str | Path, out: Path | None, to: str, room: float, progress: Progress | None) -> Exported:
+def _rows(
+    subject: Dataset | str | Path, out: Path | None, to: str, room: float, progress: Progress | None
+) -> Exported:
     """Labelled rows as a Minari data set."""
     from stancekit.learners.data.export import export as exported
 
@@ -216,16 +237,27 @@ def _rows(subject: Dataset | str | Path, out: Path | None, to: str, room: float,
         raise InvalidInput(f"to: expected {MINARI} with a data set, got {to}")
     rows = rows_of(subject)
     folder = rows.ledger.folder
-    return exported(rows, out or folder.with_name(f"{folder.name}-{MINARI}"), room=room, progress=progress)
+    return exported(
+        rows, out or folder.with_name(f"{folder.name}-{MINARI}"), room=room, progress=progress
+    )
 
 
 def _drawn(
-    level: str, out: Path | None, to: str, rate_hz: float, count: int, robot: str, progress: Progress | None
+    level: str,
+    out: Path | None,
+    to: str,
+    rate_hz: float,
+    count: int,
+    robot: str,
+    progress: Progress | None,
 ) -> ExportedMotions:
-    """Accepted walks over drawn grounds, each a file of a folder; what its ledger says is done is not done again."""
+    """Accepted walks over drawn grounds, each a file of a folder; what its ledger says is done is
+    not done again."""
     checked_int(count, "count", least=1)
     if to == MINARI:
-        raise InvalidInput("to: expected a format of motions, got minari, which is one of data sets")
+        raise InvalidInput(
+            "to: expected a format of motions, got minari, which is one of data sets"
+        )
     family, height, first = read_draw(level, "export")
     if level.count(":") > f"{family}".count(":") + 1:
         raise InvalidInput(
@@ -235,31 +267,41 @@ def _drawn(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
-    asked = {"format": "stancekit/motions/1", "level": level, "to": to, "rate_hz": rate_hz, "robot": robot}
+        raise InvalidInput(
+            f"{folder}: expected a folder or room for one, got {error.strerror}"
+        ) from None
+    settings = {
+        "format": "stancekit/motions/1",
+        "level": level,
+        "to": to,
+        "rate_hz": rate_hz,
+        "robot": robot,
+    }
     ledger = folder / LEDGER
-    lines = list(_ledger(ledger, asked))
+    lines = list(_ledger(ledger, settings))
     if not lines:  # before the first motion, so that whoever is killed in it can go on
-        write_text(ledger, json.dumps(asked) + "\n")
+        write_text(ledger, json.dumps(settings) + "\n")
     for seed in range(MOST_DRAWS * (count + 1)):
         if sum("file" in line for line in lines) >= count:
             break
         if seed < len(lines):
             continue
         lines.append(_one(f"{family}:{height:g}:{seed}", folder, to, rate_hz, robot))
-        write_text(ledger, "".join(json.dumps(line) + "\n" for line in [asked, *lines]))
+        write_text(ledger, "".join(json.dumps(line) + "\n" for line in [settings, *lines]))
         if progress is not None:
             progress(min(count, sum("file" in line for line in lines)), count)
     done = [folder / line["file"] for line in lines if "file" in line][:count]
     refused = Counter(line["refused"] for line in lines if "refused" in line)
     if len(done) < count:
-        raise InvalidInput(f"{level}: expected {count} motions, got {len(done)} of {len(lines)} draws: {dict(refused)}")
+        raise InvalidInput(
+            f"{level}: expected {count} motions, got {len(done)} of {len(lines)} draws: {dict(refused)}"
+        )
     return ExportedMotions(paths=tuple(done), refused=dict(refused))
 
 
 def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]:
-    """Read what a folder's ledger says of each draw. Raises InvalidInput for one of other motions.
-    """
+    """Read what a folder's ledger says of each draw. Raises InvalidInput for one of other
+    motions."""
     if not path.exists():
         if any(path.parent.iterdir()):
             raise InvalidInput(
@@ -268,31 +310,40 @@ def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]
         return
     head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()] or [None]
     if head != asked:
-        different = next((name for name in asked if not isinstance(head, dict) or head.get(name) != asked[name]), "")
-        raise InvalidInput(f"{path}: {different}: expected {asked[different]!r}, found motions of another one there")
+        different = next(
+            (name for name in asked if not isinstance(head, dict) or head.get(name) != asked[name]),
+            "",
+        )
+        raise InvalidInput(
+            f"{path}: {different}: expected {asked[different]!r}, found motions of another one there"
+        )
     for number, line in enumerate(rest, 2):
         if not isinstance(line, dict) or not isinstance(line.get("file", line.get("refused")), str):
-            raise InvalidInput(f"{path}: line {number}: expected a ground with its file or a reason, got {shown(line)}")
+            raise InvalidInput(
+                f"{path}: line {number}: expected a ground with its file or a reason, got {shown(line)}"
+            )
         if "file" in line and not (path.parent / line["file"]).exists():
-            raise InvalidInput(f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing")
+            raise InvalidInput(
+                f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing"
+            )
         yield line
 
 
 def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict[str, str]:
     """The walk over one ground: its line of the ledger."""
-    said = {"ground": ground}
+    record = {"ground": ground}
     try:
-        found = walk(ground, GOAL_XY_M, robot=robot, duration_s=DURATION_S, time_limit_s=LIMIT_S)
+        attempts = walk(ground, GOAL_XY_M, robot=robot, duration_s=DURATION_S, time_limit_s=LIMIT_S)
     except InvalidInput as error:
         if str(error).startswith("robot"):
             raise
-        return {**said, "refused": "no walk can begin or end there", "why": str(error)}
-    if found.solution is None or found.report is None or not found.report.accepted:
-        return {**said, "refused": "no accepted walk was found", "why": found.message}
+        return {**record, "refused": "no walk can begin or end there", "why": str(error)}
+    if attempts.solution is None or attempts.report is None or not attempts.report.accepted:
+        return {**record, "refused": "no accepted walk was found", "why": attempts.message}
     path = folder / f"{ground.replace(':', '-').replace('/', '-')}{FORMATS[to].suffixes[0]}"
     try:
-        moved = moved_of(found.solution, to, rate_hz, ground)
+        moved = moved_of(attempts.solution, to, rate_hz, ground)
     except InvalidInput as error:
-        return {**said, "refused": "run refuses the motion", "why": str(error)}
+        return {**record, "refused": "run refuses the motion", "why": str(error)}
     FORMATS[to].write(moved, path)
-    return {**said, "file": path.name}
+    return {**record, "file": path.name}

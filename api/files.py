@@ -21,7 +21,12 @@ from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
-from stancekit.planners.formats.answer_file import read_envelopes, read_modes, read_problems, write_boxes
+from stancekit.planners.formats.answer_file import (
+    read_envelopes,
+    read_modes,
+    read_problems,
+    write_boxes,
+)
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
 from stancekit.planners.problem.leap import Leap
@@ -35,7 +40,16 @@ from stancekit.planners.verify.trajectories import check_trajectory
 Kind = TypeVar("Kind")
 Proof = tuple[Problem | Leap, Certificate]
 Saved = (
-    Problem | Leap | EnvelopeSet | Modes | Plan | LeapPlan | Certificate | Proof | Trajectory | Learned
+    Problem
+    | Leap
+    | EnvelopeSet
+    | Modes
+    | Plan
+    | LeapPlan
+    | Certificate
+    | Proof
+    | Trajectory
+    | Learned
 )
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
@@ -60,15 +74,17 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     """Read any of Stancekit's files, by what the file says that it is.
 
     Arguments:
-        path: a file, or the folder of a data set; or the name of a course that ``plan`` takes ("walls",
-            "anymal-stairs"), where there is no such file.
-        kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type checkers then know it.
+        path: a file, or the folder of a data set; or the name of a course that ``plan`` takes
+            ("walls", "anymal-stairs"), where there is no such file.
+        kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type
+            checkers then know it.
     Returns:
-        Problem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``,
-        ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (Problem, Certificate) of
-        a proof; Leap, or LeapPlan or such a pair where its file holds an answer (``stancekit/leap/1``, or YAML);
-        Trajectory of a gait; Dataset; LeapTries; GaitRobot (YAML or URDF); what a safetensors file of a neural
-        selector, chooser or policy holds, as ``Learned``; LeapScorer. Nothing is unpickled.
+        Problem, or a list of them where the file holds JSON lines or an array
+        (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the
+        pair (Problem, Certificate) of a proof; Leap, or LeapPlan or such a pair where its file
+        holds an answer (``stancekit/leap/1``, or YAML); Trajectory of a gait; Dataset; LeapTries;
+        GaitRobot (YAML or URDF); what a safetensors file of a neural selector, chooser or policy
+        holds, as ``Learned``; LeapScorer. Nothing is unpickled.
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
     Source:
@@ -79,23 +95,21 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         >>> stancekit.load("climb.json", stancekit.Plan).problem.name
         'stairs'
     """
-    found = _read(Path(path))
-    if not isinstance(found, kind):
-        raise InvalidInput(f"{path}: expected a {kind.__name__}, got a {type(found).__name__}")
-    return found
+    value = _read(Path(path))
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{path}: expected a {kind.__name__}, got a {type(value).__name__}")
+    return value
 
 
 @checked
-def save(
-    thing: Saved | Sequence[Problem],
-    path: str | Path,
-) -> None:
+def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
     """Write a thing to a file that ``load`` reads back, whole or not at all.
 
     Arguments:
-        thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes, a plan, a walk, the
-            certificate with its problem, also as the pair that ``load`` gives, or what ``fit`` returned. A plan and a
-            walk are verified, and the verdict is written with them. A data set is a folder that ``label`` writes.
+        thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes,
+            a plan, a walk, the certificate with its problem, also as the pair that ``load`` gives,
+            or what ``fit`` returned. A plan and a walk are verified, and the verdict is written
+            with them. A data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
     Raises:
         InvalidInput: for another kind of thing, and where nothing can be written.
@@ -119,7 +133,9 @@ def save(
             write_boxes(path, thing)
         case Plan():
             if thing.problem.is_posture:
-                raise InvalidInput(f"{path}: expected the plan of a course, got that of a posture problem")
+                raise InvalidInput(
+                    f"{path}: expected the plan of a course, got that of a posture problem"
+                )
             plan_file.write_plan(path, thing, check_plan(thing, joints=True, margins=True))
         case Trajectory():
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
@@ -133,7 +149,9 @@ def save(
             problems = [one for one in thing if isinstance(one, Problem)]
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
         case _:
-            raise InvalidInput(f"{path}: expected something that has a file format, got a {type(thing).__name__}")
+            raise InvalidInput(
+                f"{path}: expected something that has a file format, got a {type(thing).__name__}"
+            )
 
 
 def _write_proof(path: str | Path, certificate: Certificate) -> None:
@@ -147,7 +165,9 @@ def _write_proof(path: str | Path, certificate: Certificate) -> None:
 def _read(path: Path) -> Any:
     if _is_folder(path):
         return open_rows(path)
-    if (str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))) and not path.exists():
+    if (
+        str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))
+    ) and not path.exists():
         return read_course(path)
     if path.suffix == ".safetensors":
         if safetensors_format(path) == FORMAT:
@@ -178,21 +198,26 @@ def _read(path: Path) -> Any:
 
 
 def _leap(path: Path) -> Any:
-    """The leap of a file, or what answers it there: its plan, or the pair of it and its certificate."""
-    found = leap_file.read_leap(path)
-    if found.plan is not None:
-        return found.plan
-    return found.leap if found.certificate is None else (found.leap, found.certificate)
+    """The leap of a file, or what answers it there: its plan, or the pair of it and its
+    certificate."""
+    leap_file_read = leap_file.read_leap(path)
+    if leap_file_read.plan is not None:
+        return leap_file_read.plan
+    return (
+        leap_file_read.leap
+        if leap_file_read.certificate is None
+        else (leap_file_read.leap, leap_file_read.certificate)
+    )
 
 
 def _problems(path: Path) -> list[Problem]:
     """All problems of a file. Raises InvalidInput for the first that is none."""
-    found = []
+    problems = []
     for _, problem in read_problems(read_text(path), str(path)):
         if isinstance(problem, InvalidInput):
             raise problem
-        found.append(problem)
-    return found
+        problems.append(problem)
+    return problems
 
 
 def _only(problems: list[Problem], path: Path) -> Problem:

@@ -48,19 +48,22 @@ def simulate(
     settings: RunSettings = RunSettings(check_limits=False),
     progress: Progress | None = None,
 ) -> RunReport:
-    """Execute a plan or a walk in a simulated world, at the pace asked for, and compare it with what was planned.
+    """Execute a plan or a walk in a simulated world, at the pace asked for, and compare it with
+    what was planned.
 
     Arguments:
         motion: a plan of key frames, a walk, or the file of either.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
         setup: a file that says how the ground yields, stiffness and damping of contacts.
-        settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see what comes of it.
+        settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see
+            what comes of it.
         progress: called with key frames done, and all.
     Returns:
-        A ``RunReport``; ``execution`` is planned against measured, None where the motion never began.
+        A ``RunReport``; ``execution`` is planned against measured, None where the motion never
+        began.
     Raises:
-        InvalidInput: for a motion that the verifier rejects, a schedule that lifts all limbs at once, a world that is
-            no simulation, and without pinocchio.
+        InvalidInput: for a motion that the verifier rejects, a schedule that lifts all limbs at
+            once, a world that is no simulation, and without pinocchio.
     Source:
         None: a position controller with gravity in its targets.
     Example:
@@ -91,24 +94,30 @@ def run(
     log: str | Path | None = None,
     progress: Progress | None = None,
 ) -> RunReport | LoopReport:
-    """Run a plan, a walk or a policy on a world: a simulator, a log, servos on a bus, a robot behind a rosbridge.
+    """Run a plan, a walk or a policy on a world: a simulator, a log, servos on a bus, a robot
+    behind a rosbridge.
 
     Arguments:
-        motion: a plan of key frames, a walk, or the file of either; with ``policy`` also a course, by name or file.
-        world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was made before.
-        setup: the file that a world is made from: the log of replay, the calibration of dynamixel, the set-up of ros,
-            the ground of mujoco and bullet.
+        motion: a plan of key frames, a walk, or the file of either; with ``policy`` also a course,
+            by name or file.
+        world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was
+            made before.
+        setup: the file that a world is made from: the log of replay, the calibration of dynamixel,
+            the set-up of ros, the ground of mujoco and bullet.
         settings: how it is run.
-        arm: None moves nothing real, and says what would have been sent. "heard" arms where the e-stop was heard or
-            somebody publishes it, "try" once it was pressed and released, "without" whatever is known of it.
-        policy: closes the loop: the coming key frames are planned by it, and anew where the robot is off its plan. A
-            trained selector's file or name, "lift" for the planner without one, or a function of an observation.
+        arm: None moves nothing real, and says what would have been sent. "heard" arms where the
+            e-stop was heard or somebody publishes it, "try" once it was pressed and released,
+            "without" whatever is known of it.
+        policy: closes the loop: the coming key frames are planned by it, and anew where the robot
+            is off its plan. A trained selector's file or name, "lift" for the planner without one,
+            or a function of an observation.
         log: a file .mcap for everything that was sent and measured.
         progress: called with key frames done, and all.
     Returns:
         A ``RunReport``, or a ``LoopReport`` of a policy: ``succeeded``, and ``message`` where not.
     Raises:
-        InvalidInput: for what cannot be run, before anything moves. What stops it on the way is in the report.
+        InvalidInput: for what cannot be run, before anything moves. What stops it on the way is in
+            the report.
     Source:
         None: the guard, the watchdog and the stop latch of ``runner.safety``.
     Example:
@@ -118,10 +127,10 @@ def run(
     """
     if log is not None and Path(log).suffix != ".mcap":
         raise InvalidInput(f"log: expected a name that ends in .mcap, got {log}")
-    asked = accepted_of(motion) if policy is None else led_by_policy(motion)
-    check_run(asked, world, settings, led=policy is not None)
+    request = accepted_of(motion) if policy is None else led_by_policy(motion)
+    check_run(request, world, settings, led=policy is not None)
     with ExitStack() as stack:
-        made = _world(world, asked, setup, arm)
+        made = _world(world, request, setup, arm)
         stack.callback(made.close)
         written = NoLog() if log is None else stack.enter_context(McapLog(Path(log)))
         monitor = None
@@ -140,41 +149,61 @@ def run(
             monitor=monitor,
         )
         if policy is None:
-            assert not isinstance(asked, Problem)
-            return runner.run(asked, _ground(asked, settings))
-        assert not isinstance(asked, AcceptedGait)
-        walked = asked.plan.problem if isinstance(asked, Accepted) else asked
+            assert not isinstance(request, Problem)
+            return runner.run(request, _ground(request, settings))
+        assert not isinstance(request, AcceptedGait)
+        walked = request.plan.problem if isinstance(request, Accepted) else request
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
-        first = asked if isinstance(asked, Accepted) else None
+        first = request if isinstance(request, Accepted) else None
         ground = slippery(walked, settings.friction_share).terrain
         return ClosedLoop(walked, runner, planner, settings.loop).run(ground, first=first)
 
 
 def check_run(
-    asked: Accepted | AcceptedGait | Problem, world: str | World, settings: RunSettings, *, led: bool
+    asked: Accepted | AcceptedGait | Problem,
+    world: str | World,
+    settings: RunSettings,
+    *,
+    led: bool,
 ) -> None:
-    """Raise InvalidInput for settings that the motion, the world or a policy has no use for, before a world is made.
+    """Raise InvalidInput for settings that the motion, the world or a policy has no use for, before
+    a world is made.
 
     led: a policy closes the loop.
     """
-    name, kind = (world, WORLDS.get(world).kind) if isinstance(world, str) else (world.name, world.kind)
+    name, kind = (
+        (world, WORLDS.get(world).kind) if isinstance(world, str) else (world.name, world.kind)
+    )
     simulated = kind == "simulation"
     for wrong, message in (
-        (settings.friction_share != 1.0 and not simulated,
-         f"friction_share: expected a simulated world with it, got {name}"),
-        (settings.wrench is not None and not simulated, f"wrench: expected a simulated world with it, got {name}"),
-        (settings.blind and (led or not simulated),
-         f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}"),
-        (led and kind == "recording", f"policy: expected a world that answers to what is done, got {name}"),
-        (isinstance(asked, AcceptedGait) and settings.timing != Timing(),
-         "timing: expected key frames: a gait runs as planned, or not at all"),
-    ):  # fmt: skip
+        (
+            settings.friction_share != 1.0 and not simulated,
+            f"friction_share: expected a simulated world with it, got {name}",
+        ),
+        (
+            settings.wrench is not None and not simulated,
+            f"wrench: expected a simulated world with it, got {name}",
+        ),
+        (
+            settings.blind and (led or not simulated),
+            f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}",
+        ),
+        (
+            led and kind == "recording",
+            f"policy: expected a world that answers to what is done, got {name}",
+        ),
+        (
+            isinstance(asked, AcceptedGait) and settings.timing != Timing(),
+            "timing: expected key frames: a gait runs as planned, or not at all",
+        ),
+    ):
         if wrong:
             raise InvalidInput(message)
 
 
 def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait:
-    """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything else."""
+    """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything
+    else."""
     if isinstance(motion, Accepted | AcceptedGait):
         return motion
     if isinstance(motion, Plan):
@@ -182,12 +211,16 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
     if isinstance(motion, Trajectory):
         return AcceptedGait.verified(motion, motion.terrain.name or "gait")
     if isinstance(motion, Problem):
-        raise InvalidInput(f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy")
+        raise InvalidInput(
+            f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy"
+        )
     data = _json_of(motion)
     if is_trajectory(data):
         return AcceptedGait.from_file(motion)
     if _is_course(motion, data):
-        raise InvalidInput(f"{motion}: expected a plan file; a course is walked with a policy, got none")
+        raise InvalidInput(
+            f"{motion}: expected a plan file; a course is walked with a policy, got none"
+        )
     return Accepted.from_file(motion)
 
 
@@ -195,19 +228,23 @@ def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
     """Course that a policy walks, or plan that it begins with. Raises InvalidInput for a walk."""
     if isinstance(motion, Problem):
         return motion
-    if isinstance(motion, str | Path) and _is_course(motion, data := _json_of(motion)) and not is_trajectory(data):
+    if (
+        isinstance(motion, str | Path)
+        and _is_course(motion, data := _json_of(motion))
+        and not is_trajectory(data)
+    ):
         return read_course(str(motion))
-    asked = accepted_of(motion)
-    if isinstance(asked, AcceptedGait):
+    request = accepted_of(motion)
+    if isinstance(request, AcceptedGait):
         raise InvalidInput("policy: expected key frames: a gait runs as planned, or not at all")
-    return asked
+    return request
 
 
 def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     """A selector as a policy for a course; None for the lift, which needs none.
 
-    name: "lift", a selector's file, or the name of one that ships.
-    Raises InvalidInput for a file that is missing or wrong, and for a selector that the course would never ask.
+    name: "lift", a selector's file, or the name of one that ships. Raises InvalidInput for a file
+    that is missing or wrong, and for a selector that the course would never ask.
     """
     if name == LIFT:
         return None

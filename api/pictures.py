@@ -38,20 +38,22 @@ def draw(
     caption: str = "",
     out: str | Path | None = None,
 ) -> Figure:
-    """Draw a posture problem, a plan of key frames, a leap or a walk: terrain, robot, forces in their cones.
+    """Draw a posture problem, a plan of key frames, a leap or a walk: terrain, robot, forces in
+    their cones.
 
     Arguments:
         subject: what to draw.
-        answer: of a posture problem, its plan; without one the body is shown at the nominal centre of mass. Or its
-            certificate, of which the picture says what the cheapest single change is.
+        answer: of a posture problem, its plan; without one the body is shown at the nominal centre
+            of mass. Or its certificate, of which the picture says what the cheapest single change
+            is.
         envelope: of a posture problem or its plan, a box to draw with it.
         caption: title, where not the usual one.
         out: a picture to write: .png, .pdf or .svg.
     Returns:
         The matplotlib figure.
     Raises:
-        InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or of no posture
-            problem, and for a file that cannot be written.
+        InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or
+            of no posture problem, and for a file that cannot be written.
     Source:
         Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
     Example:
@@ -62,11 +64,15 @@ def draw(
         'Figure'
     """
     if isinstance(subject, Problem) and not subject.is_posture:
-        raise InvalidInput(f"draw: expected a posture problem, got the course {subject.name}: draw its plan")
+        raise InvalidInput(
+            f"draw: expected a posture problem, got the course {subject.name}: draw its plan"
+        )
     if isinstance(subject, Plan) and answer is None and subject.problem.is_posture:
         return draw(subject.problem, subject, envelope=envelope, caption=caption, out=out)
     if not isinstance(subject, Problem) and (answer is not None or envelope is not None):
-        raise InvalidInput(f"draw: expected no answer and no envelope with a {type(subject).__name__}")
+        raise InvalidInput(
+            f"draw: expected no answer and no envelope with a {type(subject).__name__}"
+        )
     match subject:
         case Problem():
             posture = answer if isinstance(answer, Plan) else None
@@ -96,13 +102,14 @@ def film(
     Arguments:
         motion: what to show.
         out: the film, .mp4 (extra film, and a GL library).
-        executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as they moved, and the
-            forces that its feet felt.
+        executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as
+            they moved, and the forces that its feet felt.
         progress: called with frames drawn, and all.
     Returns:
         None.
     Raises:
-        InvalidInput: for a file that cannot be written, and where the film's encoder or GL is missing.
+        InvalidInput: for a file that cannot be written, and where the film's encoder or GL is
+            missing.
     Source:
         None: the motion as it is planned or measured.
     Example:
@@ -113,14 +120,18 @@ def film(
     from stancekit.views.video import write_video
 
     if isinstance(motion, Plan) and motion.problem.is_posture:
-        raise InvalidInput("film: expected something that moves, got the plan of a posture problem: draw it")
+        raise InvalidInput(
+            "film: expected something that moves, got the plan of a posture problem: draw it"
+        )
     path = Path(out)
     check_film(path)
     frames, total, fps = frames_of(motion, executed)
     write_video(path, counted(frames, total, progress), fps)
 
 
-def frames_of(motion: Plan | LeapPlan | Trajectory, executed: Execution | None) -> tuple[Iterator[Frame], int, float]:
+def frames_of(
+    motion: Plan | LeapPlan | Trajectory, executed: Execution | None
+) -> tuple[Iterator[Frame], int, float]:
     """The frames of a film, how many, and how many a second."""
     from stancekit.views import executions, leaps, plans
 
@@ -131,7 +142,11 @@ def frames_of(motion: Plan | LeapPlan | Trajectory, executed: Execution | None) 
     if isinstance(motion, Plan):
         if executed is None:
             return plans.plan_frames(motion), plans.frame_count(motion), plans.FPS
-        return executions.execution_frames(motion, executed), executions.frame_count(executed), executions.FPS
+        return (
+            executions.execution_frames(motion, executed),
+            executions.frame_count(executed),
+            executions.FPS,
+        )
     if executed is None:
         frames = motion_frames(motion, check_trajectory(motion), fps=WALK_FPS)
         return frames, round(WALK_FPS * motion.duration_s), WALK_FPS

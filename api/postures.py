@@ -25,6 +25,7 @@ OLD = {
     "intervals": "solve(problem, Micp(intervals=...))",
 }
 
+
 @checked
 def solve(
     problem: Problem,
@@ -37,24 +38,27 @@ def solve(
     """Can the robot hold this posture, and how? Or: which contacts and forces does a course have?
 
     Arguments:
-        problem: limbs on patches, see ``Problem.posture``; or a course, whose joints and bodies only ``plan`` looks at.
-        method: a value with its settings: ``Exact()`` branches and bounds to a verdict with evidence; ``TwoStage(...)``
-            relaxes, over learned envelopes or by the lift, and projects; ``Nlp()`` is IPOPT; ``Micp(...)`` a piecewise
-            McCormick grid. Or text: "exact", "two-stage", "nlp", "micp" with the settings as they come, "p1" and
-            "lift" without the projection, a name that a package registered under ``stancekit.planners``, or
-            "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models from problem to problem
-            (what one from elsewhere says counts as far as the verifier accepts it).
-        time_limit_s: for exact, nlp and micp, and for all of a course; what is not decided by then is undecided; 30, of
-            a course 60, where None [s].
+        problem: limbs on patches, see ``Problem.posture``; or a course, whose joints and bodies
+            only ``plan`` looks at.
+        method: a value with its settings: ``Exact()`` branches and bounds to a verdict with
+            evidence; ``TwoStage(...)`` relaxes, over learned envelopes or by the lift, and
+            projects; ``Nlp()`` is IPOPT; ``Micp(...)`` a piecewise McCormick grid. Or text:
+            "exact", "two-stage", "nlp", "micp" with the settings as they come, "p1" and "lift"
+            without the projection, a name that a package registered under ``stancekit.planners``,
+            or "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models
+            from problem to problem (what one from elsewhere says counts as far as the verifier
+            accepts it).
+        time_limit_s: for exact, nlp and micp, and for all of a course; what is not decided by then
+            is undecided; 30, of a course 60, where None [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, which is the old form.
     Returns:
-        An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or infeasible with a
-        certificate, each accepted by the verifier; else undecided. The status speaks of the problem itself, whatever
-        relaxation was solved.
+        An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or
+        infeasible with a certificate, each accepted by the verifier; else undecided. The status
+        speaks of the problem itself, whatever relaxation was solved.
     Raises:
-        InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes that are missing or
-            were learned for other problems, and a solver that is not installed.
+        InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes
+            that are missing or were learned for other problems, and a solver that is not installed.
     Source:
         Lin et al. §II (P, E1-E11), §III (P1, P2).
     Example:
@@ -68,11 +72,13 @@ def solve(
     settings = old_arguments("solve", old, OLD, beside) if old else {}
     of = kind_of(problem)
     if isinstance(method, str | Method):
-        return planner_of(method, of=of, time_limit_s=time_limit_s, engine=engine, **settings).solve(problem)
-    for name, given in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
-        if given not in (None, "rows"):
+        return planner_of(
+            method, of=of, time_limit_s=time_limit_s, engine=engine, **settings
+        ).solve(problem)
+    for name, value in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
+        if value not in (None, "rows"):
             raise InvalidInput(
-                f"{name}: expected none for a planner that was made before, which has no use for it, got {given!r}"
+                f"{name}: expected none for a planner that was made before, which has no use for it, got {value!r}"
             )
     return through_verifier(method, of).solve(problem)
 
@@ -87,8 +93,8 @@ def planner_of(
 ) -> Planner:
     """The planner of a method, to be asked many problems; arguments as for ``solve``.
 
-    of: the kind of problem. settings: of a method that is text, by name; envelopes may be the ``Path`` of a file.
-    Raises InvalidInput likewise.
+    of: the kind of problem. settings: of a method that is text, by name; envelopes may be the
+    ``Path`` of a file. Raises InvalidInput likewise.
     """
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
@@ -97,5 +103,7 @@ def planner_of(
     try:
         return make_planner(method, options, **settings)
     except InvalidInput as error:  # planners of courses are called so elsewhere
-        said = str(error)
-        raise InvalidInput(f"method{said.removeprefix('planner')}" if said.startswith("planner") else said) from None
+        message = str(error)
+        raise InvalidInput(
+            f"method{message.removeprefix('planner')}" if message.startswith("planner") else message
+        ) from None

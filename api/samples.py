@@ -34,13 +34,13 @@ def sample(
     """Draw posture problems from a distribution of terrains.
 
     Arguments:
-        problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and "wall-k" (k limbs on the
-            ground or on two facing walls; Lin et al. have "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
-            ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
-            "FILE.py:NAME", or a YAML file.
+        problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and
+            "wall-k" (k limbs on the ground or on two facing walls; Lin et al. have "ground-3",
+            "wall-3", "wall-5"), "terrain-k" (cut from ``terrain``), one that a package registered
+            under the entry point ``stancekit.distributions``, "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
-        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names one; with a name of
-            a distribution only.
+        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names
+            one; with a name of a distribution only.
         terrain: a mesh or a grid, or a ground by its name as "stairs:0.5:7"; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
@@ -71,10 +71,9 @@ def distribution(
     return distribution_of(problems, robot=robot, terrain=terrain)
 
 
-def drawn(
-    source: Distribution, count: int, rng: np.random.Generator | int
-) -> Iterator[Problem]:
-    """Problems of ``sample``, one after the other, however many. Raises InvalidInput for a seed below 0."""
+def drawn(source: Distribution, count: int, rng: np.random.Generator | int) -> Iterator[Problem]:
+    """Problems of ``sample``, one after the other, however many. Raises InvalidInput for a seed
+    below 0."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
     stream = np.random.default_rng(rng)

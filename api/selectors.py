@@ -58,25 +58,29 @@ def fit(
     progress: Progress | None = None,
     **settings: object,
 ) -> Any:
-    """Learn a selector of envelopes from a labelled data set, or scores of candidates from labelled tries of leaps.
+    """Learn a selector of envelopes from a labelled data set, or scores of candidates from labelled
+    tries of leaps.
 
     Arguments:
         dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
-        method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by line), "gmm" (its
-            boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural",
-            "joint" (for P1 joined with the lift) and "rl" need torch. Or one that a package registered under
-            ``stancekit.methods``, or "FILE.py:NAME". Of tries of leaps: "additive", a logistic sum over the toes,
-            and "set", a network that sees all candidates; both need torch.
+        method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
+            line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
+            mode switching); "chooser", "neural", "joint" (for P1 joined with the lift) and "rl"
+            need torch. Or one that a package registered under ``stancekit.methods``, or
+            "FILE.py:NAME". Of tries of leaps: "additive", a logistic sum over the toes, and "set",
+            a network that sees all candidates; both need torch.
         calibration: rows to calibrate a neural selector on; a part of the data set where None.
-        checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were stopped.
+        checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were
+            stopped.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: called with steps done, and all.
-        settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
-            seed, ... Those that do not concern the method are refused. Of tries: of
-            ``learners.leaps.training.ScorerSettings``.
+        settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold,
+            boxes, steps, batch, seed, ... Those that do not concern the method are refused. Of
+            tries: of ``learners.leaps.training.ScorerSettings``.
     Returns:
-        A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``; ``save`` writes it.
-        ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of leaps: for ``LeapFinder(rule=...)``.
+        A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
+        ``save`` writes it. ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of
+        leaps: for ``LeapFinder(rule=...)``.
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
@@ -89,19 +93,25 @@ def fit(
     """
     if method in KINDS:
         if calibration is not None or checkpoint is not None or workers != 1:
-            raise InvalidInput(f"method: expected no calibration, checkpoint or workers with {method}, got some")
+            raise InvalidInput(
+                f"method: expected no calibration, checkpoint or workers with {method}, got some"
+            )
         return _scorer(dataset, method, settings, progress)
     if isinstance(dataset, LeapTries):
-        raise InvalidInput(f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}")
+        raise InvalidInput(
+            f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}"
+        )
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
-    rows, asked = [rows_of(each) for each in several], typed(FitSettings, settings, "")
-    asked.check_used(method)
+    rows, typed_settings = [rows_of(each) for each in several], typed(FitSettings, settings, "")
+    typed_settings.check_used(method)
     if workers != 1 and method not in SPREAD:
-        raise InvalidInput(f"workers: expected 1 with a method other than {', '.join(SPREAD)}, got {workers}")
+        raise InvalidInput(
+            f"workers: expected 1 with a method other than {', '.join(SPREAD)}, got {workers}"
+        )
     return learn(
         method,
         rows,
-        asked,
+        typed_settings,
         progress,
         calibration=None if calibration is None else rows_of(calibration),
         checkpoint=None if checkpoint is None else Path(checkpoint),
@@ -109,28 +119,40 @@ def fit(
     )
 
 
-def _scorer(dataset: Any, method: Any, settings: Mapping[str, Any], progress: Progress | None) -> LeapScorer:
+def _scorer(
+    dataset: Any, method: Any, settings: Mapping[str, Any], progress: Progress | None
+) -> LeapScorer:
     """Scores of leaps' candidates from labelled tries."""
     rows = open_rows(dataset) if isinstance(dataset, str | Path) else dataset
     if not isinstance(rows, LeapTries):
-        raise InvalidInput(f"data set: expected labelled tries of leaps with the method {method}, got {rows!r:.80}")
+        raise InvalidInput(
+            f"data set: expected labelled tries of leaps with the method {method}, got {rows!r:.80}"
+        )
     try:
-        from stancekit.learners.leaps.training import ScorerSettings, fit_scorer  # torch takes a while to load
+        from stancekit.learners.leaps.training import (
+            ScorerSettings,
+            fit_scorer,
+        )  # torch takes a while to load
     except ImportError as error:
         raise missing(method, error) from None
     return fit_scorer(rows, method, typed(ScorerSettings, settings, ""), progress)
 
 
-def settings_of(method: str, given: Mapping[str, Any], config: Path | None = None) -> dict[str, Any]:
-    """The settings of ``fit`` that concern a method: those given, and those that a YAML file adds for several methods.
+def settings_of(
+    method: str, given: Mapping[str, Any], config: Path | None = None
+) -> dict[str, Any]:
+    """The settings of ``fit`` that concern a method: those given, and those that a YAML file adds
+    for several methods.
 
-    Raises InvalidInput for a setting that is wrong, that the method has no use for, or that the file should leave to
-    the others; what is wrong with the file begins with its name.
+    Raises InvalidInput for a setting that is wrong, that the method has no use for, or that the
+    file should leave to the others; what is wrong with the file begins with its name.
     """
     extra = {} if config is None else read_yaml(config)
     for name in extra:
         if name in given:
-            raise InvalidInput(f"{config}: {name}: expected as an option, --{name.replace('_', '-')}")
+            raise InvalidInput(
+                f"{config}: {name}: expected as an option, --{name.replace('_', '-')}"
+            )
     FitSettings(**given).check_used(method)  # what is wrong with these is not the file's fault
     try:
         settings = typed(FitSettings, {**given, **extra}, "")
@@ -154,20 +176,21 @@ def evaluate(
     P2 gets back.
 
     Arguments:
-        selector: what ``fit`` returned, envelopes, a file of either, the name of one that ships, or "FILE.py:NAME"; or
-            "lift", which needs no envelopes.
-        dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has parts for that, see
-            ``Dataset.only``.
+        selector: what ``fit`` returned, envelopes, a file of either, the name of one that ships, or
+            "FILE.py:NAME"; or "lift", which needs no envelopes.
+        dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has
+            parts for that, see ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: of the row.
         workers: processes, or an executor, for example of a Ray cluster.
         progress: called with problems played, and all.
     Returns:
-        A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that P1 answers right,
-        and of the feasible ones from which each projection reaches a verified posture.
+        A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that
+        P1 answers right, and of the feasible ones from which each projection reaches a verified
+        posture.
     Raises:
-        InvalidInput: for a selector of another class of problems, a data set without rows that are not trivial, and
-            rows that the selector was trained or calibrated on.
+        InvalidInput: for a selector of another class of problems, a data set without rows that are
+            not trivial, and rows that the selector was trained or calibrated on.
     Source:
         Lin et al. Table I.
     Example:
@@ -178,24 +201,36 @@ def evaluate(
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
     """
-    rows, learned = rows_of(dataset), None if selector == LIFT else selector_for(dataset, selector, name)
+    rows, learned = (
+        rows_of(dataset),
+        None if selector == LIFT else selector_for(dataset, selector, name),
+    )
     ways = tuple(dict.fromkeys(projections))
     for way in ways:
         PROJECTIONS.get(way)
     if not (scenes := scenes_of(rows)):
-        raise InvalidInput(f"{rows.ledger.folder}: expected feasible or not trivially infeasible rows, got none")
+        raise InvalidInput(
+            f"{rows.ledger.folder}: expected feasible or not trivially infeasible rows, got none"
+        )
     run = _executor(workers)
     if learned is None:
         return evaluate_lift(scenes, projections=ways, progress=progress, run=run)
     return rolled_out(
-        name, learned, scenes, problem_class=rows.problem_class, projections=ways, progress=progress, run=run
+        name,
+        learned,
+        scenes,
+        problem_class=rows.problem_class,
+        projections=ways,
+        progress=progress,
+        run=run,
     )
 
 
 def selector_for(dataset: Rows, selector: Learned | EnvelopeSet | str | Path, name: str) -> Learned:
     """A selector to evaluate on these rows; arguments as for ``evaluate``.
 
-    Raises InvalidInput for one of another class of problems, and for one that was trained or calibrated on the rows.
+    Raises InvalidInput for one of another class of problems, and for one that was trained or
+    calibrated on the rows.
     """
     rows = rows_of(dataset)
     if isinstance(selector, EnvelopeSet):

@@ -11,7 +11,12 @@ from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.planners.terrain.reference import named_ground, named_surface, named_terrain, names_ground
+from stancekit.planners.terrain.reference import (
+    named_ground,
+    named_surface,
+    named_terrain,
+    names_ground,
+)
 from stancekit.planners.terrain.terrain import Terrain
 
 
@@ -24,20 +29,24 @@ def terrain(
     limits: FootholdLimits | None = None,
     **meaning: object,
 ) -> Footholds:
-    """Find the footholds of a terrain: planar convex pieces, each with how certain it is, and what was refused and why.
+    """Find the footholds of a terrain: planar convex pieces, each with how certain it is, and what
+    was refused and why.
 
     Arguments:
-        source: a mesh, a grid of heights or a point cloud in a file; a height field; the name of a reference terrain
-            ("ripple", "hill", ...); a family's ground as "stairs:0.5:7" (family, level, seed); or "FILE.py:NAME".
+        source: a mesh, a grid of heights or a point cloud in a file; a height field; the name of a
+            reference terrain ("ripple", "hill", ...); a family's ground as "stairs:0.5:7" (family,
+            level, seed); or "FILE.py:NAME".
         friction: Coulomb coefficient of its surfaces.
-        robot: whose foot is the margin and the least width of a foothold, where ``limits`` are not given.
+        robot: whose foot is the margin and the least width of a foothold, where ``limits`` are not
+            given.
         limits: what counts as a foothold.
-        meaning: what the numbers of a file mean, fields of ``ImportOptions``: unit_m, up, offset_m, crop_m, spacing_m,
-            height_m, holes, kind, most_triangles.
+        meaning: what the numbers of a file mean, fields of ``ImportOptions``: unit_m, up, offset_m,
+            crop_m, spacing_m, height_m, holes, kind, most_triangles.
     Returns:
         The ``Footholds``, over which ``plan`` plans from a start to a goal.
     Raises:
-        InvalidInput: for a file that cannot be read, numbers out of range, and a terrain without footholds.
+        InvalidInput: for a file that cannot be read, numbers out of range, and a terrain without
+            footholds.
     Source:
         None: planar convex pieces with a margin.
     Example:
@@ -50,13 +59,25 @@ def terrain(
     from stancekit.planners.terrain.elevation import ElevationMap
     from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
 
-    options = settings_from(ImportOptions, meaning, beside=("source", "friction", "robot", "limits"))
+    options = settings_from(
+        ImportOptions, meaning, beside=("source", "friction", "robot", "limits")
+    )
     if limits is None:
-        limits = FootholdLimits() if robot is None else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
+        limits = (
+            FootholdLimits()
+            if robot is None
+            else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
+        )
     if not isinstance(source, HeightField) and Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)
-    surface = ElevationMap.of_field(source) if isinstance(source, HeightField) else named_surface(str(source))
-    if further := [name for name, value in meaning.items() if value != getattr(ImportOptions, name)]:
+    surface = (
+        ElevationMap.of_field(source)
+        if isinstance(source, HeightField)
+        else named_surface(str(source))
+    )
+    if further := [
+        name for name, value in meaning.items() if value != getattr(ImportOptions, name)
+    ]:
         what = surface.name or "a height field"
         raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
     return footholds_of(surface, limits, friction)
@@ -67,9 +88,9 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
     """Read a terrain as one height at every place, to ``walk`` over and to ``warp``.
 
     Arguments:
-        source: a grid of heights, a mesh or a point cloud in a file; the name of a reference terrain ("ripple", "cone",
-            "hill", "pit", ...), a family's ground as "stairs:0.5:7" (family, level, seed), or a function of x and y as
-            "FILE.py:NAME".
+        source: a grid of heights, a mesh or a point cloud in a file; the name of a reference
+            terrain ("ripple", "cone", "hill", "pit", ...), a family's ground as "stairs:0.5:7"
+            (family, level, seed), or a function of x and y as "FILE.py:NAME".
         smooth_m: deviation of a Gaussian that smooths the heights of a file [m].
         meaning: what the numbers of a file mean, as for ``terrain``.
     Returns:
@@ -83,19 +104,23 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
         >>> stancekit.heights("hill").domain_m
         ((-4.0, 4.0), (-4.0, 4.0))
     """
-    return named_terrain(str(source), settings_from(ImportOptions, meaning, beside=("source", "smooth_m")), smooth_m)
+    return named_terrain(
+        str(source), settings_from(ImportOptions, meaning, beside=("source", "smooth_m")), smooth_m
+    )
 
 
 @checked
 def ground(name: str) -> Terrain:
-    """Make a ground by its name: the same one for plans, walks, footholds, samples and environments.
+    """Make a ground by its name: the same one for plans, walks, footholds, samples and
+    environments.
 
     Arguments:
-        name: a family's ground as "stairs:0.5:7" (family, level in [0, 1], seed), a reference terrain ("ripple",
-            "hill", ...), or "FILE.py:NAME", with a level and a seed where it is a family.
+        name: a family's ground as "stairs:0.5:7" (family, level in [0, 1], seed), a reference
+            terrain ("ripple", "hill", ...), or "FILE.py:NAME", with a level and a seed where it is
+            a family.
     Returns:
-        The ``Terrain``: ``patches`` about the place ``begin_m`` where courses over it begin, and ``heights``, to
-        ``walk`` over, whose edges are rounded; None where all surfaces are upright.
+        The ``Terrain``: ``patches`` about the place ``begin_m`` where courses over it begin, and
+        ``heights``, to ``walk`` over, whose edges are rounded; None where all surfaces are upright.
     Raises:
         InvalidInput: for an unknown name, a level outside [0, 1], and what is no seed.
     Source:

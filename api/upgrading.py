@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]) -> dict[str, Any]:
+def old_arguments(
+    verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]
+) -> dict[str, Any]:
     """The old arguments of a call, after a ``DeprecationWarning`` about each.
 
     verb: the function's name.
@@ -27,5 +29,6 @@ def old_arguments(verb: str, old: Mapping[str, Any], new: Mapping[str, str], bes
 
 
 def old_form(said: str, new: str) -> None:
-    """Warn that a call is in an old form. said, new: both forms; the warning is the caller's caller's."""
+    """Warn that a call is in an old form. said, new: both forms; the warning is the caller's
+    caller's."""
     warnings.warn(f"{said} is old: {new}", DeprecationWarning, stacklevel=4)

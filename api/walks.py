@@ -29,8 +29,25 @@ from stancekit.planners.terrain.terrain import Terrain
 
 from .upgrading import old_arguments
 
-OF_WALK = ("start_yaw_rad", "end_yaw_rad", "friction", "adhesive", "suction_n", "cycle_s", "timings")
-OF_SEARCH = ("total_iterations", "max_iterations", "dynamics", "hessian", "footing", "raw", "seeds", "seed")
+OF_WALK = (
+    "start_yaw_rad",
+    "end_yaw_rad",
+    "friction",
+    "adhesive",
+    "suction_n",
+    "cycle_s",
+    "timings",
+)
+OF_SEARCH = (
+    "total_iterations",
+    "max_iterations",
+    "dynamics",
+    "hessian",
+    "footing",
+    "raw",
+    "seeds",
+    "seed",
+)
 """Fields of a ``Walk``; limits and settings of the solves: what ``walk`` takes by their names."""
 LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
@@ -59,36 +76,42 @@ def walk(
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
     Arguments:
-        terrain: a ``HeightField``, a ``Terrain``, a name ("ripple", "cone", "hill", "pit", ...), a family's ground as
-            "rough:0.5:7" (family, level, seed), a file of heights, or a function of x and y as "FILE.py:NAME". Or a
-            ``Walk``, which says all of it: then nothing goes beside it but chart, limits and settings of the solves.
+        terrain: a ``HeightField``, a ``Terrain``, a name ("ripple", "cone", "hill", "pit", ...), a
+            family's ground as "rough:0.5:7" (family, level, seed), a file of heights, or a function
+            of x and y as "FILE.py:NAME". Or a ``Walk``, which says all of it: then nothing goes
+            beside it but chart, limits and settings of the solves.
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
-        robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a walker's numbers, a
-            ``Robot`` with legs of its own, or what ``load`` gives of such a file.
-        gait: order of the steps; tripod is for six feet, the others are for four; trot or tripod where None.
+        robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a
+            walker's numbers, a ``Robot`` with legs of its own, or what ``load`` gives of such a
+            file.
+        gait: order of the steps; tripod is for six feet, the others are for four; trot or tripod
+            where None.
         duration_s: time to walk [s].
-        chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
-            tries one after another until the verifier accepts.
-        time_limit_s: processor time of solves and of verdicts between them; the best walk until then is the answer [s].
-        task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (which way it faces at the start, from x
-            towards y, and at the end; it turns by the difference of the two [rad]), friction (Coulomb's ν of the
-            ground, 0.75), adhesive (names of feet that stick: they may pull), suction_n (with how much; twice the
-            weight where it is missing [N]), cycle_s (of the gait; its own where it is missing [s]), timings. Beside
-            them total_iterations, a limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6,
-            the walk is the same on a busy computer; max_iterations of one solve (80 in a portfolio, 200 in one chart),
-            dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian ("exact", "lbfgs"), footing (the
-            steepest ground within 15 mm of where a foot stands, as a share of the slope on which friction holds; 0 for
-            no such limit; .6 where the ground on the way has such places and this is missing), raw (True takes
-            the first feasible point as it is), seeds (how many initial guesses of each chart to try, the smoothest
+        chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or
+            "FILE.py:NAME"); "portfolio" tries one after another until the verifier accepts.
+        time_limit_s: processor time of solves and of verdicts between them; the best walk until
+            then is the answer [s].
+        task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (which way it faces at the
+            start, from x towards y, and at the end; it turns by the difference of the two [rad]),
+            friction (Coulomb's ν of the ground, 0.75), adhesive (names of feet that stick: they may
+            pull), suction_n (with how much; twice the weight where it is missing [N]), cycle_s (of
+            the gait; its own where it is missing [s]), timings. Beside them total_iterations, a
+            limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6, the
+            walk is the same on a busy computer; max_iterations of one solve (80 in a portfolio, 200
+            in one chart), dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian
+            ("exact", "lbfgs"), footing (the steepest ground within 15 mm of where a foot stands, as
+            a share of the slope on which friction holds; 0 for no such limit; .6 where the ground
+            on the way has such places and this is missing), raw (True takes the first feasible
+            point as it is), seeds (how many initial guesses of each chart to try, the smoothest
             accepted walk is kept) and seed (of the perturbed ones).
     Returns:
-        An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else undecided, with
-        the best walk that there is so far, if any. ``problem`` is the ``Walk``, ``message`` says in one line what came
-        of it.
+        An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else
+        undecided, with the best walk that there is so far, if any. ``problem`` is the ``Walk``,
+        ``message`` says in one line what came of it.
     Raises:
         TypeError: for a terrain without a goal.
-        InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
-            robot lacks, a walk longer than its time.
+        InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet
+            that the robot lacks, a walk longer than its time.
     Source:
         Pan et al. §III (W1-W7), §IV (charts), §V.
     Example:
@@ -99,29 +122,53 @@ def walk(
         ('feasible', (4, 3))
     """
     further = (*OF_WALK, *OF_SEARCH)
-    beside = ("terrain", "goal_xy_m", "start_xy_m", "robot", "gait", "duration_s", "chart", "time_limit_s", *further)
+    beside = (
+        "terrain",
+        "goal_xy_m",
+        "start_xy_m",
+        "robot",
+        "gait",
+        "duration_s",
+        "chart",
+        "time_limit_s",
+        *further,
+    )
     old = {name: value for name, value in task.items() if name not in further}
-    given = {name: value for name, value in task.items() if name in further}
+    options = {name: value for name, value in task.items() if name in further}
     moved = {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
-    if both := given.keys() & moved.keys():
+    if both := options.keys() & moved.keys():
         raise InvalidInput(f"{both.pop()}: expected it once, got it in its old form, too")
-    given |= moved
-    limit_s = given.pop("time_limit_s", time_limit_s)
-    fields = {name: given.pop(name) for name in OF_WALK if name in given}
+    options |= moved
+    limit_s = options.pop("time_limit_s", time_limit_s)
+    fields = {name: options.pop(name) for name in OF_WALK if name in options}
     if isinstance(terrain, Walk):
         usual = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
-        usual |= {"robot": robot == "anymal", "gait": gait is None, "duration_s": duration_s == 10.0}
+        usual |= {
+            "robot": robot == "anymal",
+            "gait": gait is None,
+            "duration_s": duration_s == 10.0,
+        }
         for name in (*(name for name, unsaid in usual.items() if not unsaid), *fields):
             raise InvalidInput(f"{name}: expected none with a Walk, which has its own")
-        asked = terrain
+        task_asked = terrain
     elif goal_xy_m is None:
         takes = ", ".join(beside)
-        raise TypeError(f"stancekit.walk: missing a required argument: 'goal_xy_m'; it takes {takes}")
-    else:
-        asked = Walk.over(
-            terrain, goal_xy_m, start_xy_m=start_xy_m, robot=robot, gait=gait, duration_s=duration_s, **fields
+        raise TypeError(
+            f"stancekit.walk: missing a required argument: 'goal_xy_m'; it takes {takes}"
         )
-    return walked(asked, *search_of(asked, chart=chart, time_limit_s=limit_s, **given)).answer
+    else:
+        task_asked = Walk.over(
+            terrain,
+            goal_xy_m,
+            start_xy_m=start_xy_m,
+            robot=robot,
+            gait=gait,
+            duration_s=duration_s,
+            **fields,
+        )
+    return walked(
+        task_asked, *search_of(task_asked, chart=chart, time_limit_s=limit_s, **options)
+    ).answer
 
 
 def search_of(
@@ -156,7 +203,11 @@ def search_of(
         caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
-    return GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most, footing=footing), caps, attempts
+    return (
+        GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most, footing=footing),
+        caps,
+        attempts,
+    )
 
 
 def walked(
@@ -169,15 +220,21 @@ def walked(
     checkpoint: Checkpoint | None = None,
     signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
 ) -> Attempts:
-    """The walk that was asked for. Raises KeyboardInterrupt at the next iteration after one of the signals."""
+    """The walk that was asked for. Raises KeyboardInterrupt at the next iteration after one of the
+    signals."""
     with interruptible(*signals) as interrupted:
 
         def watched(*at: Any) -> bool:
             return bool(progress and progress(*at)) or interrupted()
 
-        found = plan_walk(
-            asked, settings=settings, progress=watched, caps=caps, attempts=attempts, checkpoint=checkpoint
+        result = plan_walk(
+            asked,
+            settings=settings,
+            progress=watched,
+            caps=caps,
+            attempts=attempts,
+            checkpoint=checkpoint,
         )
-    if found.stopped:
+    if result.stopped:
         raise KeyboardInterrupt
-    return found
+    return result

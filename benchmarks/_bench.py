@@ -1,4 +1,5 @@
-"""What the tables share: options, rows that are printed, figures of many runs, other checkouts, kept cells."""
+"""What the tables share: options, rows that are printed, figures of many runs, other checkouts,
+kept cells."""
 
 from __future__ import annotations
 
@@ -35,8 +36,15 @@ class Options:
     """One object a line on standard output."""
 
     def say(self, row: Mapping[str, Any], line: Callable[[Any], str] | None = None) -> None:
-        """Print a row: as JSON, or as ``line`` has it for people, names and values where there is none."""
-        text = json.dumps(row) if self.json else line(row) if line else "  ".join(f"{k} {v}" for k, v in row.items())
+        """Print a row: as JSON, or as ``line`` has it for people, names and values where there is
+        none."""
+        text = (
+            json.dumps(row)
+            if self.json
+            else line(row)
+            if line
+            else "  ".join(f"{k} {v}" for k, v in row.items())
+        )
         print(text, flush=True)
 
     def list(self, record: Mapping[str, Any], **head: Any) -> None:
@@ -94,8 +102,8 @@ def checkouts(against: Path | None) -> dict[str, Path]:
 
 
 def of_checkout(folder: Path) -> dict[str, str]:
-    """The environment of a process that runs a checkout's packages, compiled modules kept as a user's are; typings: in
-    older ones."""
+    """The environment of a process that runs a checkout's packages, compiled modules kept as a
+    user's are; typings: in older ones."""
     paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"
     own = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return {**own, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -105,7 +113,9 @@ def resting(joints: Iterable[str], start: ArrayLike, port: str, **settings: Any)
     """A calibration of servos that rest at these angles [rad]."""
     found = nominal(tuple(joints), port=port, **settings)
     pairs = zip(found.joints.items(), np.asarray(start).tolist(), strict=True)
-    return replace(found, joints={name: replace(each, rest_rad=angle) for (name, each), angle in pairs})
+    return replace(
+        found, joints={name: replace(each, rest_rad=angle) for (name, each), angle in pairs}
+    )
 
 
 def servos(state: Mapping[str, Any], still_rad_s: float = 0.02) -> str:
@@ -122,4 +132,6 @@ def servos(state: Mapping[str, Any], still_rad_s: float = 0.02) -> str:
         else:
             kinds["held by its watchdog" if watchdog == 255 else "held"] += 1
     moving = max(abs(rate) for rate in state["rate_rad_s"]) > still_rad_s
-    return ", ".join(f"{count} {what}" for what, count in sorted(kinds.items())) + (", MOVING" if moving else "")
+    return ", ".join(f"{count} {what}" for what, count in sorted(kinds.items())) + (
+        ", MOVING" if moving else ""
+    )

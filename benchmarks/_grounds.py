@@ -2,10 +2,11 @@
 
     python benchmarks/_grounds.py --folder FOLDER [--seed 0]
 
-knolls.npy: a random smooth map of .3 m wavelength and more, a grid of 5 cm, up to 25° steep. ramps.stl: a mesh of
-planes ahead of level ground: up a ramp of 17°, steeper to the left, over a crest that leans by 3° and down again.
-``mound`` is a mesa as Pan et al.'s hill, lower and less steep: 24° at its edge in place of 60°, so that feet that only
-push walk over it; ``benchmarks/_grounds.py:mound`` is its name as a terrain. A walk of the benchmark begins in the
+knolls.npy: a random smooth map of .3 m wavelength and more, a grid of 5 cm, up to 25° steep.
+ramps.stl: a mesh of planes ahead of level ground: up a ramp of 17°, steeper to the left, over a
+crest that leans by 3° and down again. ``mound`` is a mesa as Pan et al.'s hill, lower and less
+steep: 24° at its edge in place of 60°, so that feet that only push walk over it;
+``benchmarks/_grounds.py:mound`` is its name as a terrain. A walk of the benchmark begins in the
 middle of each.
 """
 
@@ -49,7 +50,8 @@ def mound(x: Array, y: Array) -> Array:
 
 
 def knolls(rng: np.random.Generator) -> Array:
-    """Heights on a grid, shape (K, K) [m]; level at the origin, as steep as ``STEEPEST`` somewhere."""
+    """Heights on a grid, shape (K, K) [m]; level at the origin, as steep as ``STEEPEST``
+    somewhere."""
     axis = np.arange(-HALF_M, HALF_M + 1e-9, SPACING_M)
     heights = gaussian_filter(rng.standard_normal((len(axis), len(axis))), WAVE_M / SPACING_M)
     far = np.hypot(axis[:, None], axis[None])
@@ -59,7 +61,8 @@ def knolls(rng: np.random.Generator) -> Array:
 
 
 def ramps() -> list[Array]:
-    """Triangles between lines along y, shape (3, 3) each [m]; right of the origin every line is level."""
+    """Triangles between lines along y, shape (3, 3) each [m]; right of the origin every line is
+    level."""
     ahead = np.array([-3.0, -0.5, 0.5, 0.9, 1.2, 3.0])
     middle = np.array([0.0, 0.0, 0.0, 0.12, 0.12, -0.3])
     left = np.array([0.0, 0.0, 0.0, 0.24, 0.30, -0.1])

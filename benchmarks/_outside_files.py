@@ -1,4 +1,5 @@
-"""Files of plans and walks, opened, changed and sealed again by what docs/formats.md says of them."""
+"""Files of plans and walks, opened, changed and sealed again by what docs/formats.md says of
+them."""
 
 from __future__ import annotations
 
@@ -23,7 +24,16 @@ from stancekit.planners.problem import Problem
 
 Array = NDArray[Any]
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
-ASKED = ("robot", "terrain", "friction", "adhesive", "start_xy_m", "goal_xy_m", "provenance", "asked")
+ASKED = (
+    "robot",
+    "terrain",
+    "friction",
+    "adhesive",
+    "start_xy_m",
+    "goal_xy_m",
+    "provenance",
+    "asked",
+)
 
 
 class NoForgery(Exception):
@@ -65,11 +75,17 @@ class Opened:
     def _seal_plan(self) -> None:
         verdict = self.head["verdict"]
         self.head["arrays"]["npz"] = _packed(self.arrays)
-        with contextlib.suppress(InvalidInput):  # a course that is none is refused without its digest
+        with contextlib.suppress(
+            InvalidInput
+        ):  # a course that is none is refused without its digest
             course = Problem.from_json(self.head["course"])
             plan = Plan(problem=course, provenance=self.head["provenance"], **self.arrays)
-            verdict["digest"] = plan_digest(plan, verdict["tolerance"], verdict["accepted"], verdict["checked"])
-        self.head["sha256"] = _canonical({key: value for key, value in self.head.items() if key != "sha256"})
+            verdict["digest"] = plan_digest(
+                plan, verdict["tolerance"], verdict["accepted"], verdict["checked"]
+            )
+        self.head["sha256"] = _canonical(
+            {key: value for key, value in self.head.items() if key != "sha256"}
+        )
 
     def _seal_walk(self) -> None:
         said = {key: self.head[key] for key in ASKED if key in self.head}
@@ -78,7 +94,9 @@ class Opened:
             content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
             content.update(np.ascontiguousarray(array).tobytes())
         self.head |= {"trajectory": content.hexdigest(), "samples": _packed(self.arrays)}
-        self.head["digest"] = _canonical({key: value for key, value in self.head.items() if key != "digest"})
+        self.head["digest"] = _canonical(
+            {key: value for key, value in self.head.items() if key != "digest"}
+        )
 
 
 def opened(path: Path) -> Opened:
@@ -102,7 +120,9 @@ def ran(*words: str | Path) -> tuple[int, str]:
 
 
 def _model_digest(model: dict[str, Any]) -> str:
-    legs = (f"{leg['name']}\0{leg['foot']}\0{list(leg['stance_rad'].values())}" for leg in model["legs"])
+    legs = (
+        f"{leg['name']}\0{leg['foot']}\0{list(leg['stance_rad'].values())}" for leg in model["legs"]
+    )
     return hashlib.sha256("\0".join([model["urdf"], *legs]).encode()).hexdigest()
 
 

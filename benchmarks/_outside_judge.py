@@ -29,7 +29,9 @@ def rows_of(plan: Opened) -> list[tuple[int, list[int], Array, list[dict[str, An
     for stance in course.stances:
         limbs = list(stance.limbs)
         at = course.holds[stance.frame][limbs]
-        patches = [plan.head["course"]["placements"][p]["candidates"][plan.arrays["choice"][p]] for p in at]
+        patches = [
+            plan.head["course"]["placements"][p]["candidates"][plan.arrays["choice"][p]] for p in at
+        ]
         found.append((stance.frame, limbs, at, patches))
     return found
 
@@ -42,14 +44,18 @@ def off_terrain(plan: Opened, metres: float) -> str:
 
 
 def slips(plan: Opened, share: float = 1e-3) -> str:
-    """A foot pushes outside of the cone of the terrain under it, by this share of the robot's weight."""
+    """A foot pushes outside of the cone of the terrain under it, by this share of the robot's
+    weight."""
     terrain = plan.head["course"]["terrain"]
     worst = 0.0
     for row, (_, limbs, at, _) in enumerate(rows_of(plan)):
         for limb, hold in zip(limbs, at, strict=True):
             toe = plan.arrays["toes_m"][hold]
             patch = min(terrain, key=lambda candidate: _distance(toe, corners_of(candidate)))
-            worst = max(worst, outside(plan.arrays["forces_n"][row, limb], patch["normal"], patch["friction"]))
+            worst = max(
+                worst,
+                outside(plan.arrays["forces_n"][row, limb], patch["normal"], patch["friction"]),
+            )
     return more("tangential force beyond friction", worst, share * weight_of(plan), "N")
 
 
@@ -60,10 +66,14 @@ def outside(force: Array, normal: ArrayLike, friction: float) -> float:
 
 
 def unbalanced(plan: Opened, share: float = 1e-3) -> str:
-    """Forces and weight do not balance, or moments do not, in some stance, by this share of the weight (and metre)."""
+    """Forces and weight do not balance, or moments do not, in some stance, by this share of the
+    weight (and metre)."""
     worst = 0.0
     for row, (frame, limbs, at, _) in enumerate(rows_of(plan)):
-        forces, arms = plan.arrays["forces_n"][row], plan.arrays["toes_m"][at] - plan.arrays["com_m"][frame]
+        forces, arms = (
+            plan.arrays["forces_n"][row],
+            plan.arrays["toes_m"][at] - plan.arrays["com_m"][frame],
+        )
         net = forces.sum(axis=0) - [0.0, 0.0, weight_of(plan)]
         moment = np.cross(arms, forces[limbs]).sum(axis=0)
         worst = max(worst, float(np.abs(np.r_[net, moment]).max()))
@@ -76,7 +86,9 @@ def configuration(plan: Opened, model: Any, standing: Array, rest: Array, frame:
     place = standing.copy()
     place[:3] = plan.arrays["com_m"][frame] - turn @ rest
     place[3:7] = pinocchio.Quaternion(turn).coeffs()
-    for name, angle in zip(plan.head["arrays"]["joints"], plan.arrays["joints_rad"][frame], strict=True):
+    for name, angle in zip(
+        plan.head["arrays"]["joints"], plan.arrays["joints_rad"][frame], strict=True
+    ):
         place[model.joints[model.getJointId(name)].idx_q] = angle
     return place
 
@@ -88,10 +100,15 @@ def toes_missed(plan: Opened, metres: float) -> str:
     course = Problem.from_json(plan.head["course"])
     worst = 0.0
     for frame in range(len(plan.arrays["com_m"])):
-        pinocchio.framesForwardKinematics(model, data, configuration(plan, model, standing, rest, frame))
+        pinocchio.framesForwardKinematics(
+            model, data, configuration(plan, model, standing, rest, frame)
+        )
         for limb, leg in enumerate(plan.robot["model"]["legs"]):
             foot = data.oMf[model.getFrameId(leg["foot"])].translation
-            worst = max(worst, float(np.linalg.norm(foot - plan.arrays["toes_m"][course.holds[frame, limb]])))
+            worst = max(
+                worst,
+                float(np.linalg.norm(foot - plan.arrays["toes_m"][course.holds[frame, limb]])),
+            )
     return more("foot off its toe", worst, metres, "m")
 
 
@@ -106,7 +123,9 @@ def overloaded(plan: Opened) -> str:
         needed = pinocchio.computeGeneralizedGravity(model, data, place)
         for limb in limbs:
             foot = model.getFrameId(plan.robot["model"]["legs"][limb]["foot"])
-            columns = pinocchio.getFrameJacobian(model, data, foot, pinocchio.LOCAL_WORLD_ALIGNED)[:3]
+            columns = pinocchio.getFrameJacobian(model, data, foot, pinocchio.LOCAL_WORLD_ALIGNED)[
+                :3
+            ]
             needed = needed - columns.T @ plan.arrays["forces_n"][row, limb]
         worst = max(worst, float((np.abs(needed[6:]) / model.effortLimit[6:]).max()))
     return more("share of a joint's torque", worst, 1.0, "")
@@ -116,7 +135,9 @@ def beyond_joints(plan: Opened, radians: float) -> str:
     """An angle is outside of its joint's limits."""
     model, _, _ = _model(plan.robot["model"])
     worst = 0.0
-    for name, angles in zip(plan.head["arrays"]["joints"], plan.arrays["joints_rad"].T, strict=True):
+    for name, angles in zip(
+        plan.head["arrays"]["joints"], plan.arrays["joints_rad"].T, strict=True
+    ):
         at = model.joints[model.getJointId(name)].idx_q
         low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
         worst = max(worst, float(np.max(low - angles)), float(np.max(angles - high)))

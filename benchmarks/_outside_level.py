@@ -1,4 +1,5 @@
-"""Walks to forge with: slow ones on level ground, made of nothing, and finer samples of those that are there."""
+"""Walks to forge with: slow ones on level ground, made of nothing, and finer samples of those that
+are there."""
 
 from __future__ import annotations
 
@@ -12,7 +13,12 @@ G_M_S2 = 9.81
 
 
 def level(
-    walk: Opened, *, duration_s: float, speed_m_s: float = 0.0, turn_rad: float = 0.0, friction: float = 0.0
+    walk: Opened,
+    *,
+    duration_s: float,
+    speed_m_s: float = 0.0,
+    turn_rad: float = 0.0,
+    friction: float = 0.0,
 ) -> None:
     """Make it a slow walk of pairs of feet on level ground, with vertical forces alone."""
     step, robot = 0.005, walk.robot
@@ -21,7 +27,9 @@ def level(
     way = np.r_[0.0, np.cumsum(0.5 * step * (speed[1:] + speed[:-1]))]
     turn = turn_rad * eased((times - 0.2) / (duration_s - 0.5))
     c, s, o = np.cos(turn), np.sin(turn), np.zeros_like(turn)
-    rotation = np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2)
+    rotation = np.stack(
+        [np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2
+    )
     nominal = np.array([foot["nominal_m"] for foot in robot["feet"]])
     torso = np.stack([way, o, o - nominal[0, 2]], axis=1)
     wanted = torso[:, None] + np.einsum("kij,ej->kei", rotation, nominal)
@@ -37,13 +45,22 @@ def level(
     x = np.arange(-1.5, way[-1] + 1.55, 0.05)
     y = np.arange(-1.5, 1.55, 0.05)
     walk.arrays |= {
-        "times_s": times, "torso_m": torso, "rotation": rotation, "feet_m": feet, "forces_n": forces,
-        "contact": contact, "terrain_x_m": x, "terrain_y_m": y, "terrain_heights_m": np.zeros((x.size, y.size)),
-    }  # fmt: skip
+        "times_s": times,
+        "torso_m": torso,
+        "rotation": rotation,
+        "feet_m": feet,
+        "forces_n": forces,
+        "contact": contact,
+        "terrain_x_m": x,
+        "terrain_y_m": y,
+        "terrain_heights_m": np.zeros((x.size, y.size)),
+    }
     walk.head |= {
-        "friction": friction, "terrain": "level",
-        "start_xy_m": torso[0, :2].tolist(), "goal_xy_m": torso[-1, :2].tolist(),
-    }  # fmt: skip
+        "friction": friction,
+        "terrain": "level",
+        "start_xy_m": torso[0, :2].tolist(),
+        "goal_xy_m": torso[-1, :2].tolist(),
+    }
 
 
 def refined(walk: Opened, times: int) -> None:

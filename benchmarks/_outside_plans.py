@@ -1,7 +1,7 @@
 """Forged plans of key frames, by somebody who had not read the verifier.
 
-A kind takes an honest plan, a size from 1 (gross) towards 0, and a generator. It changes the plan in place and returns
-why a robot cannot do it.
+A kind takes an honest plan, a size from 1 (gross) towards 0, and a generator. It changes the plan
+in place and returns why a robot cannot do it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def rougher(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def wedges(plan: Opened, size: float, rng: np.random.Generator) -> str:
-    """Footholds are wedges on a wall that has none: turned upward about their toes, to where forces point."""
+    """Footholds are wedges on a wall that has none: turned upward about their toes, to where forces
+    point."""
     angle = 0.15 + 0.25 * size
     for patch in plan.head["course"]["terrain"]:
         patch["friction"] = 0.45
@@ -67,7 +68,11 @@ def wedges(plan: Opened, size: float, rng: np.random.Generator) -> str:
         patch = placement["candidates"][plan.arrays["choice"][hold]]
         side = np.sign(patch["normal"][1])
         turn = np.array(
-            [[1, 0, 0], [0, np.cos(angle), -side * np.sin(angle)], [0, side * np.sin(angle), np.cos(angle)]]
+            [
+                [1, 0, 0],
+                [0, np.cos(angle), -side * np.sin(angle)],
+                [0, side * np.sin(angle), np.cos(angle)],
+            ]
         )
         about = plan.arrays["toes_m"][hold]
         patch["vertices_m"] = ((judge.corners_of(patch) - about) @ turn.T + about).tolist()
@@ -89,7 +94,8 @@ def leans(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
-    """Two feet on one wall push against each other along the diagonal of a friction pyramid; both balances stay."""
+    """Two feet on one wall push against each other along the diagonal of a friction pyramid; both
+    balances stay."""
     course = Problem.from_json(plan.head["course"])
     row = int(rng.integers(len(course.stances)))
     limbs = list(course.stances[row].limbs)
@@ -99,7 +105,9 @@ def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
     one, other = (limb for limb, side in zip(limbs, walls, strict=True) if side == wall)
     forces, holds = plan.arrays["forces_n"][row], course.holds[course.stances[row].frame]
     line = plan.arrays["toes_m"][holds[one]] - plan.arrays["toes_m"][holds[other]]
-    push = (0.75 + 0.2 * size) * abs(forces[one, 1]) * line / np.linalg.norm(line)  # along their line: no moment
+    push = (
+        (0.75 + 0.2 * size) * abs(forces[one, 1]) * line / np.linalg.norm(line)
+    )  # along their line: no moment
     forces[one] += push
     forces[other] -= push
     for patch in plan.head["course"]["terrain"]:
@@ -132,7 +140,8 @@ def tolerant(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def scaled(plan: Opened, size: float, rng: np.random.Generator) -> str:
-    """The course's length scale, over which moments and lengths are judged, is a hundred kilometres; the body leans."""
+    """The course's length scale, over which moments and lengths are judged, is a hundred
+    kilometres; the body leans."""
     plan.head["course"]["length_scale_m"] = 10.0 ** (1.0 + 5.0 * size)
     plan.arrays["com_m"][:, 1] += 0.01
     return judge.unbalanced(plan)
@@ -145,7 +154,8 @@ def weak(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def unlimited(plan: Opened, size: float, rng: np.random.Generator) -> str:
-    """Motors without a limit that can be believed, in a file that lists torque as checked: nobody has checked it."""
+    """Motors without a limit that can be believed, in a file that lists torque as checked: nobody
+    has checked it."""
     plan.urdf('effort="[^"]*"', f'effort="{1e3 + 1e6 * size}"')
     return "torque listed as checked, without a limit to check it by"
 
@@ -178,8 +188,19 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
 
 
 CLIMBS: tuple[Kind, ...] = (
-    floats, elsewhere, halved, rougher, wedges, lighter, leans, corners, pulls, reversed_course, tolerant, scaled,
-)  # fmt: skip
+    floats,
+    elsewhere,
+    halved,
+    rougher,
+    wedges,
+    lighter,
+    leans,
+    corners,
+    pulls,
+    reversed_course,
+    tolerant,
+    scaled,
+)
 """Of a climb between two walls by a robot without a file."""
 STEPS: tuple[Kind, ...] = (weak, unlimited, stiff, bent, ascetic)
 """Of a step by a robot of a URDF."""

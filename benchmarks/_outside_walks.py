@@ -28,13 +28,19 @@ def turns_on_ice(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def long_legs(walk: Opened, size: float, rng: np.random.Generator) -> str:
-    """The trunk is carried higher than the URDF's legs reach; the boxes in the file are as large as that."""
+    """The trunk is carried higher than the URDF's legs reach; the boxes in the file are as large as
+    that."""
     for foot in walk.robot["feet"]:
         foot["reach_min_m"] = [value - 1.0 for value in foot["reach_min_m"]]
         foot["reach_max_m"] = [value + 1.0 for value in foot["reach_max_m"]]
     walk.arrays["torso_m"][:, 2] += 0.2 + 0.1 * size
     stand = np.abs(walk.arrays["feet_m"] - walk.arrays["torso_m"][:, None])[..., 2].max()
-    return more("foot below the centre of mass, with legs of 0.43 m from 0 m under it", stand / 0.43, 0.5, "legs")
+    return more(
+        "foot below the centre of mass, with legs of 0.43 m from 0 m under it",
+        stand / 0.43,
+        0.5,
+        "legs",
+    )
 
 
 def massive(walk: Opened, size: float, rng: np.random.Generator) -> str:
@@ -47,13 +53,16 @@ def massive(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def tall(walk: Opened, size: float, rng: np.random.Generator) -> str:
-    """The file's robot stands higher than its URDF, and moments are judged over that; a moment is missing."""
+    """The file's robot stands higher than its URDF, and moments are judged over that; a moment is
+    missing."""
     walk.robot["stand_height_m"] *= 4.0 + 20.0 * size
     shift = 0.02 + 0.02 * size
     for name in ("start_xy_m", "goal_xy_m"):
         walk.head[name][1] += shift
     walk.arrays["torso_m"][:, 1] += shift
-    return more("moment about the trunk over the whole walk, as an arm of the weight", shift, 0.005, "m")
+    return more(
+        "moment about the trunk over the whole walk, as an arm of the weight", shift, 0.005, "m"
+    )
 
 
 def thin(walk: Opened, size: float, rng: np.random.Generator) -> str:
@@ -64,7 +73,10 @@ def thin(walk: Opened, size: float, rng: np.random.Generator) -> str:
     i, j = np.argmin(np.abs(x - at[0])), np.argmin(np.abs(y - at[1]))
     walk.arrays["terrain_heights_m"][i, j] = at[2] - 0.03 + 0.02 * size
     return more(
-        "peak of the ground over the trunk's lower face, 37 mm under its centre of mass", 0.007 + 0.02 * size, 1e-3, "m"
+        "peak of the ground over the trunk's lower face, 37 mm under its centre of mass",
+        0.007 + 0.02 * size,
+        1e-3,
+        "m",
     )
 
 
@@ -73,16 +85,22 @@ def feeble(walk: Opened, size: float, rng: np.random.Generator) -> str:
     effort = 0.05 + 0.2 * (1.0 - size)
     walk.urdf('effort="[^"]*"', f'effort="{effort}"')
     held = float(np.linalg.norm(walk.arrays["forces_n"], axis=-1).max())
-    # three joints at their limits hold at most a force of 3 τ over the knee's arm, the largest of the three: see bound
+    # three joints at their limits hold at most a force of 3 τ over the knee's arm, the largest of
+    # the three: see bound
     bound = 3.0 * effort / 0.1
     return more("force of a foot over what three joints hold at 0.1 m", held / bound, 1.0, "")
 
 
 def sluggish(walk: Opened, size: float, rng: np.random.Generator) -> str:
-    """Joints slower than a foot's speed in the body's frame needs: three axes, none farther than 0.55 m from it."""
+    """Joints slower than a foot's speed in the body's frame needs: three axes, none farther than
+    0.55 m from it."""
     limit = 0.3 - 0.25 * size
     walk.urdf('velocity="[^"]*"', f'velocity="{limit}"')
-    arms = np.einsum("kji,kej->kei", walk.arrays["rotation"], walk.arrays["feet_m"] - walk.arrays["torso_m"][:, None])
+    arms = np.einsum(
+        "kji,kej->kei",
+        walk.arrays["rotation"],
+        walk.arrays["feet_m"] - walk.arrays["torso_m"][:, None],
+    )
     speed = np.linalg.norm(np.diff(arms, axis=0), axis=-1).max() / 0.005
     return more("foot's speed over what joints give it", float(speed) / (3 * 0.55 * limit), 0.5, "")
 
@@ -100,7 +118,9 @@ def shivers(walk: Opened, size: float, rng: np.random.Generator) -> str:
     angle = 2e-4 + 1e-2 * size
     signs = _inside(walk) * np.where(np.arange(len(walk.arrays["times_s"])) % 2, angle, -angle)
     c, s, o = np.cos(signs), np.sin(signs), np.zeros_like(signs)
-    turn = np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2)
+    turn = np.stack(
+        [np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2
+    )
     walk.arrays["rotation"] = walk.arrays["rotation"] @ turn
     return more("angular acceleration", 4.0 * angle / 0.005**2, 15.0, "rad/s²")
 
@@ -115,7 +135,8 @@ def hops(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 
 def flutters(walk: Opened, size: float, rng: np.random.Generator) -> str:
-    """A fine grid of samples, at which feet in the air go to and fro at some metres a second: thousands of g."""
+    """A fine grid of samples, at which feet in the air go to and fro at some metres a second:
+    thousands of g."""
     fine = 10
     refined(walk, fine)
     step = 0.005 / fine
@@ -153,7 +174,10 @@ def slick(walk: Opened, size: float, rng: np.random.Generator) -> str:
     worst = 0.0
     normals = _normals(walk)
     for row, foot in zip(*np.nonzero(walk.arrays["contact"]), strict=True):
-        worst = max(worst, outside(walk.arrays["forces_n"][row, foot], normals[row, foot], walk.head["friction"]))
+        worst = max(
+            worst,
+            outside(walk.arrays["forces_n"][row, foot], normals[row, foot], walk.head["friction"]),
+        )
     return more("tangential force beyond friction", worst, 0.3, "N")
 
 
@@ -190,7 +214,9 @@ def rushed(walk: Opened, size: float, rng: np.random.Generator) -> str:
 def backward(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """Time stands still or goes back for some samples."""
     begin, rows = int(rng.integers(100, 1500)), int(2 + 100 * size)
-    walk.arrays["times_s"][begin : begin + rows] = walk.arrays["times_s"][begin : begin + rows][::-1].copy()
+    walk.arrays["times_s"][begin : begin + rows] = walk.arrays["times_s"][begin : begin + rows][
+        ::-1
+    ].copy()
     return "time goes backward"
 
 
@@ -220,11 +246,17 @@ def _slide(walk: Opened, metres: float) -> None:
     level(walk, duration_s=float(times[-1]), friction=0.75)
     way = metres * eased((times - 0.5) / (times[-1] - 1.0))
     for name in ("torso_m", "feet_m"):
-        walk.arrays[name][..., 0] = walk.arrays[name][:1, ..., 0] + way.reshape(-1, *[1] * (walk.arrays[name].ndim - 2))
+        walk.arrays[name][..., 0] = walk.arrays[name][:1, ..., 0] + way.reshape(
+            -1, *[1] * (walk.arrays[name].ndim - 2)
+        )
     walk.arrays["feet_m"][..., 1:] = walk.arrays["feet_m"][:1, :, 1:]
-    walk.arrays["contact"] = level_contact if not level_contact.all() else np.ones_like(level_contact)
+    walk.arrays["contact"] = (
+        level_contact if not level_contact.all() else np.ones_like(level_contact)
+    )
     walk.arrays["terrain_x_m"] = np.arange(-1.5, metres + 1.55, 0.05)
-    walk.arrays["terrain_heights_m"] = np.zeros((walk.arrays["terrain_x_m"].size, walk.arrays["terrain_y_m"].size))
+    walk.arrays["terrain_heights_m"] = np.zeros(
+        (walk.arrays["terrain_x_m"].size, walk.arrays["terrain_y_m"].size)
+    )
     walk.head["goal_xy_m"] = walk.arrays["torso_m"][-1, :2].tolist()
 
 
@@ -238,15 +270,32 @@ def _normals(walk: Opened) -> Array:
     x, y, z = (walk.arrays[f"terrain_{name}"] for name in ("x_m", "y_m", "heights_m"))
     i = np.clip(np.searchsorted(x, walk.arrays["feet_m"][..., 0]), 1, len(x) - 1)
     j = np.clip(np.searchsorted(y, walk.arrays["feet_m"][..., 1]), 1, len(y) - 1)
-    along, across = (z[i, j] - z[i - 1, j]) / (x[i] - x[i - 1]), (z[i, j] - z[i, j - 1]) / (y[j] - y[j - 1])
+    along, across = (
+        (z[i, j] - z[i - 1, j]) / (x[i] - x[i - 1]),
+        (z[i, j] - z[i, j - 1]) / (y[j] - y[j - 1]),
+    )
     normal = np.stack([-along, -across, np.ones_like(along)], axis=-1)
     return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
 WALKS: tuple[Kind, ...] = (
-    glides, turns_on_ice, short, shivers, hops, flutters, swaps, drags, slick, airborne, weightless, rare, rushed,
-    backward, mirrored, buried,
-)  # fmt: skip
+    glides,
+    turns_on_ice,
+    short,
+    shivers,
+    hops,
+    flutters,
+    swaps,
+    drags,
+    slick,
+    airborne,
+    weightless,
+    rare,
+    rushed,
+    backward,
+    mirrored,
+    buried,
+)
 """Of a walk by a robot of numbers alone."""
 LEGGED: tuple[Kind, ...] = (long_legs, massive, tall, thin, feeble, sluggish)
 """Of a walk by a robot of a URDF."""

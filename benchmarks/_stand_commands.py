@@ -1,4 +1,5 @@
-"""The package's own commands for benchmarks/stands: ``plan`` for an entry of the list, ``run`` for a plan file."""
+"""The package's own commands for benchmarks/stands: ``plan`` for an entry of the list, ``run`` for
+a plan file."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from _stand_list import Entry
 PATIENCE = 6.0
 """A command is ended after so many of its limits of wall-clock time."""
 STARVED = 0.8
-"""What took longer than this share of its limit, and computed for less than this share of that, lacked processors."""
+"""What took longer than this share of its limit, and computed for less than this share of that,
+lacked processors."""
 MARGINS = ("push_n", "support_m", "friction_left")
 """Figures of a report that are kept where it has them."""
 MOST_LETTERS = 300
@@ -27,8 +29,8 @@ MOST_LETTERS = 300
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """A command that ended, or was ended: its exit code, None for one that was; the object that it printed; its last
-    line of errors; what it took [s]."""
+    """A command that ended, or was ended: its exit code, None for one that was; the object that it
+    printed; its last line of errors; what it took [s]."""
 
     code: int | None
     said: Mapping[str, Any]
@@ -70,7 +72,8 @@ def command(arguments: Sequence[str], patience_s: float) -> Done:
 
 
 def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
-    """Plan an entry: whether the plan was accepted, what was said, CPU time, and margins; the plan's file stays."""
+    """Plan an entry: whether the plan was accepted, what was said, CPU time, and margins; the
+    plan's file stays."""
     mesh, plan = folder / "grounds" / f"{entry.name}.obj", folder / "plans" / f"{entry.name}.json"
     for path in (mesh, plan):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +119,8 @@ def margins(verdict: Mapping[str, Any]) -> dict[str, float]:
 
 
 def ran(plan: Path, patience_s: float) -> dict[str, Any]:
-    """Run a plan or a walk in the package's own MuJoCo: whether it was carried to its end, and what was said."""
+    """Run a plan or a walk in the package's own MuJoCo: whether it was carried to its end, and what
+    was said."""
     done = command(["run", str(plan), "--world", "mujoco"], patience_s)
     said = done.said.get("message") or done.said.get("reason") or done.error
     return {

@@ -14,7 +14,13 @@ from _stand_list import Entry, Lines
 
 import stancekit
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, TABLE, Alternative, Missing
+from stancekit.planners.problem.alternatives import (
+    ALTERNATIVES,
+    AS_ASKED,
+    TABLE,
+    Alternative,
+    Missing,
+)
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 from stancekit.planners.search.plan_course import plan_course
@@ -23,7 +29,8 @@ MISSING = get_args(Missing)
 
 
 def rows(entry: Entry, folder: Path, lines: Lines, limit_s: float) -> Iterator[dict[str, Any]]:
-    """Lines of an entry over the layout that is asked for, and where that has no plan over all others."""
+    """Lines of an entry over the layout that is asked for, and where that has no plan over all
+    others."""
     missing = ""
     for alternative in ALTERNATIVES:
         key = f"{entry.name}:{alternative.message}"
@@ -37,7 +44,8 @@ def rows(entry: Entry, folder: Path, lines: Lines, limit_s: float) -> Iterator[d
 
 
 def tried(entry: Entry, folder: Path, alternative: Alternative, limit_s: float) -> dict[str, Any]:
-    """Whether there is a plan over one layout alone, what is missing where there is none, and CPU time."""
+    """Whether there is a plan over one layout alone, what is missing where there is none, and CPU
+    time."""
     mesh = folder / "grounds" / f"{entry.name}.obj"
     mesh.parent.mkdir(parents=True, exist_ok=True)
     ground = entry.ground()
@@ -65,20 +73,39 @@ def tried(entry: Entry, folder: Path, alternative: Alternative, limit_s: float) 
 
 
 def table(found: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """By what is missing over the layout that is asked for, a row for each other: of how many entries it has a plan.
+    """By what is missing over the layout that is asked for, a row for each other: of how many
+    entries it has a plan.
 
-    In the order in which each next one adds most entries that those before it have no plan for, then by its successes.
-    What was short of a processor counts for nothing.
+    In the order in which each next one adds most entries that those before it have no plan for,
+    then by its successes. What was short of a processor counts for nothing.
     """
     tables = dict[str, list[dict[str, Any]]]()
     for missing in MISSING:
-        some = [row for row in found if row["missing"] == missing and row["layout"] and not row["starved"]]
-        left, done, rows_of = list(dict.fromkeys(each.message for each in ALTERNATIVES[1:])), set[str](), []
-        hits = {name: {row["entry"] for row in some if row["layout"] == name and row["accepted"]} for name in left}
+        some = [
+            row
+            for row in found
+            if row["missing"] == missing and row["layout"] and not row["starved"]
+        ]
+        left, done, rows_of = (
+            list(dict.fromkeys(each.message for each in ALTERNATIVES[1:])),
+            set[str](),
+            [],
+        )
+        hits = {
+            name: {row["entry"] for row in some if row["layout"] == name and row["accepted"]}
+            for name in left
+        }
         while left:
-            best = max(left, key=lambda name: (len(hits[name] - done), len(hits[name]), -left.index(name)))
+            best = max(
+                left, key=lambda name: (len(hits[name] - done), len(hits[name]), -left.index(name))
+            )
             cpu_s = [row["cpu_s"] for row in some if row["layout"] == best]
-            row = {"layout": best, "accepted": len(hits[best]), "of": len(cpu_s), "adds": len(hits[best] - done)}
+            row = {
+                "layout": best,
+                "accepted": len(hits[best]),
+                "of": len(cpu_s),
+                "adds": len(hits[best] - done),
+            }
             rows_of.append(row | {"cpu_s": round(float(np.median(cpu_s)), 1) if cpu_s else None})
             left.remove(best)
             done |= hits[best]

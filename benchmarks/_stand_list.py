@@ -1,4 +1,5 @@
-"""The list of benchmarks/stands: its rows in order, what each asks, and lines of results that survive a kill."""
+"""The list of benchmarks/stands: its rows in order, what each asks, and lines of results that
+survive a kill."""
 
 from __future__ import annotations
 

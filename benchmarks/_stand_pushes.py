@@ -1,4 +1,5 @@
-"""What stances bear of a push: what the verifier says of each, and what was held of it in the referee."""
+"""What stances bear of a push: what the verifier says of each, and what was held of it in the
+referee."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ def rows(
         settings: the referee's.
         wrong: what is not as the file has it.
         most: largest push, in units of the weight.
-        whole: push in every direction until it falls; or no farther than what was held in the worst one so far.
+        whole: push in every direction until it falls; or no farther than what was held in the worst
+            one so far.
     """
     played = read(file)
     weight_n = played.robot.mass_kg * played.gravity_m_s2
@@ -100,7 +102,8 @@ def key_of(file: Path, stance: int, deg: float) -> str:
 
 
 def said_n(file: Path) -> list[float]:
-    """The largest push that the verifier says each stance of a plan bears in every direction [N]."""
+    """The largest push that the verifier says each stance of a plan bears in every direction
+    [N]."""
     plan, _ = read_plan(file)
     names = list(plan.problem.robot.limb_names)
     known = {
@@ -115,8 +118,9 @@ def said_n(file: Path) -> list[float]:
 def summary(lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What the verifier says of stances against what was held in the worst of all directions.
 
-    Returns how many stances there are; of how many more was said than was held, and by more than ``MOST``; the least,
-    the median and the largest of held / said where anything was said, and the same in units of the weight.
+    Returns how many stances there are; of how many more was said than was held, and by more than
+    ``MOST``; the least, the median and the largest of held / said where anything was said, and the
+    same in units of the weight.
     """
     worst: dict[tuple[str, float], dict[str, Any]] = {}
     count: dict[tuple[str, float], int] = {}

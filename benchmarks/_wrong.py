@@ -24,7 +24,8 @@ LEVEL_M, SLOPE_M = 0.05, 0.05
 
 
 class Asked(Protocol):
-    """What of a robot, or its terrain, is not as planned: joints' offsets [deg], delay [ms], shares of the rest."""
+    """What of a robot, or its terrain, is not as planned: joints' offsets [deg], delay [ms], shares
+    of the rest."""
 
     offset_deg: float
     delay_ms: float
@@ -35,8 +36,8 @@ class Asked(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Wrong:
-    """The same as a world takes it. friction: share of what was counted on. farther_m: how much farther away surfaces
-    are than planned, but for where feet stand at first."""
+    """The same as a world takes it. friction: share of what was counted on. farther_m: how much
+    farther away surfaces are than planned, but for where feet stand at first."""
 
     imperfections: Imperfections = field(default_factory=Imperfections)
     friction: float = 1.0
@@ -46,9 +47,11 @@ class Wrong:
     def of(cls, asked: Asked) -> Wrong:
         """From options."""
         imperfections = Imperfections(
-            offset_rad=np.deg2rad(asked.offset_deg), delay_s=1e-3 * asked.delay_ms, mass_share=asked.mass,
+            offset_rad=np.deg2rad(asked.offset_deg),
+            delay_s=1e-3 * asked.delay_ms,
+            mass_share=asked.mass,
             stiffness_share=asked.stiffness,
-        )  # fmt: skip
+        )
         return cls(imperfections=imperfections, friction=asked.friction)
 
     def patches(self, plan: Plan) -> tuple[Patch, ...]:
@@ -56,9 +59,14 @@ class Wrong:
         patches = slippery(plan.problem, self.friction).terrain
         if self.farther_m == 0.0:
             return patches
-        away = (patch.with_vertices(patch.vertices_m - self.farther_m * patch.normal) for patch in patches)
+        away = (
+            patch.with_vertices(patch.vertices_m - self.farther_m * patch.normal)
+            for patch in patches
+        )
         held = (plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[0])
-        pads = (pad(patch, toe, self.friction) for patch, toe in zip(held, plan.toes_at(0), strict=True))
+        pads = (
+            pad(patch, toe, self.friction) for patch, toe in zip(held, plan.toes_at(0), strict=True)
+        )
         return (*away, *pads)
 
     def ground(self, accepted: AcceptedGait) -> Ground:
@@ -67,7 +75,9 @@ class Wrong:
         if self.farther_m == 0.0:
             return ground
         field, gait = ground.heights, accepted.trajectory
-        return Ground(heights=sunk(field, gait.feet_m[0, :, :2], self.farther_m), friction=ground.friction)
+        return Ground(
+            heights=sunk(field, gait.feet_m[0, :, :2], self.farther_m), friction=ground.friction
+        )
 
 
 def pad(patch: Patch, toe_m: NDArray[np.float64], friction: float) -> Patch:
@@ -76,9 +86,11 @@ def pad(patch: Patch, toe_m: NDArray[np.float64], friction: float) -> Patch:
     axes, disc = patch.frame[:, 1:], PAD_M * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     inside = clipped(disc, *half_planes((patch.vertices_m - toe_m) @ axes))
     return Patch(
-        vertices_m=toe_m + inside @ axes.T, normal=patch.normal, shear_reference=patch.shear_reference,
+        vertices_m=toe_m + inside @ axes.T,
+        normal=patch.normal,
+        shear_reference=patch.shear_reference,
         friction=friction * patch.friction,
-    )  # fmt: skip
+    )
 
 
 def sunk(heights: HeightField, feet_m: NDArray[np.float64], by_m: float) -> HeightField:
@@ -86,4 +98,9 @@ def sunk(heights: HeightField, feet_m: NDArray[np.float64], by_m: float) -> Heig
     grid = np.stack(np.meshgrid(heights.x_m, heights.y_m, indexing="ij"), axis=-1)
     away = np.linalg.norm(grid[:, :, None] - feet_m, axis=-1).min(axis=-1)
     share = np.clip((away - LEVEL_M) / SLOPE_M, 0.0, 1.0)
-    return HeightField(x_m=heights.x_m, y_m=heights.y_m, heights_m=heights.heights_m - by_m * share, name=heights.name)
+    return HeightField(
+        x_m=heights.x_m,
+        y_m=heights.y_m,
+        heights_m=heights.heights_m - by_m * share,
+        name=heights.name,
+    )

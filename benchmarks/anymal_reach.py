@@ -1,12 +1,14 @@
-"""Measure ANYmal's URDF against configs/robots/anymal.yaml: mass, inertia, and how much of its boxes the legs reach.
+"""Measure ANYmal's URDF against configs/robots/anymal.yaml: mass, inertia, and how much of its
+boxes the legs reach.
 
     pip install 'stancekit[kin,robots]'; python benchmarks/anymal_reach.py [anymal.urdf]
 
-The URDF allows every joint 1.5 turns, which no robot uses: the abduction joint goes .6 rad from the stance, hip and
-knee 1 and 1.4 / .6 rad, so that knees keep their bend; feet stay below the trunk and on their own side. The file's box
-was found by a search over voxels of 2 cm, which held the frame of the foot, and rounded inward to 5 mm; ``reached`` is
-the share of random points of it for which inverse kinematics finds joint angles. Beside it stands what ``walker_of``
-finds for the same legs, with the foot's radius kept in hand.
+The URDF allows every joint 1.5 turns, which no robot uses: the abduction joint goes .6 rad from the
+stance, hip and knee 1 and 1.4 / .6 rad, so that knees keep their bend; feet stay below the trunk
+and on their own side. The file's box was found by a search over voxels of 2 cm, which held the
+frame of the foot, and rounded inward to 5 mm; ``reached`` is the share of random points of it for
+which inverse kinematics finds joint angles. Beside it stands what ``walker_of`` finds for the same
+legs, with the foot's radius kept in hand.
 """
 
 from __future__ import annotations
@@ -22,7 +24,20 @@ from stancekit.planners.robot.robot_file import RobotKeys, model_of_keys
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.walker import walker_of
 
-POSTURE = [-0.1, 0.7, -1.0, -0.1, -0.7, 1.0, 0.1, 0.7, -1.0, 0.1, -0.7, 1.0]  # "standing" of the SRDF beside it
+POSTURE = [
+    -0.1,
+    0.7,
+    -1.0,
+    -0.1,
+    -0.7,
+    1.0,
+    0.1,
+    0.7,
+    -1.0,
+    0.1,
+    -0.7,
+    1.0,
+]  # "standing" of the SRDF beside it
 FEET = ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"]
 URDF = "share/example-robot-data/robots/anymal_b_simple_description/robots/anymal.urdf"
 POINTS = 4000
@@ -40,18 +55,30 @@ def main() -> None:
     """Print the numbers."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else default_path()
     keys = RobotKeys(
-        urdf=str(path.resolve()), feet=FEET, posture_rad=POSTURE, ranges_rad=[(0.6, 0.6), (1.0, 1.0), (1.4, 0.6)]
+        urdf=str(path.resolve()),
+        feet=FEET,
+        posture_rad=POSTURE,
+        ranges_rad=[(0.6, 0.6), (1.0, 1.0), (1.4, 0.6)],
     )
     model, printed, rng = model_of_keys(keys, path), anymal(), np.random.default_rng(0)
     walker = walker_of(model, ceiling_m=-0.2, inner_m=0.08)
     print(f"mass {model.body.mass_kg:.4f} kg, in the file {printed.mass_kg:g}")
-    print(f"inertia, largest difference {np.abs(model.body.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²")
+    print(
+        f"inertia, largest difference {np.abs(model.body.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²"
+    )
     for name in printed.foot_names:
-        (file, foot), leg = ((each.feet[each.foot_names.index(name)] for each in (printed, walker)), model.leg(name))
+        (file, foot), leg = (
+            (each.feet[each.foot_names.index(name)] for each in (printed, walker)),
+            model.leg(name),
+        )
         points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.body.com_m
         _, error = Seeds(leg, leg.random_angles(8000, rng)).solve(points)
-        ours, theirs = (f"{each.reach_min_m.round(3)} {each.reach_max_m.round(3)}" for each in (foot, file))
-        print(f"{name}: box of the file {theirs}, {np.mean(error <= 1e-4):.2%} reached; of its walker {ours}")
+        ours, theirs = (
+            f"{each.reach_min_m.round(3)} {each.reach_max_m.round(3)}" for each in (foot, file)
+        )
+        print(
+            f"{name}: box of the file {theirs}, {np.mean(error <= 1e-4):.2%} reached; of its walker {ours}"
+        )
 
 
 if __name__ == "__main__":

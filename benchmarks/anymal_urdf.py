@@ -1,16 +1,19 @@
-"""Write configs/robots/anymal.urdf and anymal.srdf: legs for the boxes of configs/robots/anymal.yaml.
+"""Write configs/robots/anymal.urdf and anymal.srdf: legs for the boxes of
+configs/robots/anymal.yaml.
 
     python benchmarks/anymal_urdf.py
 
-Joints, link lengths and the masses of the legs are public figures of ANYmal B, those of the URDF of example-robot-data
-6.0.0 (anymal_b_simple_description, BSD-3-Clause), rounded: HAA .277 m ahead of the middle and .116 m beside it, HFE
-.0635 m farther and .041 m outward, thigh .25 m down and .109 m outward, sole .1 m ahead of the knee and .329 m below
-it. Limits of HAA are those of ANYmal C in the same package (-.72 to .49 rad); HFE and KFE turn freely there, and here
-as far as the boxes need, knees inward. 80 Nm are that URDF's effort, 12 rad/s the speed of an ANYdrive (Hutter et al.,
-ANYmal, 2016). Shapes are a box, cylinders and balls. A foot is a ball of .02 m, there of .031 m: walks take feet for
-points, and a ball rolls while a leg turns over it. With .031 m the walk over the cone slips 20.1 mm in MuJoCo, .1 mm
-more than a run lets pass. The trunk has what is left of the mass, so that the robot weighs, and turns, as the YAML file
-says when its feet are where they stand there.
+Joints, link lengths and the masses of the legs are public figures of ANYmal B, those of the URDF of
+example-robot-data 6.0.0 (anymal_b_simple_description, BSD-3-Clause), rounded: HAA .277 m ahead of
+the middle and .116 m beside it, HFE .0635 m farther and .041 m outward, thigh .25 m down and .109 m
+outward, sole .1 m ahead of the knee and .329 m below it. Limits of HAA are those of ANYmal C in the
+same package (-.72 to .49 rad); HFE and KFE turn freely there, and here as far as the boxes need,
+knees inward. 80 Nm are that URDF's effort, 12 rad/s the speed of an ANYdrive (Hutter et al.,
+ANYmal, 2016). Shapes are a box, cylinders and balls. A foot is a ball of .02 m, there of .031 m:
+walks take feet for points, and a ball rolls while a leg turns over it. With .031 m the walk over
+the cone slips 20.1 mm in MuJoCo, .1 mm more than a run lets pass. The trunk has what is left of the
+mass, so that the robot weighs, and turns, as the YAML file says when its feet are where they stand
+there.
 """
 
 from __future__ import annotations
@@ -36,7 +39,8 @@ RANGES = {"HAA": (-0.72, 0.49), "HFE": (-1.2, 1.9), "KFE": (-2.6, -0.1)}
 
 
 def leg_of(name: str) -> tuple[Array, Array, dict[str, tuple[float, float]]]:
-    """Origins of joints and foot, each in the frame before it, shape (4, 3) [m]; side; limits by joint."""
+    """Origins of joints and foot, each in the frame before it, shape (4, 3) [m]; side; limits by
+    joint."""
     ahead, left = 1.0 if name[1] == "F" else -1.0, 1.0 if name[0] == "L" else -1.0
     side = np.array([ahead, left, 1.0])
     places = np.array(
@@ -50,9 +54,12 @@ def leg_of(name: str) -> tuple[Array, Array, dict[str, tuple[float, float]]]:
 def chain_of(places: Array) -> Chain:
     """The same as forward kinematics has it."""
     return Chain(
-        rotations=np.tile(np.eye(3), (3, 1, 1)), origins=places[:3], axes=AXES, slides=np.zeros(3, bool),
+        rotations=np.tile(np.eye(3), (3, 1, 1)),
+        origins=places[:3],
+        axes=AXES,
+        slides=np.zeros(3, bool),
         tip_m=places[3],
-    )  # fmt: skip
+    )
 
 
 def posture(chain: Chain, foot_m: Array, start: Array) -> Array:
@@ -119,8 +126,10 @@ def main() -> None:
         ), q
         turns, origins = (part[0] for part in chain.frames(q[None]))
         bodies = {
-            "HIP": (places[1], 0.045), "THIGH": (places[2], 0.035), "SHANK": (places[3], 0.02),
-        }  # fmt: skip
+            "HIP": (places[1], 0.045),
+            "THIGH": (places[2], 0.035),
+            "SHANK": (places[3], 0.02),
+        }
         for i, (part, (to, radius)) in enumerate(bodies.items()):
             mass, inertia = MASSES[part], rod(MASSES[part], to, radius)
             at = f'xyz="{numbers(0.5 * to)}" rpy="{along(to)}"'

@@ -1,12 +1,15 @@
-"""P1 of many problems together: Moreau on a CUDA device, or on the processor, against Clarabel one after the other.
+"""P1 of many problems together: Moreau on a CUDA device, or on the processor, against Clarabel one
+after the other.
 
-    python benchmarks/batches.py [--device cuda] [--problem wall-3] [--sizes 256 1024 4096 16384] [--rounds 3] [--json]
+    python benchmarks/batches.py [--device cuda] [--problem wall-3] [--sizes 256 1024 4096 16384]
+    [--rounds 3] [--json]
 
-A problem has a box about its own patches, of random width, so that P1 is feasible for about half of them. A row a
-size: solves a second of the clock, everything counted from scaled problems to multipliers (numbers loaded, copied to
-the device, solved, copied back), and of Clarabel on one thread in turn with them; their ratio; of how many problems the
-two say something else; the largest difference of two margins; and of those that P1 admits, for how many fix-p from the
-two points ends differently: where P1 leaves freedom its points differ. Without the device one line says so.
+A problem has a box about its own patches, of random width, so that P1 is feasible for about half of
+them. A row a size: solves a second of the clock, everything counted from scaled problems to
+multipliers (numbers loaded, copied to the device, solved, copied back), and of Clarabel on one
+thread in turn with them; their ratio; of how many problems the two say something else; the largest
+difference of two margins; and of those that P1 admits, for how many fix-p from the two points ends
+differently: where P1 leaves freedom its points differ. Without the device one line says so.
 """
 
 from __future__ import annotations
@@ -55,15 +58,21 @@ def main(arguments: Arguments) -> None:
         here = scaled[:size], boxes[:size]
         for made in (programs, alone := Programs()):
             made.get(McCormick, scaled[0].layout).solve_any_of_each(*here)  # compiled, warm
-        taken = np.array([[timed(made, *here)[0] for made in (programs, alone)] for _ in range(arguments.rounds)])
+        taken = np.array(
+            [[timed(made, *here)[0] for made in (programs, alone)] for _ in range(arguments.rounds)]
+        )
         together, one_by_one = (timed(made, *here)[1] for made in (programs, alone))
         seconds = taken.min(axis=0)
-        arguments.say({"batch": size, **compared(scaled, together, one_by_one), **speeds(size, seconds)})
+        arguments.say(
+            {"batch": size, **compared(scaled, together, one_by_one), **speeds(size, seconds)}
+        )
 
 
 def around(scaled: Scaled, rng: np.random.Generator) -> Envelope:
     """A box about the middle of the patches and forces that carry the weight, its width drawn."""
-    middle = np.concatenate([scaled.patches.mean(axis=1), np.tile([0.5, 0.0, 0.2], (scaled.size[0], 1))], axis=1)
+    middle = np.concatenate(
+        [scaled.patches.mean(axis=1), np.tile([0.5, 0.0, 0.2], (scaled.size[0], 1))], axis=1
+    )
     half = rng.uniform(*WIDTHS)
     return Envelope(low=np.clip(middle - half, -1.0, 1.0), high=np.clip(middle + half, -1.0, 1.0))
 
@@ -80,7 +89,11 @@ def timed(
 def speeds(size: int, seconds: np.ndarray) -> dict[str, float]:
     """Solves a second of both, and their ratio."""
     batch, single = (size / seconds).tolist()
-    return {"moreau, a second": round(batch), "clarabel, a second": round(single), "ratio": round(batch / single, 2)}
+    return {
+        "moreau, a second": round(batch),
+        "clarabel, a second": round(single),
+        "ratio": round(batch / single, 2),
+    }
 
 
 def compared(
@@ -93,8 +106,14 @@ def compared(
     programs, other_ends, admitted = Programs(), 0, 0
     for posture, (one, other) in zip(scaled, pairs, strict=False):
         if one.feasible and other.feasible and one.point is not None and other.point is not None:
-            ends = [project(programs, "fix-p", posture, point).residual for point in (one.point, other.point)]
-            admitted, other_ends = admitted + 1, other_ends + (np.isfinite(ends[0]) != np.isfinite(ends[1]))
+            ends = [
+                project(programs, "fix-p", posture, point).residual
+                for point in (one.point, other.point)
+            ]
+            admitted, other_ends = (
+                admitted + 1,
+                other_ends + (np.isfinite(ends[0]) != np.isfinite(ends[1])),
+            )
     return {
         "feasible": sum(other.feasible for other in theirs),
         "said otherwise": sum(one.feasible != other.feasible for one, other in pairs),

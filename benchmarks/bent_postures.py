@@ -1,12 +1,15 @@
-"""Postures of the whole body: how many of a class are accepted with joints, torques and bodies, straight and bent.
+"""Postures of the whole body: how many of a class are accepted with joints, torques and bodies,
+straight and bent.
 
-    python benchmarks/bent_postures.py [--problem wall-3] [--robot hexapod] [--torque-nm 10] [--scenes 150]
-    python benchmarks/bent_postures.py --scenes 300 --steps 1 2 4   # room: what fewer steps leave of what all find
+    python benchmarks/bent_postures.py [--problem wall-3] [--robot hexapod] [--torque-nm 10]
+    [--scenes 150] python benchmarks/bent_postures.py --scenes 300 --steps 1 2 4   # room: what
+    fewer steps leave of what all find
 
-Scenes that no lift refutes are answered by the two-stage planner for contacts and forces; its posture gets joints and
-the forces that spare them most, with toes, body and joints as they are. Beside it `plan` with the robot, which bends.
-Both are judged by the verifier: joints, torques, bodies, margins. With ``--steps`` the whole body is bent in so many
-steps at most, too, and room is what any of these finds less what the one within that budget does, in points.
+Scenes that no lift refutes are answered by the two-stage planner for contacts and forces; its
+posture gets joints and the forces that spare them most, with toes, body and joints as they are.
+Beside it `plan` with the robot, which bends. Both are judged by the verifier: joints, torques,
+bodies, margins. With ``--steps`` the whole body is bent in so many steps at most, too, and room is
+what any of these finds less what the one within that budget does, in points.
 """
 
 from __future__ import annotations
@@ -40,9 +43,16 @@ class Arguments(Options):
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     own = arguments.robot != "hexapod"
-    drawn, robot = distribution(arguments.problem, robot=arguments.robot if own else None), robot_of(arguments.robot)
+    drawn, robot = (
+        distribution(arguments.problem, robot=arguments.robot if own else None),
+        robot_of(arguments.robot),
+    )
     limits = WholeBodyLimits(torque_nm=arguments.torque_nm)
-    ways = {"straight": 0, **{f"steps {count}": count for count in arguments.steps}, "bent": limits.steps}
+    ways = {
+        "straight": 0,
+        **{f"steps {count}": count for count in arguments.steps},
+        "bent": limits.steps,
+    }
     accepted: dict[str, list[bool]] = {name: [] for name in ways}
     seconds, seed, scenes = dict.fromkeys(ways, 0.0), arguments.seed, 0
     while scenes < arguments.scenes:
@@ -56,7 +66,9 @@ def main(arguments: Arguments) -> None:
         course = problem.course(robot=robot)
         order = [problem.legs.index(name) for name in course.robot.limb_names]
         found = straight.solution
-        plan = replace(found, problem=course, toes_m=found.toes_m[order], forces_n=found.forces_n[:, order])
+        plan = replace(
+            found, problem=course, toes_m=found.toes_m[order], forces_n=found.forces_n[:, order]
+        )
         bare = replace(straight, solution=plan, problem=course)
         for name, steps in ways.items():
             if name == "straight":
@@ -70,7 +82,11 @@ def main(arguments: Arguments) -> None:
     shown: dict[str, float] = {}
     for name, each in accepted.items():
         middle, low, high = share(sum(each), scenes) or (np.nan, np.nan, np.nan)
-        shown |= {f"{name}, accepted": middle, f"{name}, accepted from": low, f"{name}, accepted to": high}
+        shown |= {
+            f"{name}, accepted": middle,
+            f"{name}, accepted from": low,
+            f"{name}, accepted to": high,
+        }
         shown[f"{name}, ms"] = 1e3 * seconds[name] / scenes
         if arguments.steps:
             shown[f"{name}, room"] = 100.0 * float(union - np.mean(each))

@@ -1,8 +1,10 @@
-"""The posture problem with its true bilinear moment, written for solvers that branch in space: Gurobi and SCIP.
+"""The posture problem with its true bilinear moment, written for solvers that branch in space:
+Gurobi and SCIP.
 
-In the form "eliminated" toes, p and m are gone: left are c, Θ, and U − 1 weights, three forces and the vector from
-shoulder to toe a limb. A product of a weight and a force is all that is bilinear, since Σ f is fixed and the centre of
-mass enters linearly. The form "paper" keeps p and m as variables with m = p f (E2, E8, E9), in their plain bounds.
+In the form "eliminated" toes, p and m are gone: left are c, Θ, and U − 1 weights, three forces and
+the vector from shoulder to toe a limb. A product of a weight and a force is all that is bilinear,
+since Σ f is fixed and the centre of mass enters linearly. The form "paper" keeps p and m as
+variables with m = p f (E2, E8, E9), in their plain bounds.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class BilinearAnswer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Unknowns:
-    """The solver's variables, as object arrays: c, Θ (3,), weights (N, U − 1), forces and legs (N, 3).
+    """The solver's variables, as object arrays: c, Θ (3,), weights (N, U − 1), forces and legs (N,
+    3).
 
     position (N, 3) and moments (N, 3, 3) in the paper's form only.
     """
@@ -93,7 +96,9 @@ def _gurobi(scaled: Scaled, form: Form, time_limit_s: float) -> BilinearAnswer:
             point = unknowns.point(scaled, lambda variable: variable.X)
             return BilinearAnswer(label="feasible", point=point, seconds=seconds)
         proved = model.Status in (gp.GRB.INFEASIBLE, gp.GRB.INF_OR_UNBD)  # there is no objective
-        return BilinearAnswer(label="infeasible" if proved else "unknown", point=None, seconds=seconds)
+        return BilinearAnswer(
+            label="infeasible" if proved else "unknown", point=None, seconds=seconds
+        )
 
 
 def _scip(scaled: Scaled, form: Form, time_limit_s: float) -> BilinearAnswer:
@@ -118,12 +123,17 @@ def _scip(scaled: Scaled, form: Form, time_limit_s: float) -> BilinearAnswer:
 
 
 def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
-    """Variables with the tightest plain bounds: those of the centre of mass' ball, the cones and the reach.
+    """Variables with the tightest plain bounds: those of the centre of mass' ball, the cones and
+    the reach.
 
     In the paper's form the forces have their own box, and p and m lie in [−1, 1].
     """
     contacts, vertices = scaled.size
-    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled, "contact").force
+    f_low, f_high = (
+        (scaled.force_min, scaled.force_max)
+        if form == "paper"
+        else domain_of(scaled, "contact").force
+    )
     one = np.ones((contacts, 3))
 
     def block(low: Array, high: Array) -> Any:
@@ -139,7 +149,9 @@ def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
         forces=block(f_low, f_high),
         legs=block(-reach, reach),
         position=block(-one, one) if form == "paper" else None,
-        moments=block(-np.ones((contacts, 3, 3)), np.ones((contacts, 3, 3))) if form == "paper" else None,
+        moments=block(-np.ones((contacts, 3, 3)), np.ones((contacts, 3, 3)))
+        if form == "paper"
+        else None,
     )
 
 
@@ -147,16 +159,22 @@ def _toe(scaled: Scaled, unknowns: _Unknowns, i: int) -> list[Any]:
     """p_w of limb i, from its last vertex."""
     last = scaled.patches[i, -1]
     edges = scaled.patches[i, :-1] - last
-    return [last[j] + sum(edges[u, j] * unknowns.weights[i, u] for u in range(len(edges))) for j in range(3)]
+    return [
+        last[j] + sum(edges[u, j] * unknowns.weights[i, u] for u in range(len(edges)))
+        for j in range(3)
+    ]
 
 
 def _equal_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
-    """Net force (E5), net moment (E6, about the world's origin) and the definition of the legs (E11)."""
+    """Net force (E5), net moment (E6, about the world's origin) and the definition of the legs
+    (E11)."""
     com, weight = unknowns.com, scaled.weight
     force, moment, rows = [0.0, 0.0, -weight], [-weight * com[1], weight * com[0], 0.0], []
     for i in range(scaled.size[0]):
         toe = _toe(scaled, unknowns, i)
-        f = [sum(scaled.frames[i, j, k] * unknowns.forces[i, k] for k in range(3)) for j in range(3)]
+        f = [
+            sum(scaled.frames[i, j, k] * unknowns.forces[i, k] for k in range(3)) for j in range(3)
+        ]
         if unknowns.moments is None:
             moment = [m + c for m, c in zip(moment, _cross(toe, f), strict=True)]
         force = [a + b for a, b in zip(force, f, strict=True)]
@@ -183,7 +201,10 @@ def _moment_of_products(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
         for j in range(3):
             for k in range(3):
                 axis = np.cross(np.eye(3)[j], scaled.frames[i, :, k])
-                total = [t + float(a) * unknowns.moments[i, j, k] for t, a in zip(total, axis, strict=True)]
+                total = [
+                    t + float(a) * unknowns.moments[i, j, k]
+                    for t, a in zip(total, axis, strict=True)
+                ]
     return total
 
 

@@ -1,13 +1,16 @@
-"""Faults of a servo bus at random times: what happened, how long until nothing moved, what was sent afterwards.
+"""Faults of a servo bus at random times: what happened, how long until nothing moved, what was sent
+afterwards.
 
     python benchmarks/bus_faults.py [--kinds "silent servo" …] [--count 20] [--seed 0] [--json]
 
-24 emulated servos (``tests/emulators``) in a process of their own, on a pseudo-terminal that the real SDK opens; a
-host, another process, moves all joints at 50 Hz in waves of .25 rad and, when its world raises, does what the ending
-says: hold, or torque off. A fault happens at a random time of the first two seconds. Half of the runs end each way.
+24 emulated servos (``tests/emulators``) in a process of their own, on a pseudo-terminal that the
+real SDK opens; a host, another process, moves all joints at 50 Hz in waves of .25 rad and, when its
+world raises, does what the ending says: hold, or torque off. A fault happens at a random time of
+the first two seconds. Half of the runs end each way.
 
-stop: from the fault until no shaft turned faster than .02 rad/s. noticed: until the host's world raised. after: goal
-packets that reached the bus more than 2 ms after that. state: what the servos were in a second later.
+stop: from the fault until no shaft turned faster than .02 rad/s. noticed: until the host's world
+raised. after: goal packets that reached the bus more than 2 ms after that. state: what the servos
+were in a second later.
 """
 
 from __future__ import annotations
@@ -90,12 +93,22 @@ def run(kind: str, ending: str, rng: np.random.Generator) -> dict[str, Any]:
     """One fault."""
     joints = joint_names(hexapod())
     start = np.tile([0.4, 0.6, 0.3, 1.2], len(joints) // 4)
-    with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus, tempfile.TemporaryDirectory() as folder:
+    with (
+        BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus,
+        tempfile.TemporaryDirectory() as folder,
+    ):
         calibration = resting(joints, start, bus.path)
         if kind == WRONG_CALIBRATION:
             calibration, _ = spoiled(calibration, rng)
         calibration.write(Path(folder) / "servos.yaml")
-        command = [sys.executable, __file__, "--host", str(Path(folder) / "servos.yaml"), "--ending", ending]
+        command = [
+            sys.executable,
+            __file__,
+            "--host",
+            str(Path(folder) / "servos.yaml"),
+            "--ending",
+            ending,
+        ]
         child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert child.stdout is not None
         first = json.loads(child.stdout.readline())
@@ -104,20 +117,33 @@ def run(kind: str, ending: str, rng: np.random.Generator) -> dict[str, Any]:
             killed_s = time.monotonic()
             line = child.stdout.readline()
             killed_s = time.monotonic() if not line else killed_s
-            said = json.loads(line) if line else {"message": "killed", "noticed_s": killed_s, "ending": ""}
+            said = (
+                json.loads(line)
+                if line
+                else {"message": "killed", "noticed_s": killed_s, "ending": ""}
+            )
         else:
             said, killed_s = first, 0.0
         time.sleep(AFTER_S)
         state = bus.state()
         child.wait()
     happened_s = state["happened"][0][1] if state["happened"] else said["noticed_s"]
-    after = sum(time_s > said["noticed_s"] + 0.002 for time_s in state["goal_packets_s"]) if said["message"] else 0
+    after = (
+        sum(time_s > said["noticed_s"] + 0.002 for time_s in state["goal_packets_s"])
+        if said["message"]
+        else 0
+    )
     return {
-        "kind": kind, "ending": ending, "message": said["message"], "why_not": said["ending"], "after": after,
+        "kind": kind,
+        "ending": ending,
+        "message": said["message"],
+        "why_not": said["ending"],
+        "after": after,
         "noticed_s": said["noticed_s"] - happened_s if said["message"] else None,
-        "stop_s": max(0.0, state["still_s"] - happened_s) if said["message"] else None, "state": servos(state),
+        "stop_s": max(0.0, state["still_s"] - happened_s) if said["message"] else None,
+        "state": servos(state),
         "moved": "began_s" in first,
-    }  # fmt: skip
+    }
 
 
 def table(kind: str, runs: list[dict[str, Any]]) -> str:
@@ -125,7 +151,9 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
     stops = [run["stop_s"] for run in runs if run["stop_s"] is not None and run["moved"]]
     noticed = [run["noticed_s"] for run in runs if run["noticed_s"] is not None and run["moved"]]
     stopped = sum(bool(run["message"]) for run in runs)
-    lines = [f"{kind}: {stopped} of {len(runs)} stopped, {sum(not r['moved'] for r in runs)} before any motion"]
+    lines = [
+        f"{kind}: {stopped} of {len(runs)} stopped, {sum(not r['moved'] for r in runs)} before any motion"
+    ]
     if stops:
         lines.append(
             f"  stop median {np.median(stops):.3f} s, worst {max(stops):.3f} s; noticed after median "
@@ -135,7 +163,9 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
     for ending in ("hold", "torque off"):
         seen = Counter(run["state"] for run in runs if run["ending"] == ending)
         lines += [f"  {ending}: {count} × {state}" for state, count in seen.most_common()]
-    lines.append(f"  e.g. {next((run['message'] for run in runs if run['message']), 'nothing was noticed')}")
+    lines.append(
+        f"  e.g. {next((run['message'] for run in runs if run['message']), 'nothing was noticed')}"
+    )
     return "\n".join(lines)
 
 

@@ -1,16 +1,20 @@
-"""The stream that simulation gets, forwarded to 24 emulated servos: is it the same, how steady is it, who follows it?
+"""The stream that simulation gets, forwarded to 24 emulated servos: is it the same, how steady is
+it, who follows it?
 
-    python benchmarks/bus_stream.py [--course ground-to-wall] [--frames 4] [--mass-kg 5] [--rate 50] [--realtime]
+    python benchmarks/bus_stream.py [--course ground-to-wall] [--frames 4] [--mass-kg 5] [--rate 50]
+    [--realtime]
         [--json]
 
-A plan of a hexapod that is light enough for XM540-W270 is run in MuJoCo as a robot that measures its joints alone is
-(``blind``), and then by the same runner over a pseudo-terminal by servos that take as long as the bytes would at
-1 Mbaud (``tests/emulators``), and are loaded as a robot would load them that stands as planned.
+A plan of a hexapod that is light enough for XM540-W270 is run in MuJoCo as a robot that measures
+its joints alone is (``blind``), and then by the same runner over a pseudo-terminal by servos that
+take as long as the bytes would at 1 Mbaud (``tests/emulators``), and are loaded as a robot would
+load them that stands as planned.
 
-same: commands that are equal, of those that simulation was sent, and goals in ticks that the bus took. cycle: from one
-command to the next, median and 99th percentile [ms]; late: periods that began late; asked again: answers that
-did not come. joints: measured against planned, root mean square and worst [rad], in simulation and on the bus. On a
-machine that is busy with other things these are figures of those; --realtime as in ``bus_rate.py``.
+same: commands that are equal, of those that simulation was sent, and goals in ticks that the bus
+took. cycle: from one command to the next, median and 99th percentile [ms]; late: periods that began
+late; asked again: answers that did not come. joints: measured against planned, root mean square and
+worst [rad], in simulation and on the bus. On a machine that is busy with other things these are
+figures of those; --realtime as in ``bus_rate.py``.
 """
 
 from __future__ import annotations
@@ -57,7 +61,12 @@ class Sent:
     """A log that keeps commands; bus: its servos are loaded by what they are sent for loads."""
 
     def __init__(self, bus: EmulatedBus | None = None) -> None:
-        self.asked, self.sent, self.lean, self._bus = list[Array](), list[Array](), list[Array](), bus
+        self.asked, self.sent, self.lean, self._bus = (
+            list[Array](),
+            list[Array](),
+            list[Array](),
+            bus,
+        )
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
         """Keep commands."""
@@ -72,7 +81,9 @@ class Sent:
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     course = read_course(arguments.course, frames=arguments.frames)
-    outcome = TwoStageCoursePlanner().solve(replace(course, robot=replace(course.robot, mass_kg=arguments.mass_kg)))
+    outcome = TwoStageCoursePlanner().solve(
+        replace(course, robot=replace(course.robot, mass_kg=arguments.mass_kg))
+    )
     if outcome.solution is None:
         raise SystemExit(f"{arguments.course}: {outcome.message or outcome.status.value}")
     accepted = Accepted.verified(outcome.solution, arguments.course)
@@ -87,7 +98,9 @@ def measured(accepted: Accepted, rate_hz: float) -> dict[str, Any]:
     first = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(world.joints, port=bus.path, watchdog_s=WATCHDOG_S)
-        joints = {name: replace(each, current_a=CURRENT_A) for name, each in calibration.joints.items()}
+        joints = {
+            name: replace(each, current_a=CURRENT_A) for name, each in calibration.joints.items()
+        }
         calibration, real = replace(calibration, latency_ms=LATENCY_MS, joints=joints), Sent(bus)
         servos = DynamixelWorld(robot, calibration, rate_hz=rate_hz)
         then = Runner(servos, dry=False, log=real).run(accepted)
@@ -99,13 +112,18 @@ def measured(accepted: Accepted, rate_hz: float) -> dict[str, Any]:
     pairs = zip(real.asked[begin:], simulated.asked, strict=False)
     taken = zip(goals[begin - len(real.asked) :], simulated.sent, strict=False)
     return {
-        "commands": count, "same": sum(np.array_equal(a, b) for a, b in pairs),
+        "commands": count,
+        "same": sum(np.array_equal(a, b) for a, b in pairs),
         "same_ticks": sum(goal == ticks(sent).tolist() for goal, sent in taken),
-        "cycle_p50_ms": 1e3 * then.cycle_s[0], "cycle_p99_ms": 1e3 * then.cycle_s[1],
-        "late": servos.late, "asked_again": servos.bus.retried,
-        "simulated_rad": joints_off(first), "bus_rad": joints_off(then), "bus": then.message or "to the end",
+        "cycle_p50_ms": 1e3 * then.cycle_s[0],
+        "cycle_p99_ms": 1e3 * then.cycle_s[1],
+        "late": servos.late,
+        "asked_again": servos.bus.retried,
+        "simulated_rad": joints_off(first),
+        "bus_rad": joints_off(then),
+        "bus": then.message or "to the end",
         "simulation": first.message or "to the end",
-    }  # fmt: skip
+    }
 
 
 def joints_off(report: RunReport) -> list[float]:
@@ -115,7 +133,9 @@ def joints_off(report: RunReport) -> list[float]:
 
 def line(found: dict[str, Any]) -> str:
     """One line."""
-    simulated, bus = ("{:.4f} RMS {:.4f} worst".format(*found[key]) for key in ("simulated_rad", "bus_rad"))
+    simulated, bus = (
+        "{:.4f} RMS {:.4f} worst".format(*found[key]) for key in ("simulated_rad", "bus_rad")
+    )
     return (
         f"{found['course']}: same {found['same']} of {found['commands']} commands, {found['same_ticks']} goals in "
         f"ticks; cycle p50 {found['cycle_p50_ms']:.2f} p99 {found['cycle_p99_ms']:.2f} ms, {found['late']} late, "

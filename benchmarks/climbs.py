@@ -1,22 +1,27 @@
-"""Quadrupeds of files climb steps and stairs: planned, verified, and run in simulation; how many of the plans stand?
+"""Quadrupeds of files climb steps and stairs: planned, verified, and run in simulation; how many of
+the plans stand?
 
-    python benchmarks/climbs.py --robots FOLDER [--only go1 solo12] [--terrains step stairs] [--count 20]
-        [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--perturbed 20]
-        [--folder FOLDER] [--workers 2] [--json]
+    python benchmarks/climbs.py --robots FOLDER [--only go1 solo12] [--terrains step stairs]
+    [--count 20]
+        [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8]
+        [--perturbed 20] [--folder FOLDER] [--workers 2] [--json]
 
-FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. The courses begin on level
-ground; a step, or stairs of two, each between 5 and 8 cm high, more by nothing and less in proportion where a
-leg is shorter than .3 m. Heights, treads, where the first step is, and friction are drawn anew for every course.
---folder: plans and runs are kept there, and none that is there is made again.
+FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. The
+courses begin on level ground; a step, or stairs of two, each between 5 and 8 cm high, more by
+nothing and less in proportion where a leg is shorter than .3 m. Heights, treads, where the first
+step is, and friction are drawn anew for every course. --folder: plans and runs are kept there, and
+none that is there is made again.
 
-planned: courses with a plan that the verifier accepts, joints and torques, too; stood: those of them that a run carries
-to their end, within the tolerance of ``RunSettings``. body: root mean square distance of its origin from where it
-should be, median and worst [mm]. slip: the longest of any stance [mm], median and worst. torque: the largest of any
-joint in units of its own limit. bumped: longest time that anything but a foot touched [s].
+planned: courses with a plan that the verifier accepts, joints and torques, too; stood: those of
+them that a run carries to their end, within the tolerance of ``RunSettings``. body: root mean
+square distance of its origin from where it should be, median and worst [mm]. slip: the longest of
+any stance [mm], median and worst. torque: the largest of any joint in units of its own limit.
+bumped: longest time that anything but a foot touched [s].
 
-What is not as planned: joints off by up to --offset-deg, commands late by --delay-ms, shares --mass of all masses,
---stiffness of the loops' Kp, and --friction. With --perturbed every plan is run as it is, and so often again with all
-of these at once, each drawn evenly from --seed between nothing and what is said; the interval is Wilson's, 95 %.
+What is not as planned: joints off by up to --offset-deg, commands late by --delay-ms, shares --mass
+of all masses, --stiffness of the loops' Kp, and --friction. With --perturbed every plan is run as
+it is, and so often again with all of these at once, each drawn evenly from --seed between nothing
+and what is said; the interval is Wilson's, 95 %.
 """
 
 from __future__ import annotations
@@ -85,7 +90,9 @@ WRONG = {"offset_deg": 0.0, "delay_ms": 0.0, "mass": 1.0, "stiffness": 1.0, "fri
 def main(arguments: Arguments) -> None:
     """Plan, run and print."""
     if arguments.perturbed and arguments.wrong == tuple(WRONG.values()):
-        raise SystemExit("--perturbed: expected something that is not as planned, e.g. --mass 1.15, got nothing")
+        raise SystemExit(
+            "--perturbed: expected something that is not as planned, e.g. --mass 1.15, got nothing"
+        )
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) if arguments.folder is None else arguments.folder
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,20 +103,29 @@ def main(arguments: Arguments) -> None:
             file = robot_file(ROBOTS[name], arguments.robots, folder / f"{name}.yaml")
             for terrain in arguments.terrains:
                 each = range(arguments.count)
-                jobs = (delayed(climbed)(str(file), terrain, index, folder, arguments) for index in each)
+                jobs = (
+                    delayed(climbed)(str(file), terrain, index, folder, arguments) for index in each
+                )
                 found = list(Parallel(n_jobs=arguments.workers)(jobs))
-                arguments.say({"robot": name, "terrain": terrain, "world": arguments.world} | summary(found), line)
+                arguments.say(
+                    {"robot": name, "terrain": terrain, "world": arguments.world} | summary(found),
+                    line,
+                )
                 if not arguments.json:
                     for index, said in failures(found):
                         print(f"    course {index}: {said}", flush=True)
 
 
 def climbed(file: str, terrain: str, index: int, folder: Path, arguments: Arguments) -> Row:
-    """One course, planned and run: why there is no accepted plan; else figures of its run, and of those perturbed."""
+    """One course, planned and run: why there is no accepted plan; else figures of its run, and of
+    those perturbed."""
     seed = np.random.SeedSequence(arguments.seed, spawn_key=(index,))  # as spawned
     stem = as_file_name(f"{Path(file).stem}-{terrain}-{arguments.seed}-{index}")
     path = folder / f"{stem}-plan.json"
-    said = kept(folder / f"{stem}.json", lambda: {"refused": planned(path, file, terrain, np.random.default_rng(seed))})
+    said = kept(
+        folder / f"{stem}.json",
+        lambda: {"refused": planned(path, file, terrain, np.random.default_rng(seed))},
+    )
     if said["refused"]:
         return said
     accepted = Accepted.from_file(path)
@@ -123,28 +139,43 @@ def climbed(file: str, terrain: str, index: int, folder: Path, arguments: Argume
     rng = np.random.default_rng(seed.spawn(1)[0])
     shares = rng.uniform(size=(arguments.perturbed, len(WRONG)))
     again = [run(perturbed(arguments, each)) for each in shares]
-    return run(perturbed(arguments, np.zeros(len(WRONG)))) | {"perturbed": [each["refused"] for each in again]}
+    return run(perturbed(arguments, np.zeros(len(WRONG)))) | {
+        "perturbed": [each["refused"] for each in again]
+    }
 
 
 def perturbed(arguments: Arguments, shares: np.ndarray) -> Arguments:
     """The same with these shares of what is not as planned, in the order of ``WRONG``."""
     said = zip(WRONG.items(), arguments.wrong, shares.tolist(), strict=True)
-    return replace(arguments, **{name: none + share * (most - none) for (name, none), most, share in said})
+    return replace(
+        arguments, **{name: none + share * (most - none) for (name, none), most, share in said}
+    )
 
 
 def ran(accepted: Accepted, arguments: Arguments) -> Row:
-    """A plan, run. refused: why that did not succeed, empty where it did; figures where bodies are measured."""
+    """A plan, run. refused: why that did not succeed, empty where it did; figures where bodies are
+    measured."""
     course, wrong = accepted.plan.problem, Wrong.of(arguments)
     made = make_world(
-        arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections
+        arguments.world,
+        course.robot,
+        gravity_m_s2=course.gravity_m_s2,
+        imperfections=wrong.imperfections,
     )
-    report = Runner(made, settings=RunSettings(check_limits=False)).run(accepted, wrong.patches(accepted.plan))
-    row: Row = {"planned": True, "refused": "" if report.succeeded else report.message or "did not succeed"}
+    report = Runner(made, settings=RunSettings(check_limits=False)).run(
+        accepted, wrong.patches(accepted.plan)
+    )
+    row: Row = {
+        "planned": True,
+        "refused": "" if report.succeeded else report.message or "did not succeed",
+    }
     if (run := report.execution) is not None:
         row |= {
-            "body_mm": 1e3 * run.body_rms_m, "slip_mm": 1e3 * float(run.slip_m.max()),
-            "torque": float(run.torque_share.max()), "bumped_s": run.bump_s,
-        }  # fmt: skip
+            "body_mm": 1e3 * run.body_rms_m,
+            "slip_mm": 1e3 * float(run.slip_m.max()),
+            "torque": float(run.torque_share.max()),
+            "bumped_s": run.bump_s,
+        }
     return row
 
 
@@ -169,26 +200,42 @@ def course_of(model: RobotModel, file: str, steps: int, rng: np.random.Generator
     tread = rng.uniform(1.4, 1.7) * length
     edge = float(toes.max()) + rng.uniform(0.1, 0.25) * length
     ends = edge + tread * np.arange(steps)
-    via = [[float(edge_m - toe), 0.0, float(height + (k + share) * rises[: k + 1].mean())]
-           for k, edge_m in enumerate(ends) for toe, share in ((toes.max(), 0.0), (toes.min(), 0.5))]  # fmt: skip
+    via = [
+        [float(edge_m - toe), 0.0, float(height + (k + share) * rises[: k + 1].mean())]
+        for k, edge_m in enumerate(ends)
+        for toe, share in ((toes.max(), 0.0), (toes.min(), 0.5))
+    ]
     goal = [float(ends[-1] - toes.min()) + 0.3 * length, 0.0, float(height + rises.sum())]
     frames = int(np.ceil(goal[0] / (STRIDE * length))) + 1
     return {
-        "name": "climb", "robot": file, "frames": frames, "gait": "wave", "start_m": [0.0, 0.0, height],
-        "via_m": sorted(via), "goal_m": goal, "body": {"com_radius_m": 0.15 * length, "first_radius_m": 0.05 * length},
+        "name": "climb",
+        "robot": file,
+        "frames": frames,
+        "gait": "wave",
+        "start_m": [0.0, 0.0, height],
+        "via_m": sorted(via),
+        "goal_m": goal,
+        "body": {"com_radius_m": 0.15 * length, "first_radius_m": 0.05 * length},
         "steps": {"com_m": 0.3 * length, "toe_m": 1.2 * length, "rotation_rad": 0.15},
         "candidates": {"window_m": 0.4 * length},
-        "terrain": {"kind": "stairs", "friction": float(rng.uniform(0.56, 0.7)), "first_m": edge, "run_m": tread,
-                    "rises_m": [*map(float, rises), *([0.0] * 3)]},
-    }  # fmt: skip
+        "terrain": {
+            "kind": "stairs",
+            "friction": float(rng.uniform(0.56, 0.7)),
+            "first_m": edge,
+            "run_m": tread,
+            "rises_m": [*map(float, rises), *([0.0] * 3)],
+        },
+    }
 
 
 def summary(found: Sequence[Row]) -> dict[str, Any]:
     """How many, medians and extremes."""
     runs = [each for each in found if "planned" in each]
     row: dict[str, Any] = {
-        "courses": len(found), "planned": len(runs), "stood": sum(not each["refused"] for each in runs),
-    }  # fmt: skip
+        "courses": len(found),
+        "planned": len(runs),
+        "stood": sum(not each["refused"] for each in runs),
+    }
     again = [said for each in runs for said in each.get("perturbed", ())]
     if again:
         share = Share(hits=again.count(""), of=len(again))
@@ -203,7 +250,10 @@ def failures(found: Sequence[Row]) -> Iterator[tuple[int, str]]:
     """Which courses have no plan, or none that stood, and why."""
     for index, each in enumerate(found):
         if each["refused"]:
-            yield index, each["refused"] if "planned" in each else f"not planned: {each['refused']:.140}"
+            yield (
+                index,
+                each["refused"] if "planned" in each else f"not planned: {each['refused']:.140}",
+            )
         for said in filter(None, each.get("perturbed", ())):
             yield index, f"perturbed: {said}"
 
@@ -214,14 +264,20 @@ def line(row: dict[str, Any]) -> str:
     head += f", {row['planned']} of {row['courses']} planned"
     if "perturbed" in row:
         low, high = row["interval"]
-        head += f", perturbed {row['perturbed_stood']} of {row['perturbed']} ({low:.3f} to {high:.3f})"
+        head += (
+            f", perturbed {row['perturbed_stood']} of {row['perturbed']} ({low:.3f} to {high:.3f})"
+        )
     if "body_mm" not in row:
         return head
     return head + "".join(
         f"  {name} {row[key][0]:.{digits}f} ≤ {row[key][1]:.{digits}f}"
-        for name, key, digits in (("body", "body_mm", 1), ("slip", "slip_mm", 1), ("torque", "torque", 2),
-                                  ("bumped", "bumped_s", 2))
-    )  # fmt: skip
+        for name, key, digits in (
+            ("body", "body_mm", 1),
+            ("slip", "slip_mm", 1),
+            ("torque", "torque", 2),
+            ("bumped", "bumped_s", 2),
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -1,30 +1,37 @@
-"""The closed loop where the world is not as planned: less friction, moved walls, a missing patch, a push.
+"""The closed loop where the world is not as planned: less friction, moved walls, a missing patch, a
+push.
 
-    python benchmarks/closed_loop.py [--courses walls …] [--wrong friction moved missing pushed] [--shares 1 0.7 0.5]
-        [--moved-m 0.02] [--moved-deg 1] [--push 0.4] [--count 5] [--first 1] [--seed 0] [--world mujoco] [--amount 1]
-        [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--late] [--json]
+    python benchmarks/closed_loop.py [--courses walls …] [--wrong friction moved missing pushed]
+    [--shares 1 0.7 0.5]
+        [--moved-m 0.02] [--moved-deg 1] [--push 0.4] [--count 5] [--first 1] [--seed 0] [--world
+        mujoco] [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned]
+        [--late] [--json]
 
-The first course is the built-in one, the others have other heights, distances, leans, friction and panels
-(``distributions.courses.perturbed``, --amount); they are planned with the friction that they say. --wrong says what the
-world has instead: "friction": only a share of it, everywhere, from the start, or (--late, in MuJoCo) from a random time
-of the run on, between 0.5 and 12 s. "moved": every plane is up to --moved-m nearer or farther along its normal, and
-turned by up to --moved-deg about an axis in it, but for where feet stand at first. "missing": nothing is there within
-4 cm of one of the places where a foot should come down. "pushed": a force of half to all of --push of the weight, from
-anywhere, on the body for .1 to .3 s, between 0.5 and 12 s.
+The first course is the built-in one, the others have other heights, distances, leans, friction and
+panels (``distributions.courses.perturbed``, --amount); they are planned with the friction that they
+say. --wrong says what the world has instead: "friction": only a share of it, everywhere, from the
+start, or (--late, in MuJoCo) from a random time of the run on, between 0.5 and 12 s. "moved": every
+plane is up to --moved-m nearer or farther along its normal, and turned by up to --moved-deg about
+an axis in it, but for where feet stand at first. "missing": nothing is there within 4 cm of one of
+the places where a foot should come down. "pushed": a force of half to all of --push of the weight,
+from anywhere, on the body for .1 to .3 s, between 0.5 and 12 s.
 
-"once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the air,
-and plans the rest again from there, with the friction that feet felt; it takes a step back that came down on nothing
-and plans again without that place, and plans again, too, where body or feet are farther than --replan-m from the plan,
-with surfaces where feet find them. "anew-unlearned" does so, too, but does not estimate the friction. All
-three run the same courses and the same first plans. A run is a success where all key frames were reached, nothing
-stopped it, and the centre of mass ended within 3 cm of its last plan's. "stood": of those that were none, how many
-stopped with the body at rest; the others fell.
-Plans keep a reserve of friction where there is one (``search.friction_margin``); --no-reserve plans with all of it.
+"once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down
+what is in the air, and plans the rest again from there, with the friction that feet felt; it takes
+a step back that came down on nothing and plans again without that place, and plans again, too,
+where body or feet are farther than --replan-m from the plan, with surfaces where feet find them.
+"anew-unlearned" does so, too, but does not estimate the friction. All three run the same courses
+and the same first plans. A run is a success where all key frames were reached, nothing stopped it,
+and the centre of mass ended within 3 cm of its last plan's. "stood": of those that were none, how
+many stopped with the body at rest; the others fell. Plans keep a reserve of friction where there is
+one (``search.friction_margin``); --no-reserve plans with all of it.
 
-The simulated world stands still while a plan is made: times of planning are told beside, not lived through.
+The simulated world stands still while a plan is made: times of planning are told beside, not lived
+through.
 
-"solvable" is how many courses the planner finds a plan for when it is told what there is (with no reserve): what
-no loop can be expected to exceed by much. "of those" counts successes among them. The interval is Wilson's, 95 %.
+"solvable" is how many courses the planner finds a plan for when it is told what there is (with no
+reserve): what no loop can be expected to exceed by much. "of those" counts successes among them.
+The interval is Wilson's, 95 %.
 """
 
 from __future__ import annotations
@@ -69,7 +76,11 @@ class Arguments(Options):
     moved_m: float = 0.02
     moved_deg: float = 1.0
     push: float = 0.4
-    modes: tuple[Literal["once", "anew", "anew-unlearned"], ...] = ("once", "anew", "anew-unlearned")
+    modes: tuple[Literal["once", "anew", "anew-unlearned"], ...] = (
+        "once",
+        "anew",
+        "anew-unlearned",
+    )
     world: str = "mujoco"
     count: int = 5
     first: int = 0
@@ -81,7 +92,8 @@ class Arguments(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Ran:
-    """One run. solvable: with what there is. why: it was not begun, or no success. stood: the body was at rest."""
+    """One run. solvable: with what there is. why: it was not begun, or no success. stood: the body
+    was at rest."""
 
     solvable: bool
     why: str
@@ -93,16 +105,28 @@ def main(arguments: Arguments) -> None:
     """Measure and print."""
     if arguments.late and arguments.world != "mujoco":
         raise SystemExit("--late: only in mujoco")
-    cells = [(wrong, share) for wrong in arguments.wrong
-             for share in (arguments.shares if wrong == "friction" else (1.0,))]  # fmt: skip
+    cells = [
+        (wrong, share)
+        for wrong in arguments.wrong
+        for share in (arguments.shares if wrong == "friction" else (1.0,))
+    ]
     for name in arguments.courses:
         indices = range(arguments.first, arguments.first + arguments.count)
-        begun = [first_plan(course_of(name, arguments.seed, index, arguments.amount), arguments) for index in indices]
+        begun = [
+            first_plan(course_of(name, arguments.seed, index, arguments.amount), arguments)
+            for index in indices
+        ]
         for wrong, share in cells:
             for mode in arguments.modes:
                 plans = zip(indices, begun, strict=True)
                 runs = [ran(plan, index, wrong, share, mode, arguments) for index, plan in plans]
-                head = {"course": name, "wrong": wrong, "friction_share": share, "mode": mode, "world": arguments.world}
+                head = {
+                    "course": name,
+                    "wrong": wrong,
+                    "friction_share": share,
+                    "mode": mode,
+                    "world": arguments.world,
+                }
                 arguments.say(head | {"late": arguments.late} | summary(runs), line)
                 for index, run in zip(indices, runs, strict=True):
                     if run.why and not arguments.json:
@@ -121,7 +145,9 @@ def first_plan(course: Problem, arguments: Arguments) -> Accepted | str:
         found = with_whole_body(outcome).solution if bent else outcome.solution
         try:
             accepted = Accepted.verified(found or outcome.solution, course.name)
-            with make_world(arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2) as world:
+            with make_world(
+                arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2
+            ) as world:
                 Runner(world).prepare(accepted)
             return accepted
         except InvalidInput as error:
@@ -129,7 +155,9 @@ def first_plan(course: Problem, arguments: Arguments) -> Accepted | str:
     return why
 
 
-def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, arguments: Arguments) -> Ran:
+def ran(
+    plan: Accepted | str, index: int, wrong: str, share: float, mode: str, arguments: Arguments
+) -> Ran:
     """One run of one course in one world."""
     if isinstance(plan, str):
         return Ran(solvable=False, why=plan)
@@ -147,8 +175,11 @@ def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, a
     else:
         has = Perturbed(terrain=has.course.terrain, course=has.course)
     world = world or make_world(
-        arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=has.imperfections
-    )  # fmt: skip
+        arguments.world,
+        course.robot,
+        gravity_m_s2=course.gravity_m_s2,
+        imperfections=has.imperfections,
+    )
     solvable, runner = solved(has.course), Runner(world)
     try:
         report = ClosedLoop(course, runner, settings=settings).run(has.terrain, first=plan)
@@ -196,24 +227,37 @@ def summary(runs: Sequence[Ran]) -> dict[str, Any]:
 
     slid = [report.friction for report in begun if report.friction.slides]
     return {
-        "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good,
-        "interval": Share(hits=good, of=len(begun)).interval if begun else (0.0, 1.0), "solvable": len(solvable),
+        "runs": len(begun),
+        "refused": len(runs) - len(begun),
+        "succeeded": good,
+        "interval": Share(hits=good, of=len(begun)).interval if begun else (0.0, 1.0),
+        "solvable": len(solvable),
         "of_solvable": sum(not run.why for run in solvable),
         "stood": sum(run.stood for run in runs if run.why and run.report is not None),
-        "replans": median(lambda report: report.replans), "frames": median(lambda report: report.frames),
+        "replans": median(lambda report: report.replans),
+        "frames": median(lambda report: report.frames),
         "slid": len(slid),
-        "friction": [float(np.median([getattr(each, end) for each in slid])) for end in ENDS] if slid else None,
-        "deviation_mm": median(lambda report: 1e3 * report.deviation_m), "seconds": median(lambda r: r.seconds),
+        "friction": [float(np.median([getattr(each, end) for each in slid])) for end in ENDS]
+        if slid
+        else None,
+        "deviation_mm": median(lambda report: 1e3 * report.deviation_m),
+        "seconds": median(lambda r: r.seconds),
         "plan_s": median(lambda report: report.plan_s),
-    }  # fmt: skip
+    }
 
 
 def line(record: dict[str, Any]) -> str:
     """A record for people."""
     low, high = record["interval"]
-    what = f"friction × {record['friction_share']:g}" if record["wrong"] == "friction" else record["wrong"]
+    what = (
+        f"friction × {record['friction_share']:g}"
+        if record["wrong"] == "friction"
+        else record["wrong"]
+    )
     text = f"{record['course']:15s} {what:16s}{record['mode']:15s} {record['succeeded']}/{record['runs']} "
-    text += f"[{low:.2f}, {high:.2f}], solvable {record['solvable']}, of those {record['of_solvable']}"
+    text += (
+        f"[{low:.2f}, {high:.2f}], solvable {record['solvable']}, of those {record['of_solvable']}"
+    )
     if record["runs"]:
         text += f"; stood {record['stood']} of the rest; replans {record['replans']:g}"
         if record["friction"]:

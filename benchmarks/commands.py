@@ -1,12 +1,14 @@
-"""What a user waits for: whole commands of this checkout against another's, a release's or a commit's.
+"""What a user waits for: whole commands of this checkout against another's, a release's or a
+commit's.
 
-    git worktree add ../before v0.1.0; (cd ../before && python setup.py links)
-    python benchmarks/commands.py --against ../before [--pairs 15] [--only plan gait] [--out out/commands]
+    git worktree add ../before v0.1.0; (cd ../before && python setup.py links) python
+    benchmarks/commands.py --against ../before [--pairs 15] [--only plan gait] [--out out/commands]
 
-The two take turns, the first of each pair by lot; a cell is the CPU time [s] of a process and all that it starts,
-imports and model building included, and the ratio is after by before of a pair. What commands read was written by the
-same checkout's own commands before. A yardstick, cold solves of one cone program in which nothing is ours, is timed
-before and after. Cells are kept: a run that is stopped goes on with the next one.
+The two take turns, the first of each pair by lot; a cell is the CPU time [s] of a process and all
+that it starts, imports and model building included, and the ratio is after by before of a pair.
+What commands read was written by the same checkout's own commands before. A yardstick, cold solves
+of one cone program in which nothing is ours, is timed before and after. Cells are kept: a run that
+is stopped goes on with the next one.
 """
 
 from __future__ import annotations
@@ -95,7 +97,9 @@ def prepare(checkout: Path, folder: Path) -> None:
     for line in MAKE:
         command, _, target = line.partition(" > ")
         with open(folder / (target or os.devnull), "wb") as output:
-            subprocess.run(called(command), cwd=folder, env=of_checkout(checkout), stdout=output, check=True)
+            subprocess.run(
+                called(command), cwd=folder, env=of_checkout(checkout), stdout=output, check=True
+            )
     (folder / "made").touch()
 
 
@@ -109,7 +113,11 @@ def timed(command: str, checkout: Path, folder: Path) -> Row:
     for left in (folder / "again", folder / "again.json"):
         shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
     with subprocess.Popen(
-        called(command), cwd=folder, env=of_checkout(checkout), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        called(command),
+        cwd=folder,
+        env=of_checkout(checkout),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     ) as process:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -122,12 +130,22 @@ def row_of(name: str, cells: dict[str, list[Row]]) -> Row:
     codes = {side: sorted({cell["code"] for cell in found}) for side, found in cells.items()}
     medians = {f"{side}_s": float(np.median(each)) for side, each in times.items()}
     ratios = times["after"] / times["before"]
-    return {"command": name, **medians, "ratio": float(np.median(ratios)), "ratios": spread(ratios), "codes": codes}
+    return {
+        "command": name,
+        **medians,
+        "ratio": float(np.median(ratios)),
+        "ratios": spread(ratios),
+        "codes": codes,
+    }
 
 
 def shown(row: Row) -> str:
     """A row for people."""
-    codes = "" if row["codes"]["before"] == row["codes"]["after"] == [0] else f"  exit codes {row['codes']}"
+    codes = (
+        ""
+        if row["codes"]["before"] == row["codes"]["after"] == [0]
+        else f"  exit codes {row['codes']}"
+    )
     return f"{row['command']:16} {row['before_s']:8.3f} {row['after_s']:8.3f} CPU-s   × {row['ratios']}{codes}"
 
 

@@ -1,14 +1,17 @@
-"""One contact core for postures and plans: how fast it plans, plans anew and proves, and what its proofs are worth.
+"""One contact core for postures and plans: how fast it plans, plans anew and proves, and what its
+proofs are worth.
 
-    python benchmarks/contact_core.py start --against ../other-checkout    # process start to verified file, in pairs
-    python benchmarks/contact_core.py replan                               # receding horizon, nothing kept
-    python benchmarks/contact_core.py ice --frames 8 --count 200           # panels of ice: found, proved, open
-    python benchmarks/contact_core.py cuts --count 80                      # postures that only cuts in space refute
-    python benchmarks/contact_core.py copies --count 12                    # the same posture held over 2 and 3 frames
-    python benchmarks/contact_core.py foreign --count 5000                 # certificates put to other problems
+    python benchmarks/contact_core.py start --against ../other-checkout    # process start to
+    verified file, in pairs python benchmarks/contact_core.py replan                               #
+    receding horizon, nothing kept python benchmarks/contact_core.py ice --frames 8 --count 200
+    # panels of ice: found, proved, open python benchmarks/contact_core.py cuts --count 80
+    # postures that only cuts in space refute python benchmarks/contact_core.py copies --count 12
+    # the same posture held over 2 and 3 frames python benchmarks/contact_core.py foreign --count
+    5000                 # certificates put to other problems
 
-CPU times of one process on one thread; a yardstick, 1,000 cold solves of a fixed cone program, is timed in the same run
-and stands beside every table. ``--against`` names a checkout of another version; its command is run in turn with ours.
+CPU times of one process on one thread; a yardstick, 1,000 cold solves of a fixed cone program, is
+timed in the same run and stands beside every table. ``--against`` names a checkout of another
+version; its command is run in turn with ours.
 """
 
 from __future__ import annotations
@@ -51,7 +54,9 @@ WINDOWS = 12
 class Arguments(Options):
     """Which table, and how much of it."""
 
-    table: Annotated[Literal["start", "replan", "ice", "cuts", "copies", "foreign"], tyro.conf.Positional] = "replan"
+    table: Annotated[
+        Literal["start", "replan", "ice", "cuts", "copies", "foreign"], tyro.conf.Positional
+    ] = "replan"
     count: int = 15
     """Pairs of runs (start), courses (ice), postures a class (cuts, copies), tries (foreign)."""
     frames: int = 30
@@ -59,7 +64,8 @@ class Arguments(Options):
     courses: tuple[str, ...] = ("walls", "icy-walls")
     """Built-in names or YAML files (start, replan)."""
     against: Path | None = None
-    """Another checkout, in which `python setup.py links` was run, whose command is run in turn with ours (start)."""
+    """Another checkout, in which `python setup.py links` was run, whose command is run in turn with
+    ours (start)."""
     seed: int = 2026
     time_limit_s: float = 4.0
     """Of a course (ice)."""
@@ -88,7 +94,12 @@ def _command(folder: Path, course: str, frames: int) -> float:
         words = ["-m", "stancekit.cli.main", "plan", path, "--out", str(Path(place) / "plan.json")]
         words += [] if Path(course).suffix else ["--frames", str(frames)]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        quiet: dict[str, Any] = {"env": of_checkout(folder), "cwd": place, "capture_output": True, "check": False}
+        quiet: dict[str, Any] = {
+            "env": of_checkout(folder),
+            "cwd": place,
+            "capture_output": True,
+            "check": False,
+        }
         done = subprocess.run([sys.executable, *words], **quiet)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
@@ -101,7 +112,8 @@ def windows(options: Arguments) -> Iterator[dict[str, Any]]:
     for name in options.courses:
         spec, horizon = read_spec(name), options.frames - 1
         course = build_course(
-            spec if Path(name).suffix else spec.with_frames(options.frames + WINDOWS), Path(name).parent
+            spec if Path(name).suffix else spec.with_frames(options.frames + WINDOWS),
+            Path(name).parent,
         )
         horizon = min(horizon, course.frames - WINDOWS // 2 - 2)
         outcome, times, trees = replan(None, course, horizon=horizon), list[float](), 0
@@ -114,36 +126,54 @@ def windows(options: Arguments) -> Iterator[dict[str, Any]]:
             times.append(time.process_time() - begin)
             trees += outcome.details["nodes"] > 1 or outcome.details["cuts"] > 0
         yield {
-            "course": name, "horizon": horizon + 1, "windows": len(times), "with_tree": trees,
-            "median_ms": 1e3 * float(np.median(times)), "max_ms": 1e3 * max(times),
+            "course": name,
+            "horizon": horizon + 1,
+            "windows": len(times),
+            "with_tree": trees,
+            "median_ms": 1e3 * float(np.median(times)),
+            "max_ms": 1e3 * max(times),
             "lost": outcome.solution is None,
-        }  # fmt: skip
+        }
 
 
 def _reached(plan: Any) -> Standing:
     """Where the robot stands at the second frame of a plan."""
     return Standing(
-        com_m=plan.com_m[1], rotation_rad=plan.rotation_rad[1], toes_m=plan.toes_at(1),
+        com_m=plan.com_m[1],
+        rotation_rad=plan.rotation_rad[1],
+        toes_m=plan.toes_at(1),
         patches=tuple(plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[1]),
-    )  # fmt: skip
+    )
 
 
 def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
-    planner, rows = TwoStageCoursePlanner(time_limit_s=options.time_limit_s), list[tuple[str, float]]()
+    planner, rows = (
+        TwoStageCoursePlanner(time_limit_s=options.time_limit_s),
+        list[tuple[str, float]](),
+    )
     for index in range(options.count):
         seed = np.random.SeedSequence(options.seed, spawn_key=(options.frames, index))
         course = icy_walls(np.random.default_rng(seed), options.frames, CANDIDATES, ice=ICE)
         begin = time.process_time()
         status = planner.solve(course).status
         rows.append((status.value, time.process_time() - begin))
-    counts, times = Counter(status for status, _ in rows), np.array([seconds for _, seconds in rows])
+    counts, times = (
+        Counter(status for status, _ in rows),
+        np.array([seconds for _, seconds in rows]),
+    )
     median, p90, most = np.percentile(times, [50, 90, 100])
     yield {
-        "frames": options.frames, "courses": options.count, "limit_s": options.time_limit_s,
-        "found": counts["feasible"], "proved": counts["infeasible"], "open": counts["undecided"],
-        "median_ms": 1e3 * median, "p90_ms": 1e3 * p90, "max_ms": 1e3 * most,
-    }  # fmt: skip
+        "frames": options.frames,
+        "courses": options.count,
+        "limit_s": options.time_limit_s,
+        "found": counts["feasible"],
+        "proved": counts["infeasible"],
+        "open": counts["undecided"],
+        "median_ms": 1e3 * median,
+        "p90_ms": 1e3 * p90,
+        "max_ms": 1e3 * most,
+    }
 
 
 def refuted(name: str, seed: int) -> Iterator[Problem]:
@@ -152,16 +182,26 @@ def refuted(name: str, seed: int) -> Iterator[Problem]:
     while True:
         problem = source.sample(rng)
         outcome = exact.solve(problem)
-        if outcome.status is Status.INFEASIBLE and not outcome.details["trivial"] and outcome.details["nodes"] > 1:
+        if (
+            outcome.status is Status.INFEASIBLE
+            and not outcome.details["trivial"]
+            and outcome.details["nodes"] > 1
+        ):
             yield problem
 
 
 def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
-    """Postures that cuts refute, as courses: refuted, certificates accepted, and the time beside the posture's."""
+    """Postures that cuts refute, as courses: refuted, certificates accepted, and the time beside
+    the posture's."""
     for name in DISTRIBUTIONS:
         for copies in frames:
             exact, planner = ExactPlanner(), TwoStageCoursePlanner()
-            statuses, accepted, posture_s, course_s = Counter[str](), 0, list[float](), list[float]()
+            statuses, accepted, posture_s, course_s = (
+                Counter[str](),
+                0,
+                list[float](),
+                list[float](),
+            )
             for problem, _ in zip(refuted(name, options.seed), range(options.count), strict=False):
                 course = repeated(problem.course(), copies)
                 begin = time.process_time()
@@ -174,22 +214,31 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
                 if outcome.certificate is not None:
                     accepted += check_certificate(outcome.certificate).accepted
             yield {
-                "class": name, "frames": copies, "postures": options.count, "seed": options.seed, **statuses,
-                "accepted": accepted, "posture_ms": 1e3 * float(np.median(posture_s)),
-                "median_ms": 1e3 * float(np.median(course_s)), "max_ms": 1e3 * max(course_s),
-            }  # fmt: skip
+                "class": name,
+                "frames": copies,
+                "postures": options.count,
+                "seed": options.seed,
+                **statuses,
+                "accepted": accepted,
+                "posture_ms": 1e3 * float(np.median(posture_s)),
+                "median_ms": 1e3 * float(np.median(course_s)),
+                "max_ms": 1e3 * max(course_s),
+            }
 
 
 def repeated(course: Problem, frames: int) -> Problem:
     """The first frame of a course, held for so many frames."""
     return replace(
-        course, lifts=((),) * frames, com_nominal_m=np.repeat(course.com_nominal_m[:1], frames, axis=0),
+        course,
+        lifts=((),) * frames,
+        com_nominal_m=np.repeat(course.com_nominal_m[:1], frames, axis=0),
         com_radius_m=np.repeat(course.com_radius_m[:1], frames),
-    )  # fmt: skip
+    )
 
 
 def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
-    """Certificates put to problems that have a posture: other problems, or trees and multipliers that were changed."""
+    """Certificates put to problems that have a posture: other problems, or trees and multipliers
+    that were changed."""
     for name in DISTRIBUTIONS:
         rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
         feasible, proofs = list[Problem](), list[Certificate]()
@@ -202,13 +251,17 @@ def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
                 feasible.append(problem)
         accepted = 0
         for _ in range(options.count):
-            proof, problem = proofs[rng.integers(len(proofs))], feasible[rng.integers(len(feasible))]
+            proof, problem = (
+                proofs[rng.integers(len(proofs))],
+                feasible[rng.integers(len(feasible))],
+            )
             accepted += check_certificate(_changed(proof, rng).of(problem), tolerance=0.0).accepted
         yield {"class": name, "tries": options.count, "accepted": accepted}
 
 
 def _changed(proof: Certificate, rng: np.random.Generator) -> Certificate:
-    """The certificate as it is, or with noise on its multipliers, a scale on some, or an entry of its tree moved."""
+    """The certificate as it is, or with noise on its multipliers, a scale on some, or an entry of
+    its tree moved."""
     tree, multipliers = proof.tree.copy(), proof.multipliers.copy()
     kind = rng.integers(4)
     if kind == 1:
@@ -221,16 +274,25 @@ def _changed(proof: Certificate, rng: np.random.Generator) -> Certificate:
 
 
 TABLES: dict[str, Callable[[Arguments], Iterator[dict[str, Any]]]] = {
-    "start": start, "replan": windows, "ice": ice, "cuts": cuts, "foreign": foreign,
+    "start": start,
+    "replan": windows,
+    "ice": ice,
+    "cuts": cuts,
+    "foreign": foreign,
     "copies": lambda options: cuts(options, (2, 3)),
-}  # fmt: skip
+}
 
 
 def main(options: Arguments) -> None:
     """Print the table and the yardstick."""
     print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
     for row in TABLES[options.table](options):
-        options.say({name: round(value, 3) if isinstance(value, float) else value for name, value in row.items()})
+        options.say(
+            {
+                name: round(value, 3) if isinstance(value, float) else value
+                for name, value in row.items()
+            }
+        )
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
     python benchmarks/control_step.py [--courses walls stairs] [--frames 8] [--runs 3] [--json]
 
-A plan of each course is made and executed in simulation, without a log. A figure is the CPU time of a part per control
-period [ms], that of the parts inside it included, and its median over the runs; a yardstick, 1,000 cold solves of one
-cone program in which nothing is ours, is timed before each run. ``step`` is all but the physics: what a computer on a
-robot has to do in a period of 5 ms.
+A plan of each course is made and executed in simulation, without a log. A figure is the CPU time of
+a part per control period [ms], that of the parts inside it included, and its median over the runs;
+a yardstick, 1,000 cold solves of one cone program in which nothing is ours, is timed before each
+run. ``step`` is all but the physics: what a computer on a robot has to do in a period of 5 ms.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
     python benchmarks/count_run.py run plan.json --world mujoco
 
-A name that is counted and that the package has no more is an error: the table below is to be kept up.
+A name that is counted and that the package has no more is an error: the table below is to be kept
+up.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ COUNTED = {
 counts: collections.Counter[str] = collections.Counter()
 
 
-def counted(function: Callable[..., Any], name: str, when: Callable[..., bool] = lambda *a: True) -> Any:
+def counted(
+    function: Callable[..., Any], name: str, when: Callable[..., bool] = lambda *a: True
+) -> Any:
     """The function, whose calls are counted under a name where ``when`` says so."""
 
     @functools.wraps(function)
@@ -38,15 +41,20 @@ def counted(function: Callable[..., Any], name: str, when: Callable[..., bool] =
 
 
 def watch() -> None:
-    """Count from now on: every module that has one of the functions by name gets one that counts."""
+    """Count from now on: every module that has one of the functions by name gets one that
+    counts."""
     originals: dict[int, Any] = {}
     for name, places in COUNTED.items():
         for place in places:
             module, _, attribute = place.partition(":")
-            function = getattr(importlib.import_module(module), attribute)  # an error where it is no more
+            function = getattr(
+                importlib.import_module(module), attribute
+            )  # an error where it is no more
             originals[id(function)] = counted(function, name)
 
-    for module in [one for key, one in sys.modules.items() if key.startswith("stancekit") and one is not None]:
+    for module in [
+        one for key, one in sys.modules.items() if key.startswith("stancekit") and one is not None
+    ]:
         for attribute, value in list(vars(module).items()):
             if id(value) in originals and callable(value):
                 setattr(module, attribute, originals[id(value)])

@@ -1,10 +1,12 @@
-"""Damaged files: every reader of the command under thousands of mutated files, in process and as processes.
+"""Damaged files: every reader of the command under thousands of mutated files, in process and as
+processes.
 
-``python benchmarks/damaged_files.py --in-process 1500 --meshes 250 --others 12000 --out out/damage``. A file is right
-to be taken as ``tests/damage/cases.py`` says: 0 where it still means the same or is valid, 1 where its content parses
-and the verifier refuses it, 2 for everything else; one line, no traceback, no more than 10 s of a processor and 1 GB.
-What was wrong is kept. A row of a reader that is in the folder already is not measured again, so that a run that was
-ended goes on where it was.
+``python benchmarks/damaged_files.py --in-process 1500 --meshes 250 --others 12000 --out
+out/damage``. A file is right to be taken as ``tests/damage/cases.py`` says: 0 where it still means
+the same or is valid, 1 where its content parses and the verifier refuses it, 2 for everything else;
+one line, no traceback, no more than 10 s of a processor and 1 GB. What was wrong is kept. A row of
+a reader that is in the folder already is not measured again, so that a run that was ended goes on
+where it was.
 """
 
 from __future__ import annotations
@@ -42,8 +44,12 @@ def overdue(*_: Any) -> None:
 
 
 def in_process(case: Case, count: int, seed: int, out: Path) -> None:
-    """Run a verb over mutated files in this process, which does nothing else, and write the row of its reader."""
-    whole, rng = Path(case.file).read_bytes(), np.random.default_rng([seed, zlib.crc32(case.name.encode())])
+    """Run a verb over mutated files in this process, which does nothing else, and write the row of
+    its reader."""
+    whole, rng = (
+        Path(case.file).read_bytes(),
+        np.random.default_rng([seed, zlib.crc32(case.name.encode())]),
+    )
     command(case.arguments)
     verb = parse(list(case.arguments))
     signal.signal(signal.SIGPROF, overdue)
@@ -68,13 +74,21 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
             wrong.append(message)
             (out / f"{case.name.replace(' ', '-')}-{index}").write_bytes(content)
     grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - began_kb
-    row = {"reader": case.name, "files": count, "codes": codes, "wrong": len(wrong), "first": wrong[:5],
-           "slowest_s": round(slowest, 2), "grown_mb": round(grown_kb / 1e3)}  # fmt: skip
+    row = {
+        "reader": case.name,
+        "files": count,
+        "codes": codes,
+        "wrong": len(wrong),
+        "first": wrong[:5],
+        "slowest_s": round(slowest, 2),
+        "grown_mb": round(grown_kb / 1e3),
+    }
     (out / f"{case.name.replace(' ', '-')}.json").write_text(json.dumps(row))
 
 
 def process(case: Case, where: Path) -> tuple[int, str, float, float]:
-    """The command as a process with limits of its own: exit code, standard error, CPU seconds, megabytes at most."""
+    """The command as a process with limits of its own: exit code, standard error, CPU seconds,
+    megabytes at most."""
     held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     child = os.fork()
     if child == 0:
@@ -101,11 +115,17 @@ def process(case: Case, where: Path) -> tuple[int, str, float, float]:
         os._exit(int(code))
     _, status, used = os.wait4(child, 0)
     err = (where / "err").read_text(errors="replace")
-    return os.waitstatus_to_exitcode(status), err, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3
+    return (
+        os.waitstatus_to_exitcode(status),
+        err,
+        used.ru_utime + used.ru_stime,
+        used.ru_maxrss / 1e3,
+    )
 
 
 def as_processes(case: Case, count: int, seed: int, out: Path) -> dict[str, Any]:
-    """The same with a process per file, forked from this one, which has imported what the command needs."""
+    """The same with a process per file, forked from this one, which has imported what the command
+    needs."""
     row = out / f"process-{case.name.replace(' ', '-')}.json"
     if row.exists():
         kept: dict[str, Any] = json.loads(row.read_text())
@@ -128,14 +148,23 @@ def as_processes(case: Case, count: int, seed: int, out: Path) -> dict[str, Any]
             wrong.append(message)
             (out / f"process-{case.name.replace(' ', '-')}-{index}").write_bytes(content)
     Path(case.file).write_bytes(whole)
-    found = {"reader": case.name, "processes": count, "codes": codes, "wrong": len(wrong), "first": wrong[:5],
-             "cpu_s": round(seconds, 1), "slowest_s": round(slowest, 2), "most_mb": round(most)}  # fmt: skip
+    found = {
+        "reader": case.name,
+        "processes": count,
+        "codes": codes,
+        "wrong": len(wrong),
+        "first": wrong[:5],
+        "cpu_s": round(seconds, 1),
+        "slowest_s": round(slowest, 2),
+        "most_mb": round(most),
+    }
     row.write_text(json.dumps(found))
     return found
 
 
 def shares(every: list[Case], meshes: int, others: int) -> list[tuple[Case, int]]:
-    """How many files each reader gets: every format of meshes as many, and every other reader as many."""
+    """How many files each reader gets: every format of meshes as many, and every other reader as
+    many."""
     kinds = Counter(case.mesh for case in every)
     most = {kind: divmod(meshes if kind else others, number) for kind, number in kinds.items()}
     found, seen = [], Counter[str]()
@@ -179,11 +208,19 @@ def table(given: Arguments) -> None:
             _, status = os.waitpid(child, 0)
             Path(case.file).write_bytes(whole)
             if status:
-                given.say({"reader": case.name, "wrong": 1, "first": [f"ended by {os.waitstatus_to_exitcode(status)}"]})
+                given.say(
+                    {
+                        "reader": case.name,
+                        "wrong": 1,
+                        "first": [f"ended by {os.waitstatus_to_exitcode(status)}"],
+                    }
+                )
                 continue
         given.say(json.loads(row.read_text()))
     total = Counter[str]()
-    for case, count in sorted(shares(every, given.meshes, given.others), key=lambda share: not share[0].mesh):
+    for case, count in sorted(
+        shares(every, given.meshes, given.others), key=lambda share: not share[0].mesh
+    ):
         if count:
             found = as_processes(case, count, given.seed + 1, out)
             given.say(found)

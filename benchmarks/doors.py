@@ -1,9 +1,11 @@
-"""Forty questions asked at every door that takes them: statuses, the problems that certificates prove, objectives.
+"""Forty questions asked at every door that takes them: statuses, the problems that certificates
+prove, objectives.
 
     python benchmarks/doors.py [--json]
 
-Questions and doors are those of tests/doors.py. A row a question: what it was made to be, what the doors say, and where
-two of them differ; exit code 1 where any do, or where a question is not what it was made to be.
+Questions and doors are those of tests/doors.py. A row a question: what it was made to be, what the
+doors say, and where two of them differ; exit code 1 where any do, or where a question is not what
+it was made to be.
 """
 
 from __future__ import annotations
@@ -32,13 +34,27 @@ def main(arguments: list[str]) -> int:
             other = question.expected not in ("", first.status)
             counts[first.status] += 1
             wrong += bool(found) or other
-            doors = {kind: {name: asdict(reply) for name, reply in each.items()} for kind, each in replies.items()}
-            row = {"question": question.name, "expected": question.expected, "doors": doors, "differences": found}
+            doors = {
+                kind: {name: asdict(reply) for name, reply in each.items()}
+                for kind, each in replies.items()
+            }
+            row = {
+                "question": question.name,
+                "expected": question.expected,
+                "doors": doors,
+                "differences": found,
+            }
             if "--json" in arguments:
                 print(json.dumps(row), flush=True)
             else:
-                many, reply = sum(map(len, replies.values())), "; ".join([*found, *["not as expected"] * other])
-                print(f"{question.name:16} {first.status:11} {many} doors {reply}".rstrip(), flush=True)
+                many, reply = (
+                    sum(map(len, replies.values())),
+                    "; ".join([*found, *["not as expected"] * other]),
+                )
+                print(
+                    f"{question.name:16} {first.status:11} {many} doors {reply}".rstrip(),
+                    flush=True,
+                )
     print(f"{sum(counts.values())} questions, {dict(counts)}: {wrong} wrong", file=sys.stderr)
     return int(wrong > 0)
 

@@ -1,11 +1,12 @@
-"""Every registered environment as those who use it do: Gymnasium, stable-baselines3, Minari, copies, JSON.
+"""Every registered environment as those who use it do: Gymnasium, stable-baselines3, Minari,
+copies, JSON.
 
     python benchmarks/env_users.py [--steps 200] [--folder out/users] [--only Traverse …]
 
-A row an environment and a check: what was seen, and how long it took. Environments are made by their id, with their
-own defaults; stable-baselines3 is given the id. A copy and a pickle are taken after a reset and after three steps, and
-have to go on to the last bit as the original does. With --folder a row that is there is not measured again. Exit code 1
-where a check fails.
+A row an environment and a check: what was seen, and how long it took. Environments are made by
+their id, with their own defaults; stable-baselines3 is given the id. A copy and a pickle are taken
+after a reset and after three steps, and have to go on to the last bit as the original does. With
+--folder a row that is there is not measured again. Exit code 1 where a check fails.
 """
 
 from __future__ import annotations

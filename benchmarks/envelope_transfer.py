@@ -1,11 +1,13 @@
 """A flat-ground envelope on curved ground: through the warp map, or as it is.
 
-    python benchmarks/envelope_transfer.py [--count 200] [--samples 500] [--terrains ripple cone] [--json]
+    python benchmarks/envelope_transfer.py [--count 200] [--samples 500] [--terrains ripple cone]
+    [--json]
 
-Envelope: learned once from solved ground-3 postures. Posture problems of the same distribution are drawn in warped
-space, at random places, and pushed forward to the terrain. `chart` pushes the envelope with them, `direct`
-takes its box in the world's axes as it was learned. P1 and P2 are shares as in Lin et al.'s Table I: P1 answers as the
-exact planner does; P1 → P2 ends on the bilinear surface.
+Envelope: learned once from solved ground-3 postures. Posture problems of the same distribution are
+drawn in warped space, at random places, and pushed forward to the terrain. `chart` pushes the
+envelope with them, `direct` takes its box in the world's axes as it was learned. P1 and P2 are
+shares as in Lin et al.'s Table I: P1 answers as the exact planner does; P1 → P2 ends on the
+bilinear surface.
 """
 
 from __future__ import annotations
@@ -51,14 +53,22 @@ def main(arguments: Arguments) -> None:
     rng, planner = np.random.default_rng(arguments.seed), ExactPlanner()
     envelope = quantile_box(solved_postures("ground-3", arguments.samples, planner, rng)[1])
     for name in arguments.terrains:
-        for row in transfer(name, flatten(reference_terrain(name)), envelope, planner, arguments.count, rng):
+        for row in transfer(
+            name, flatten(reference_terrain(name)), envelope, planner, arguments.count, rng
+        ):
             arguments.say(row)
 
 
 def transfer(
-    name: str, warp: SplineMap, envelope: Envelope, planner: ExactPlanner, count: int, rng: np.random.Generator
+    name: str,
+    warp: SplineMap,
+    envelope: Envelope,
+    planner: ExactPlanner,
+    count: int,
+    rng: np.random.Generator,
 ) -> list[dict[str, Any]]:
-    """P1 and P2 of the envelope, pushed and as it is, on problems that the exact planner has decided."""
+    """P1 and P2 of the envelope, pushed and as it is, on problems that the exact planner has
+    decided."""
     source, programs = distribution("ground-3"), Programs()
     hits: dict[str, list[tuple[bool, bool, bool]]] = {"chart": [], "direct": []}
     for _ in range(count):

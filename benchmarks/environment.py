@@ -1,14 +1,17 @@
-"""``EnvelopeSelection-v0``: steps a CPU-second of fresh scenes in blocks, one by one, and of a pool; the same bits.
+"""``EnvelopeSelection-v0``: steps a CPU-second of fresh scenes in blocks, one by one, and of a
+pool; the same bits.
 
-    python benchmarks/environment.py [--problem wall-3] [--steps 10000] [--pool FOLDER] [--against CHECKOUT] [--seed 0]
+    python benchmarks/environment.py [--problem wall-3] [--steps 10000] [--pool FOLDER] [--against
+    CHECKOUT] [--seed 0]
 
-Fresh scenes, drawn in blocks as by default, and scenes drawn one by one take turns in one process, with the same seed
-and actions (the heuristic box, moved by normal noise of .05); every observation, reward and ``info`` is compared, bit
-for bit. The pool is a folder of `stancekit label`, or, without one, the fresh scenes once more. A yardstick, cold
-solves of one fixed cone program of a posture's size in which nothing is ours, is timed between the turns, and so is P1
-alone, loaded and solved cold, on the scenes of the run. --digest: only play, so many fresh steps and so many of a pool
-of the first fresh scenes, and print the digests of all that the environment said. --against: the same here and in
-another checkout, in which `python setup.py links` was run.
+Fresh scenes, drawn in blocks as by default, and scenes drawn one by one take turns in one process,
+with the same seed and actions (the heuristic box, moved by normal noise of .05); every observation,
+reward and ``info`` is compared, bit for bit. The pool is a folder of `stancekit label`, or, without
+one, the fresh scenes once more. A yardstick, cold solves of one fixed cone program of a posture's
+size in which nothing is ours, is timed between the turns, and so is P1 alone, loaded and solved
+cold, on the scenes of the run. --digest: only play, so many fresh steps and so many of a pool of
+the first fresh scenes, and print the digests of all that the environment said. --against: the same
+here and in another checkout, in which `python setup.py links` was run.
 """
 
 from __future__ import annotations
@@ -53,7 +56,10 @@ def main(arguments: Arguments) -> None:
     if arguments.digest:
         print(digest(arguments))
     elif arguments.against is not None:
-        found = {name: digest_of(folder, arguments) for name, folder in checkouts(arguments.against).items()}
+        found = {
+            name: digest_of(folder, arguments)
+            for name, folder in checkouts(arguments.against).items()
+        }
         arguments.list({"the same": float(len(set(found.values())) == 1)}, **found)
     else:
         arguments.list(rates(arguments), problem=arguments.problem, steps=arguments.steps)
@@ -61,9 +67,19 @@ def main(arguments: Arguments) -> None:
 
 def digest_of(folder: Path, arguments: Arguments) -> str:
     """What this script says in another checkout."""
-    command = [sys.executable, __file__, "--digest", "--problem", arguments.problem, "--steps", str(arguments.steps)]
+    command = [
+        sys.executable,
+        __file__,
+        "--digest",
+        "--problem",
+        arguments.problem,
+        "--steps",
+        str(arguments.steps),
+    ]
     command += ["--seed", str(arguments.seed)]
-    done = subprocess.run(command, env=of_checkout(folder), check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        command, env=of_checkout(folder), check=True, capture_output=True, text=True
+    )
     print(f"{folder}: {done.stdout.strip()}", flush=True)
     return done.stdout.strip()
 
@@ -75,7 +91,11 @@ def digest(arguments: Arguments) -> str:
 
     kept, found = Kept(SampledScenes(distribution(arguments.problem))), []
     for of_pool in (False, True):
-        env = pool_env(arguments, kept.scenes) if of_pool else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
+        env = (
+            pool_env(arguments, kept.scenes)
+            if of_pool
+            else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
+        )
         sha = hashlib.sha256()
         for said in played(env, arguments):
             sha.update(as_bytes(said))
@@ -126,7 +146,10 @@ def rates(arguments: Arguments) -> dict[str, float]:
     law = distribution(arguments.problem)
     kept = Kept(SampledScenes(law))
     sources: dict[str, Any] = {"fresh, in blocks": kept, "fresh, one by one": OneByOne(law)}
-    ways = {name: Way(played(EnvelopeSelectionEnv(law, scenes=it), arguments)) for name, it in sources.items()}
+    ways = {
+        name: Way(played(EnvelopeSelectionEnv(law, scenes=it), arguments))
+        for name, it in sources.items()
+    }
     pool = Way(iter(()))
     cold, yard, solves, equal = 0.0, 0.0, 0, True
     for begin in range(0, arguments.steps, TURN):
@@ -185,7 +208,9 @@ def p1_cold(scenes: list[Any]) -> None:
     box = Envelope(low=-half, high=half)
     for scene in scenes:
         data = model.rows.load(Boxed(scene.scaled, boxes=(box,)))
-        clarabel.DefaultSolver(*data, model.rows.cone_list, solver_settings(equilibrate=False)).solve()
+        clarabel.DefaultSolver(
+            *data, model.rows.cone_list, solver_settings(equilibrate=False)
+        ).solve()
 
 
 def timed(work: Callable[[], None]) -> float:

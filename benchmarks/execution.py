@@ -1,14 +1,17 @@
-"""Plans of perturbed courses executed in simulation: how many are planned, and how many of these succeed.
+"""Plans of perturbed courses executed in simulation: how many are planned, and how many of these
+succeed.
 
-    python benchmarks/execution.py [--courses stairs walls …] [--worlds bullet mujoco] [--count 20] [--seed 0]
+    python benchmarks/execution.py [--courses stairs walls …] [--worlds bullet mujoco] [--count 20]
+    [--seed 0]
         [--pace 1] [--workers 1] [--no-reserve] [--planned-forces] [--json]
 
-Every course is the built-in one with other heights, distances, leans, friction and panels (``courses.perturbed``),
-planned by the two-stage planner; what the planner refuses is counted apart. An execution is a success where the robot
-did not fall, its centre of mass ended within 3 cm of the plan's, and no foot slid by more than 2 cm (``Tolerance``).
-Plans keep a reserve of friction where there is one (``friction_margin``); --no-reserve plans with all of it, and
---planned-forces presses as the plan says instead of distributing the forces anew with a reserve of friction.
-Times to compute are shown as simulated seconds a second ("real_time"); --workers runs so many processes.
+Every course is the built-in one with other heights, distances, leans, friction and panels
+(``courses.perturbed``), planned by the two-stage planner; what the planner refuses is counted
+apart. An execution is a success where the robot did not fall, its centre of mass ended within 3 cm
+of the plan's, and no foot slid by more than 2 cm (``Tolerance``). Plans keep a reserve of friction
+where there is one (``friction_margin``); --no-reserve plans with all of it, and --planned-forces
+presses as the plan says instead of distributing the forces anew with a reserve of friction. Times
+to compute are shown as simulated seconds a second ("real_time"); --workers runs so many processes.
 """
 
 from __future__ import annotations
@@ -59,7 +62,13 @@ def main(arguments: Arguments) -> None:
             settings = RunSettings(forces=forces, timing=timing, check_limits=False)
             jobs = (delayed(simulate)(plan, world, settings=settings) for plan in plans)
             runs: list[RunReport] = list(Parallel(n_jobs=arguments.workers)(jobs))
-            record = {"course": name, "planned": len(plans), "refused": refused, "planning_s": seconds, "world": world}
+            record = {
+                "course": name,
+                "planned": len(plans),
+                "refused": refused,
+                "planning_s": seconds,
+                "world": world,
+            }
             record |= summary(runs)
             arguments.say(record, line)
             for index, run in enumerate(runs):
@@ -72,7 +81,9 @@ def planned(name: str, count: int, seed: int, *, reserve: bool) -> tuple[list[Pl
     planner = TwoStageCoursePlanner()
     rng = np.random.default_rng(seed)
     shares = SHARES if reserve else (1.0,)
-    outcomes = [plan_with_reserve(planner, perturbed(name, child), shares) for child in rng.spawn(count)]
+    outcomes = [
+        plan_with_reserve(planner, perturbed(name, child), shares) for child in rng.spawn(count)
+    ]
     plans = [outcome.solution for outcome in outcomes if outcome.solution is not None]
     return plans, count - len(plans)
 
@@ -113,7 +124,11 @@ def line(record: dict[str, Any]) -> str:
     pairs = ("com_final_mm", "com_worst_mm", "slip_mm", "force_rms_n")
     text += "".join(f"  {name} {record[name][0]:.1f} ≤ {record[name][1]:.1f}" for name in pairs)
     for name in ("torque_nm", "torque_planned_nm", "shift_mm", "bump_s", "real_time"):
-        text += f"  {name} {record[name]:.2f}" if name != "torque_nm" else f"  torque_nm {record[name]:.1f}"
+        text += (
+            f"  {name} {record[name]:.2f}"
+            if name != "torque_nm"
+            else f"  torque_nm {record[name]:.1f}"
+        )
     return text
 
 

@@ -1,12 +1,14 @@
-"""What becomes of motions that leave and come back: judged again, without contacts and forces, and spoiled.
+"""What becomes of motions that leave and come back: judged again, without contacts and forces, and
+spoiled.
 
     python benchmarks/exports.py FILE.json ... [--to csv npz mujoco] [--out LINES.jsonl]
 
-Every file of a plan or a walk is exported and the export verified, by the functions of the two commands, beside the
-table that was exported: the same verdict, and figures within 1e-6; once more without contacts and forces: the same
-verdict per group where it is known; and four times spoiled, each of which has to be found: a foot that slips by 40 mm
-along x where it stands, a foot that goes 30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm
-beside the outermost foot that stands, which tips over. A motion without joints is named and left out. FILEs are what
+Every file of a plan or a walk is exported and the export verified, by the functions of the two
+commands, beside the table that was exported: the same verdict, and figures within 1e-6; once more
+without contacts and forces: the same verdict per group where it is known; and four times spoiled,
+each of which has to be found: a foot that slips by 40 mm along x where it stands, a foot that goes
+30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm beside the outermost
+foot that stands, which tips over. A motion without joints is named and left out. FILEs are what
 ``stancekit plan`` and ``gait`` write.
 """
 
@@ -33,7 +35,12 @@ from stancekit.runner.export.moved import scene_of
 from stancekit.runner.worlds.world import Terrain
 
 SLIP_M, DEEP_M, BEYOND_RAD, BESIDE_M = 0.04, 0.03, 0.05, 0.06
-WANTED = {"slip": ("slip",), "overlap": ("bodies", "penetration"), "limit": ("joints",), "tip-over": ("balance",)}
+WANTED = {
+    "slip": ("slip",),
+    "overlap": ("bodies", "penetration"),
+    "limit": ("joints",),
+    "tip-over": ("balance",),
+}
 """By what was done to a motion, the groups of which one has to be violated."""
 
 
@@ -68,22 +75,38 @@ class Exports:
             return check_motion(table, robot, terrain, gravity_m_s2=gravity)
 
         first = judged(moved.table)
-        line: dict[str, object] = {"file": str(path), "accepted": first.accepted, "message": first.message}
+        line: dict[str, object] = {
+            "file": str(path),
+            "accepted": first.accepted,
+            "message": first.message,
+        }
         off, same = 0.0, True
         with TemporaryDirectory() as folder:
             for to in self.to:
                 file = Path(folder) / f"motion{FORMATS[to].suffixes[0]}"
                 stancekit.export(path, file, to=to)
                 back = check_file(file, terrain=path).report
-                known = [(a, b) for a, b in zip(first.groups, back.groups, strict=True) if not b.message]
-                if to == "mujoco":  # contacts are derived there: what does not rest on them is compared
+                known = [
+                    (a, b) for a, b in zip(first.groups, back.groups, strict=True) if not b.message
+                ]
+                if (
+                    to == "mujoco"
+                ):  # contacts are derived there: what does not rest on them is compared
                     apart = ("slip", "balance")
                     known = [(a, b) for a, b in known if a.name not in apart]
                 same &= all(a.verdict == b.verdict for a, b in known)
                 off = max([off, *(abs(a.value - b.value) for a, b in known)])
         bare = judged(replace(moved.table, contact=None, forces_n=None))
-        known = [(a, b) for a, b in zip(first.groups, bare.groups, strict=True) if b.verdict != "not checked"]
-        line |= {"off": off, "same": same, "stripped_same": all(a.verdict == b.verdict for a, b in known)}
+        known = [
+            (a, b)
+            for a, b in zip(first.groups, bare.groups, strict=True)
+            if b.verdict != "not checked"
+        ]
+        line |= {
+            "off": off,
+            "same": same,
+            "stripped_same": all(a.verdict == b.verdict for a, b in known),
+        }
         for name, wanted in WANTED.items():
             report = judged(spoiled(moved.table, name, Kinematics(robot), terrain))
             broken = [group.name for group in report.refused]
@@ -107,8 +130,13 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
         past = kinematics.highest_rad[joint] + BEYOND_RAD - angles[:, joint]
         angles[:, joint] += hump * past.max()
         return replace(bare, angles_rad=angles)
-    if how == "tip-over":  # the body goes aside, and its feet with it but those that stand: the joints follow
-        aside = np.where(known["contact"], known["feet_m"][..., 1], -np.inf).max(axis=1) - known["com_m"][:, 1]
+    if (
+        how == "tip-over"
+    ):  # the body goes aside, and its feet with it but those that stand: the joints follow
+        aside = (
+            np.where(known["contact"], known["feet_m"][..., 1], -np.inf).max(axis=1)
+            - known["com_m"][:, 1]
+        )
         far = float(aside[hump > 0.5].max()) + BESIDE_M
         origin[:, 1] += hump * far
         return replace(bare, origin_m=origin, angles_rad=_followed(bare, origin, kinematics, None))
@@ -117,20 +145,28 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
     if how == "overlap":
         radii = np.full(count, kinematics.radii_m[foot])
         along = -DEEP_M * nearest(terrain, known["feet_m"][:, foot], radii)[1]
-    return replace(bare, angles_rad=_followed(bare, origin, kinematics, (foot, hump[:, None] * along)))
+    return replace(
+        bare, angles_rad=_followed(bare, origin, kinematics, (foot, hump[:, None] * along))
+    )
 
 
 def _followed(
-    table: MotionTable, origin: np.ndarray, kinematics: Kinematics, slides: tuple[int, np.ndarray] | None
+    table: MotionTable,
+    origin: np.ndarray,
+    kinematics: Kinematics,
+    slides: tuple[int, np.ndarray] | None,
 ) -> np.ndarray:
-    """Joints whose feet are where the table's are, but for one that is moved by so much, shape (T, 3)."""
+    """Joints whose feet are where the table's are, but for one that is moved by so much, shape (T,
+    3)."""
     known, rotation, found = table.known(), table.rotation, []
     for row, angles in enumerate(known["angles_rad"]):
         feet = known["origin_m"][row] + kinematics.feet(angles) @ rotation[row].T
         if slides is not None:
             feet[slides[0]] += slides[1][row]
         near = found[-1] + angles - known["angles_rad"][row - 1] if found else angles
-        found.append(kinematics.reach((feet - origin[row]) @ rotation[row], near, near, limits=False)[0])
+        found.append(
+            kinematics.reach((feet - origin[row]) @ rotation[row], near, near, limits=False)[0]
+        )
     return np.array(found)
 
 

@@ -1,12 +1,14 @@
-"""Difficulty curves: at every level of a family, the share of scenes with a plan, and with a proof that there is none.
+"""Difficulty curves: at every level of a family, the share of scenes with a plan, and with a proof
+that there is none.
 
     python benchmarks/families.py --out out/families --picture families.png
 
-A scene is the course FAMILY:LEVEL:SEED of the default hexapod, in which toes are offered all that they could reach, so
-that a proof holds for the scene, the gait and the body's way. Planned: the verifier accepts the plan's contacts; bodies
-and joints are not asked. Infeasible: it accepts the certificate, or some limb has nothing within reach wherever the
-body may be. All else is undecided. A level gets ``count`` scenes, and more, in batches, until the half-width of its
-Wilson interval of 95 % is ``width`` or ``most`` are done. The seeds of all levels are the same, so a fall of the share
+A scene is the course FAMILY:LEVEL:SEED of the default hexapod, in which toes are offered all that
+they could reach, so that a proof holds for the scene, the gait and the body's way. Planned: the
+verifier accepts the plan's contacts; bodies and joints are not asked. Infeasible: it accepts the
+certificate, or some limb has nothing within reach wherever the body may be. All else is undecided.
+A level gets ``count`` scenes, and more, in batches, until the half-width of its Wilson interval of
+95 % is ``width`` or ``most`` are done. The seeds of all levels are the same, so a fall of the share
 is one of the same scenes. Rows are kept in the folder; another run goes on from them.
 """
 
@@ -57,17 +59,27 @@ def main(options: FamilyOptions) -> None:
     for family in options.families:
         shares = [row["planned"] for row in rows if row["family"] == family]
         rises = [max(after - before, 0.0) for before, after in pairwise(shares)]
-        options.say({"family": family, "largest rise of the share": round(max(rises, default=0.0), 4)})
+        options.say(
+            {"family": family, "largest rise of the share": round(max(rises, default=0.0), 4)}
+        )
     if options.picture is not None:
         save(difficulty_curves(rows), options.picture)
 
 
-def of_level(planner: TwoStageCoursePlanner, options: FamilyOptions, family: str, level: float) -> Row:
+def of_level(
+    planner: TwoStageCoursePlanner, options: FamilyOptions, family: str, level: float
+) -> Row:
     """The shares of a level."""
-    counts, seconds, done = dict.fromkeys(("feasible", "infeasible", "no footing", "undecided"), 0), 0.0, 0
+    counts, seconds, done = (
+        dict.fromkeys(("feasible", "infeasible", "no footing", "undecided"), 0),
+        0.0,
+        0,
+    )
     row: Row = {"half_width": 1.0}
     while done < options.count or (row["half_width"] > options.width and done < options.most):
-        path = options.out / f"{family}-{level:g}-{options.seed}-{options.time_limit_s:g}-{done}.json"
+        path = (
+            options.out / f"{family}-{level:g}-{options.seed}-{options.time_limit_s:g}-{done}.json"
+        )
         seeds = range(options.seed + done, options.seed + done + BATCH)
         batch = kept(path, lambda seeds=seeds: measured(planner, family, level, seeds))
         done, seconds = done + BATCH, seconds + batch["cpu_s"]
@@ -76,11 +88,16 @@ def of_level(planner: TwoStageCoursePlanner, options: FamilyOptions, family: str
         none = counts["infeasible"] + counts["no footing"]
         intervals = [Share(hits=some, of=done).interval for some in (counts["feasible"], none)]
         row = {
-            "family": family, "level": level, "scenes": done, "planned": counts["feasible"] / done,
-            "proved_none": none / done, "undecided": counts["undecided"] / done,
+            "family": family,
+            "level": level,
+            "scenes": done,
+            "planned": counts["feasible"] / done,
+            "proved_none": none / done,
+            "undecided": counts["undecided"] / done,
             "half_width": max(0.5 * (high - low) for low, high in intervals),
-            "no_footing": counts["no footing"] / done, "cpu_s_per_scene": seconds / done,
-        }  # fmt: skip
+            "no_footing": counts["no footing"] / done,
+            "cpu_s_per_scene": seconds / done,
+        }
     return row
 
 
@@ -88,7 +105,9 @@ def measured(planner: TwoStageCoursePlanner, family: str, level: float, seeds: r
     """What came of each of these scenes, and CPU seconds of all."""
     begun = time.process_time()
     verdicts = [judged(planner, f"{family}:{level:g}:{seed}") for seed in seeds]
-    answers = ["no footing" if each.proof == "no footing" else each.status.value for each in verdicts]
+    answers = [
+        "no footing" if each.proof == "no footing" else each.status.value for each in verdicts
+    ]
     return {"answers": answers, "cpu_s": time.process_time() - begun}
 
 

@@ -1,4 +1,5 @@
-"""Runs with one fault each, of ``faults``: on an emulated bus, behind an emulated rosbridge, in simulation, by file."""
+"""Runs with one fault each, of ``faults``: on an emulated bus, behind an emulated rosbridge, in
+simulation, by file."""
 
 from __future__ import annotations
 
@@ -28,7 +29,15 @@ from tests.emulators.bus_faults import BusFaults, spoiled
 from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 
-OF_BUS = ("silent servo", "corrupted packets", "delay", "overload", "power loss", "cable pulled", "wrong calibration")
+OF_BUS = (
+    "silent servo",
+    "corrupted packets",
+    "delay",
+    "overload",
+    "power loss",
+    "cable pulled",
+    "wrong calibration",
+)
 OF_HOST = ("nan command", "limit exceeded", "slow host", "clock jump")
 FAULTS = (*OF_BUS, *OF_HOST, "plan edited", "friction lost", "rosbridge gone")
 BEGIN_S, LATEST_S = 0.9, 2.0
@@ -56,9 +65,12 @@ class CountedWorld(SlippingWorld):
 
 
 class FaultyRunner(Runner):
-    """A runner with a fault at a time after its first command. happened_s: when it was, time.monotonic."""
+    """A runner with a fault at a time after its first command. happened_s: when it was,
+    time.monotonic."""
 
-    def __init__(self, *arguments: Any, at_s: float, fault: Callable[[Array], Array], **options: Any) -> None:
+    def __init__(
+        self, *arguments: Any, at_s: float, fault: Callable[[Array], Array], **options: Any
+    ) -> None:
         super().__init__(*arguments, **options)
         self._at_s, self._fault = at_s, fault
         self._began: float | None = None
@@ -83,9 +95,12 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
         if kind == "wrong calibration":
             calibration, _ = spoiled(calibration, rng)
         runner = FaultyRunner(
-            DynamixelWorld(accepted.plan.problem.robot, calibration), dry=False, at_s=at_s,
-            fault=host_fault(kind, bus), settings=RunSettings(hung=True, ending=ending),
-        )  # fmt: skip
+            DynamixelWorld(accepted.plan.problem.robot, calibration),
+            dry=False,
+            at_s=at_s,
+            fault=host_fault(kind, bus),
+            settings=RunSettings(hung=True, ending=ending),
+        )
         jumps = mock.patch("time.time", side_effect=lambda: float(rng.uniform(0.0, 4e9)))
         with jumps if kind == "clock jump" else nullcontext():
             found = outcome(runner, accepted)
@@ -94,7 +109,9 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
         state = bus.state()
         happened = state["happened"][0][1] if state["happened"] else runner.happened_s
         return found | {
-            "stop_s": None if not found["stopped"] or happened is None else max(0.0, found["over_s"] - happened),
+            "stop_s": None
+            if not found["stopped"] or happened is None
+            else max(0.0, found["over_s"] - happened),
             "after": sum(sent > runner.latch.time_s + CYCLE_S for sent in state["goal_packets_s"]),
             "state": servos(state),
         }
@@ -122,11 +139,21 @@ def outcome(runner: Runner, accepted: Accepted) -> dict[str, Any]:
     try:
         report = runner.run(accepted)
     except StancekitError as error:
-        return {"stopped": True, "moved": False, "message": str(error), "left": "as it was", "over_s": time.monotonic()}
+        return {
+            "stopped": True,
+            "moved": False,
+            "message": str(error),
+            "left": "as it was",
+            "over_s": time.monotonic(),
+        }
     return {
-        "stopped": not report.succeeded, "moved": report.sent > 0, "message": report.message,
-        "left": report.ended.left, "over_s": time.monotonic(), "clipped": report.clipped,
-    }  # fmt: skip
+        "stopped": not report.succeeded,
+        "moved": report.sent > 0,
+        "message": report.message,
+        "left": report.ended.left,
+        "over_s": time.monotonic(),
+        "clipped": report.clipped,
+    }
 
 
 def edited(path: Path, rng: np.random.Generator) -> dict[str, Any]:
@@ -146,9 +173,13 @@ def edited(path: Path, rng: np.random.Generator) -> dict[str, Any]:
             said = str(error).replace(folder, "…")
     sent = len(world.commands)
     return {
-        "stopped": stopped, "moved": bool(sent), "message": said, "left": "as it was" if stopped else said,
-        "after": sent if stopped else None, "state": "torque on" if world.torque_on else "torque off",
-    }  # fmt: skip
+        "stopped": stopped,
+        "moved": bool(sent),
+        "message": said,
+        "left": "as it was" if stopped else said,
+        "after": sent if stopped else None,
+        "state": "torque on" if world.torque_on else "torque off",
+    }
 
 
 def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
@@ -168,9 +199,10 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
         last = SlippingWorld.step(world, state.sent_rad)
     moving = float(np.linalg.norm(last.velocity[:3])) > STILL_M_S
     return found | {
-        "stop_s": state.time_s - world.happened_s if found["stopped"] else None, "after": after,
+        "stop_s": state.time_s - world.happened_s if found["stopped"] else None,
+        "after": after,
         "state": "the body slides on" if moving else "the body rests",
-    }  # fmt: skip
+    }
 
 
 def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
@@ -190,17 +222,26 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
             return targets
 
         runner = FaultyRunner(
-            RosWorld(robot, setup), dry=False, settings=RunSettings(hung=True, ending=ending), at_s=at_s, fault=gone,
-        )  # fmt: skip
+            RosWorld(robot, setup),
+            dry=False,
+            settings=RunSettings(hung=True, ending=ending),
+            at_s=at_s,
+            fault=gone,
+        )
         found = outcome(runner, accepted)
-        stop = found["over_s"] - runner.happened_s if found["stopped"] and runner.happened_s is not None else None
+        stop = (
+            found["over_s"] - runner.happened_s
+            if found["stopped"] and runner.happened_s is not None
+            else None
+        )
         ask_on(runner)
         time.sleep(0.6)
         got = [when for what, when in bridge.log if what in ("stream", "goal")]
         return found | {
-            "stop_s": stop, "after": sum(when > runner.latch.time_s + CYCLE_S for when in got),
+            "stop_s": stop,
+            "after": sum(when > runner.latch.time_s + CYCLE_S for when in got),
             "state": controlled(bridge.state()),
-        }  # fmt: skip
+        }
 
 
 def ask_on(runner: Runner) -> None:
@@ -216,7 +257,13 @@ def ask_on(runner: Runner) -> None:
 def controlled(state: dict[str, Any]) -> str:
     """The state of an emulated robot behind a trajectory controller in a few words."""
     off = np.abs(np.subtract(state["position_rad"], state["desired_rad"])).max()
-    what = "controller off" if not state["on"] else "controller holds its last target" if off < 0.01 else "on its way"
+    what = (
+        "controller off"
+        if not state["on"]
+        else "controller holds its last target"
+        if off < 0.01
+        else "on its way"
+    )
     return what + (", MOVING" if np.abs(state["rate_rad_s"]).max() > STILL_RAD_S else "")
 
 

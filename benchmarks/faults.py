@@ -1,22 +1,28 @@
-"""Faults at random times of a run: what happened, how long until the stop, what was sent after it, what state was left.
+"""Faults at random times of a run: what happened, how long until the stop, what was sent after it,
+what state was left.
 
-    python benchmarks/faults.py [--kinds "nan command" …] [--count 20] [--seed 0] [--log FILE] [--realtime] [--json]
+    python benchmarks/faults.py [--kinds "nan command" …] [--count 20] [--seed 0] [--log FILE]
+    [--realtime] [--json]
 
-The runner runs one step of the course ``walls``, and the fault happens while the joints move. Kinds of the host and of
-the bus happen on 24 emulated servos in a process of their own, the robot hung in a stand, at 50 Hz; half of the runs
-end in hold, half in torque off. A plan is edited by flipping one bit of one of its two files, and handed to servos in
-memory. Feet slip in MuJoCo: all surfaces lose 60 % of their friction. The rosbridge is an emulated one. Stops from
-outside (``stop_runs``) come from another process at random times, half of them while the robot is armed, to the command
-``stancekit run`` itself. ``bus_faults`` looks at the same faults of a bus from closer by, at the driver alone.
+The runner runs one step of the course ``walls``, and the fault happens while the joints move. Kinds
+of the host and of the bus happen on 24 emulated servos in a process of their own, the robot hung in
+a stand, at 50 Hz; half of the runs end in hold, half in torque off. A plan is edited by flipping
+one bit of one of its two files, and handed to servos in memory. Feet slip in MuJoCo: all surfaces
+lose 60 % of their friction. The rosbridge is an emulated one. Stops from outside (``stop_runs``)
+come from another process at random times, half of them while the robot is armed, to the command
+``stancekit run`` itself. ``bus_faults`` looks at the same faults of a bus from closer by, at the
+driver alone.
 
-stop: from the fault until the ending was done, in simulation in simulated time; of stops from outside, until the latch.
-after: commands that the device, the emulated robot or the simulation got later than a control period of the bus (20 ms)
-after the latch (in simulation: after it), in most kinds while the host goes on asking ten times more. late: the last
-command that the device got, counted from the latch. written: commands that were on their way at the latch, and when
-their write had returned, by the host's own count. left: what the runner says, or was asked for, and in brackets what
-the device is in then; the simulation goes on for half a second with what it was told last.
---log keeps every finished run in FILE, as JSON lines, and takes those in there for done. --realtime gives host and
-devices a real-time priority (SCHED_FIFO, as root): on a machine that is busy with other things the rest finds those.
+stop: from the fault until the ending was done, in simulation in simulated time; of stops from
+outside, until the latch. after: commands that the device, the emulated robot or the simulation got
+later than a control period of the bus (20 ms) after the latch (in simulation: after it), in most
+kinds while the host goes on asking ten times more. late: the last command that the device got,
+counted from the latch. written: commands that were on their way at the latch, and when their write
+had returned, by the host's own count. left: what the runner says, or was asked for, and in brackets
+what the device is in then; the simulation goes on for half a second with what it was told last.
+--log keeps every finished run in FILE, as JSON lines, and takes those in there for done. --realtime
+gives host and devices a real-time priority (SCHED_FIFO, as root): on a machine that is busy with
+other things the rest finds those.
 """
 
 from __future__ import annotations
@@ -111,12 +117,16 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
     """A few lines for one kind."""
     stopped = sum(run["stopped"] for run in runs)
     stops = [run["stop_s"] for run in runs if run.get("stop_s") is not None]
-    lines = [f"{kind}: {stopped} of {len(runs)} stopped, {sum(not run['moved'] for run in runs)} before any motion"]
+    lines = [
+        f"{kind}: {stopped} of {len(runs)} stopped, {sum(not run['moved'] for run in runs)} before any motion"
+    ]
     if stops:
         lines.append(f"  stop: median {np.median(stops):.3f} s, worst {max(stops):.3f} s")
     counted = [run["after"] for run in runs if run["after"] is not None]
     lines.append(f"  commands after the stop: {sum(counted)} in {len(counted)} runs")
-    left = Counter(f"{run['left']} ({run['state']})" if "state" in run else run["left"] for run in runs)
+    left = Counter(
+        f"{run['left']} ({run['state']})" if "state" in run else run["left"] for run in runs
+    )
     if "phase" in runs[0]:
         phases = Counter(run["phase"] for run in runs)
         message = [run["written_s"] for run in runs if run["written"]]

@@ -1,11 +1,13 @@
-"""Exported walks, followed in plain MuJoCo by fifteen lines that know nothing of the package, beside the referee.
+"""Exported walks, followed in plain MuJoCo by fifteen lines that know nothing of the package,
+beside the referee.
 
     python benchmarks/followed.py WALK.json ... [--stiffness 40 60 100 200] [--out LINES.jsonl]
 
-Every file is exported as ``mujoco`` and as ``reference``; the lines of ``follow`` are PD with the exported torques fed
-forward, in the steps of MuJoCo's own default. A line has the largest |q − q_ref|, the tilt at the end, or the time at
-which the body is 0.6 rad off the reference's: what the referee of stands.py calls a fall. The same walk is played by
-that referee, without feedback of the body as here and with it.
+Every file is exported as ``mujoco`` and as ``reference``; the lines of ``follow`` are PD with the
+exported torques fed forward, in the steps of MuJoCo's own default. A line has the largest |q −
+q_ref|, the tilt at the end, or the time at which the body is 0.6 rad off the reference's: what the
+referee of stands.py calls a fall. The same walk is played by that referee, without feedback of the
+body as here and with it.
 """
 
 from __future__ import annotations
@@ -51,12 +53,17 @@ class Followed(Options):
                 for kp in self.stiffness:
                     row = followed(scene, reference, kp)
                     self.say(lines.add(f"{file}:{kp:g}", {"file": file.stem, "kp": kp, **row}))
-            for way, wrong in (("referee", Wrong()), ("referee with feedback", Wrong(feedback=True))):
+            for way, wrong in (
+                ("referee", Wrong()),
+                ("referee with feedback", Wrong(feedback=True)),
+            ):
                 row = play(file, read_settings(), wrong).json()
                 self.say(lines.add(f"{file}:{way}", {"file": file.stem, "way": way, **row}))
 
 
-def follow(scene: Path, reference: Path, kp: float, kd: float) -> tuple[np.ndarray, np.ndarray, Any]:
+def follow(
+    scene: Path, reference: Path, kp: float, kd: float
+) -> tuple[np.ndarray, np.ndarray, Any]:
     """Joints and body of each row, shape (T, J), (T, 7); and the reference."""
     model, ref = mujoco.MjModel.from_xml_path(str(scene)), np.load(reference)
     data, joints, bodies = mujoco.MjData(model), [], []
@@ -76,13 +83,17 @@ def follow(scene: Path, reference: Path, kp: float, kd: float) -> tuple[np.ndarr
 def followed(scene: Path, reference: Path, kp: float) -> dict[str, Any]:
     """What came of it."""
     joints, bodies, ref = follow(scene, reference, kp, DAMPING_S * kp)
-    turned = 2.0 * np.arccos(np.clip(np.abs(np.sum(bodies[:, 3:] * ref["body_quat_w"][:, 0], axis=1)), 0.0, 1.0))
+    turned = 2.0 * np.arccos(
+        np.clip(np.abs(np.sum(bodies[:, 3:] * ref["body_quat_w"][:, 0], axis=1)), 0.0, 1.0)
+    )
     fallen = np.flatnonzero(turned > FALLS_RAD)
     return {
         "fell_s": round(float(fallen[0] / ref["fps"][0]), 2) if len(fallen) else None,
         "of_s": round(float((len(joints) - 1) / ref["fps"][0]), 2),
         "joints_rad": round(float(np.abs(joints - ref["joint_pos"]).max()), 4),
-        "tilt_rad": round(float(np.arccos(1.0 - 2.0 * (bodies[-1, 4] ** 2 + bodies[-1, 5] ** 2))), 4),
+        "tilt_rad": round(
+            float(np.arccos(1.0 - 2.0 * (bodies[-1, 4] ** 2 + bodies[-1, 5] ** 2))), 4
+        ),
         "turned_rad": round(float(turned.max()), 4),
         "end_mm": round(1e3 * float(np.linalg.norm(bodies[-1, :3] - ref["body_pos_w"][-1, 0])), 1),
     }

@@ -1,9 +1,10 @@
-"""Footholds of the meshes in a folder against an independent sampling of the same triangles by rays.
+"""Footholds of the meshes in a folder against an independent sampling of the same triangles by
+rays.
 
-For every mesh the area of its footholds (slope and clearance, no margin) beside a stratified sample of points on its
-triangles: those on slopes within the limit, with nothing within the clearance along the normal and outside of solids,
-each by the share of the triangles that cover its place. The rays are trimesh's, the footholds polygons of shapely's.
-The two agree where they are within 5 %.
+For every mesh the area of its footholds (slope and clearance, no margin) beside a stratified sample
+of points on its triangles: those on slopes within the limit, with nothing within the clearance
+along the normal and outside of solids, each by the share of the triangles that cover its place. The
+rays are trimesh's, the footholds polygons of shapely's. The two agree where they are within 5 %.
 
     python benchmarks/footholds.py MESHES-FOLDER
 """
@@ -50,7 +51,9 @@ class FootholdOptions(Options):
 
 def main(options: FootholdOptions) -> None:
     """A row a mesh, and how many agree."""
-    paths = sorted(path for kind in options.kinds.split(",") for path in options.folder.rglob(f"*.{kind}"))
+    paths = sorted(
+        path for kind in options.kinds.split(",") for path in options.folder.rglob(f"*.{kind}")
+    )
     rows = []
     for path in paths:
         rows.append(row_of(path, options))
@@ -58,7 +61,12 @@ def main(options: FootholdOptions) -> None:
     good = sum(row["agree"] for row in rows)
     cpu = [row["cpu_s"] for row in rows]
     options.say(
-        {"meshes": len(rows), "agree": good, "cpu_s_median": round(float(np.median(cpu)), 3), "cpu_s_most": max(cpu)}
+        {
+            "meshes": len(rows),
+            "agree": good,
+            "cpu_s_median": round(float(np.median(cpu)), 3),
+            "cpu_s_most": max(cpu),
+        }
     )
 
 
@@ -67,7 +75,11 @@ def row_of(path: Path, options: FootholdOptions) -> Row:
     begun = time.process_time()
     row: Row = {"mesh": path.stem, "agree": False}
     limits = FootholdLimits(
-        slope_rad=options.slope_rad, clearance_m=options.clearance_m, margin_m=0.0, width_m=1e-3, roughness_m=0.01
+        slope_rad=options.slope_rad,
+        clearance_m=options.clearance_m,
+        margin_m=0.0,
+        width_m=1e-3,
+        roughness_m=0.01,
     )
     try:
         mesh = read_terrain(path, ImportOptions(most_triangles=options.most_triangles))
@@ -75,16 +87,30 @@ def row_of(path: Path, options: FootholdOptions) -> Row:
         found = footholds_of(mesh, limits)
     except InvalidInput as error:
         return row | {"why": str(error), "cpu_s": round(time.process_time() - begun, 3)}
-    row |= {"triangles": len(mesh.triangles), "patches": len(found.pieces), "area_m2": round(found.area_m2, 4)}
+    row |= {
+        "triangles": len(mesh.triangles),
+        "patches": len(found.pieces),
+        "area_m2": round(found.area_m2, 4),
+    }
     row["cpu_s"] = round(time.process_time() - begun, 3)
     area, error = sampled(mesh, limits, options.samples, np.random.default_rng(options.seed))
     gap = abs(found.area_m2 - area)
-    row |= {"sampled_m2": round(area, 4), "error_m2": round(error, 4), "off": round(gap / max(area, 1e-12), 4)}
+    row |= {
+        "sampled_m2": round(area, 4),
+        "error_m2": round(error, 4),
+        "off": round(gap / max(area, 1e-12), 4),
+    }
     row["agree"] = bool(gap <= WITHIN * area)
-    return row | {"refused_m2": {name: round(value, 3) for name, value in found.refused_m2.items() if value > 1e-3}}
+    return row | {
+        "refused_m2": {
+            name: round(value, 3) for name, value in found.refused_m2.items() if value > 1e-3
+        }
+    }
 
 
-def sampled(mesh: TriangleMesh, limits: FootholdLimits, count: int, rng: np.random.Generator) -> tuple[float, float]:
+def sampled(
+    mesh: TriangleMesh, limits: FootholdLimits, count: int, rng: np.random.Generator
+) -> tuple[float, float]:
     """Area on which one may stand, and its standard error [m²]."""
     import trimesh
 
@@ -110,7 +136,8 @@ def sampled(mesh: TriangleMesh, limits: FootholdLimits, count: int, rng: np.rand
 
 
 def hits(solid: Any, origins: Array, directions: Array) -> Iterator[tuple[int, float, float]]:
-    """Every triangle that each ray meets: ray, distance, and the share of its normal along the ray."""
+    """Every triangle that each ray meets: ray, distance, and the share of its normal along the
+    ray."""
     places, rays, faces = solid.ray.intersects_location(origins, directions, multiple_hits=True)
     places, rays = np.reshape(places, (-1, 3)), np.asarray(rays, dtype=int)
     distance = np.linalg.norm(places - origins[rays], axis=1)
@@ -121,7 +148,9 @@ def hits(solid: Any, origins: Array, directions: Array) -> Iterator[tuple[int, f
 def coplanar(solid: Any, points: Array, normals: Array) -> list[list[int]]:
     """For every point the triangles of its own plane and side that cover it."""
     found = [list[int]() for _ in points]
-    places, rays, faces = solid.ray.intersects_location(points + OFF_M * normals, -normals, multiple_hits=True)
+    places, rays, faces = solid.ray.intersects_location(
+        points + OFF_M * normals, -normals, multiple_hits=True
+    )
     places, rays = np.reshape(places, (-1, 3)), np.asarray(rays, dtype=int)
     near = np.linalg.norm(places - points[rays], axis=1) < 0.5 * OFF_M
     along = np.einsum("ij,ij->i", solid.face_normals[faces], normals[rays]) > 0.999

@@ -1,10 +1,11 @@
-"""Forged overlaps: bodies that touch at one instant of a motion, mostly between the moments that are looked at.
+"""Forged overlaps: bodies that touch at one instant of a motion, mostly between the moments that
+are looked at.
 
-``python benchmarks/forged_overlaps.py --each 40``. Five kinds, each forged at depths from twice the verifier's
-tolerance to ten times it: a ball of a shank grazes a thin rod of the body, or a ball of it, fast or slowly, or the tip
-or the face of a small plate of the terrain. A judge that shares no code with the sweep places the ball by pinocchio at
-a thousand instants from each moment to the next, and measures in closed form. Exit code 1 if the sweep misses one that
-the judge calls deep.
+``python benchmarks/forged_overlaps.py --each 40``. Five kinds, each forged at depths from twice the
+verifier's tolerance to ten times it: a ball of a shank grazes a thin rod of the body, or a ball of
+it, fast or slowly, or the tip or the face of a small plate of the terrain. A judge that shares no
+code with the sweep places the ball by pinocchio at a thousand instants from each moment to the
+next, and measures in closed form. Exit code 1 if the sweep misses one that the judge calls deep.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ RADIUS_M = 4e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forged:
-    """A motion of T moments whose robot has these shapes over this terrain; depth: the judge's, at its deepest [m]."""
+    """A motion of T moments whose robot has these shapes over this terrain; depth: the judge's, at
+    its deepest [m]."""
 
     motion: WholeBody
     shapes: tuple[Shape, ...]
@@ -62,7 +64,9 @@ def main(arguments: Arguments) -> None:
     for number, (name, forge) in enumerate(KINDS.items()):
         row = Counter[str]()
         for case, size in enumerate(np.geomspace(2.0, 10.0, arguments.each)):
-            forged = forge(model, float(size), np.random.default_rng([arguments.seed, number, case]))
+            forged = forge(
+                model, float(size), np.random.default_rng([arguments.seed, number, case])
+            )
             tolerance_m = TOUCH_M if forged.terrain else LINKS_M
             found = swept(model, forged)
             row["forged"] += 1
@@ -79,30 +83,37 @@ def main(arguments: Arguments) -> None:
 def swept(model: RobotModel, forged: Forged) -> list[float]:
     """The moments at which the sweep finds something."""
     solver = Kinematics(robot_of(replace(model, shapes=forged.shapes)))
-    bodies = Bodies(solver, Obstacles.of(forged.terrain) if forged.terrain else Obstacles(convex=(), closed=()))
+    bodies = Bodies(
+        solver, Obstacles.of(forged.terrain) if forged.terrain else Obstacles(convex=(), closed=())
+    )
     return [at for _, block in bodies.sweep(forged.motion) for at, _ in block]
 
 
-# ------------------------------------------------------------------------------------------------------------- forging
+# -------------------------------------------------------------------------------------------------------------
+# forging
 
 
 def motion(model: RobotModel, rng: np.random.Generator, *, fast: bool) -> WholeBody:
-    """Joints that turn by up to .1 rad from one moment to the next, and a base that goes and turns."""
+    """Joints that turn by up to .1 rad from one moment to the next, and a base that goes and
+    turns."""
     start = np.concatenate([leg.stance_rad for leg in model.legs])
     turns = rng.uniform(-1.0, 1.0, (MOMENTS - 1, len(start))) * (0.1 if fast else 0.02)
     drift = rng.uniform(-1.0, 1.0, (MOMENTS, 3)) * (5e-3 if fast else 2e-3)
     tilts = Rotation.from_rotvec(rng.uniform(-0.02, 0.02, (MOMENTS, 3)))
     legs = len(model.legs)
     return WholeBody(
-        rotation=tilts.as_matrix(), origin_m=np.array([0.0, 0.0, 1.0]) + drift,
+        rotation=tilts.as_matrix(),
+        origin_m=np.array([0.0, 0.0, 1.0]) + drift,
         angles=start + np.vstack([np.zeros(len(start)), np.cumsum(turns, axis=0)]),
-        toes_m=np.zeros((MOMENTS, legs, 3)), normals=np.tile([0.0, 0.0, 1.0], (MOMENTS, legs, 1)),
+        toes_m=np.zeros((MOMENTS, legs, 3)),
+        normals=np.tile([0.0, 0.0, 1.0], (MOMENTS, legs, 1)),
         stands=np.zeros((MOMENTS, legs), dtype=bool),
-    )  # fmt: skip
+    )
 
 
 def poses(model: RobotModel, of: WholeBody, *, world: bool) -> tuple[Array, Array]:
-    """R and p of the shank at every instant, by pinocchio, in the base or in the world, shapes (K, 3, 3) and (K, 3)."""
+    """R and p of the shank at every instant, by pinocchio, in the base or in the world, shapes (K,
+    3, 3) and (K, 3)."""
     pin, known = pinocchio(), model.built
     data, names = known.createData(), model.joint_names
     frame, base = known.getFrameId(SHANK), known.getFrameId("base")
@@ -131,12 +142,16 @@ def ball(link: str, at: Array, radius_m: float = RADIUS_M) -> Shape:
 
 def shape(link: str, kind: str, size: list[float], at: Array, turn: Array = np.eye(3)) -> Shape:
     """A shape of a link that collides."""
-    return Shape(link=link, kind=kind, size_m=np.array(size), rotation=turn, origin_m=at, collides=True)  # type: ignore[arg-type]
+    return Shape(
+        link=link, kind=kind, size_m=np.array(size), rotation=turn, origin_m=at, collides=True
+    )  # type: ignore[arg-type]
 
 
 def instant(count: int, rng: np.random.Generator) -> int:
     """An instant that is no moment."""
-    return int(rng.integers(MOMENTS - 1)) * INSTANTS + int(rng.integers(INSTANTS // 10, INSTANTS - INSTANTS // 10))
+    return int(rng.integers(MOMENTS - 1)) * INSTANTS + int(
+        rng.integers(INSTANTS // 10, INSTANTS - INSTANTS // 10)
+    )
 
 
 def aside(places: Array, k: int, rng: np.random.Generator) -> Array:
@@ -153,11 +168,14 @@ def balls(model: RobotModel, size: float, rng: np.random.Generator, *, fast: boo
     k = instant(len(places), rng)
     middle = places[k] + (2.0 * RADIUS_M - size * LINKS_M) * aside(places, k, rng)
     depth = 2.0 * RADIUS_M - np.linalg.norm(places - middle, axis=1).min()
-    return Forged(motion=of, shapes=(ball("base", middle), ball(SHANK, AT)), terrain=(), depth=float(depth))
+    return Forged(
+        motion=of, shapes=(ball("base", middle), ball(SHANK, AT)), terrain=(), depth=float(depth)
+    )
 
 
 def thin(model: RobotModel, size: float, rng: np.random.Generator) -> Forged:
-    """A rod of the base, .2 mm thick, that a ball of the shank grazes with its side: a capsule's closed form."""
+    """A rod of the base, .2 mm thick, that a ball of the shank grazes with its side: a capsule's
+    closed form."""
     of, half, radius = motion(model, rng, fast=True), 0.03, 1e-4
     turns, origins = poses(model, of, world=False)
     places = origins + turns @ AT
@@ -166,15 +184,24 @@ def thin(model: RobotModel, size: float, rng: np.random.Generator) -> Forged:
     along = np.cross(out, places[k + 1] - places[k - 1])
     along = along / np.linalg.norm(along)
     middle = places[k] + (RADIUS_M + radius - size * LINKS_M) * out
-    rod = shape("base", "capsule", [radius, 2.0 * half], middle, np.column_stack([np.cross(out, along), out, along]))
+    rod = shape(
+        "base",
+        "capsule",
+        [radius, 2.0 * half],
+        middle,
+        np.column_stack([np.cross(out, along), out, along]),
+    )
     axial = np.clip((places - middle) @ along, -half, half)
     gap = np.linalg.norm(places - middle - axial[:, None] * along, axis=1)
     depth = RADIUS_M + radius - gap.min()
     return Forged(motion=of, shapes=(rod, ball(SHANK, AT)), terrain=(), depth=float(depth))
 
 
-def spike(model: RobotModel, size: float, rng: np.random.Generator, *, flat: bool = False) -> Forged:
-    """A small plate of the terrain whose corner, or whose face, a ball of the shank touches in passing."""
+def spike(
+    model: RobotModel, size: float, rng: np.random.Generator, *, flat: bool = False
+) -> Forged:
+    """A small plate of the terrain whose corner, or whose face, a ball of the shank touches in
+    passing."""
     of, side = motion(model, rng, fast=True), 3e-3
     turns, origins = poses(model, of, world=True)
     places = origins + turns @ AT
@@ -187,15 +214,22 @@ def spike(model: RobotModel, size: float, rng: np.random.Generator, *, flat: boo
     normal = -out if flat else across
     axes = (ahead, across) if flat else (out + 0.4 * ahead, out - 0.4 * ahead)
     corners = (
-        [tip + side * (a * axes[0] + b * axes[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))] if flat
+        [tip + side * (a * axes[0] + b * axes[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        if flat
         else [tip, tip + side * axes[0], tip + 2.0 * side * out, tip + side * axes[1]]
-    )  # fmt: skip
+    )
     patch = Patch(vertices_m=np.array(corners), normal=normal, shear_reference=ahead, friction=0.5)
-    return Forged(motion=of, shapes=(ball(SHANK, AT),), terrain=(patch,), depth=float(_prism_depth(patch, places)))
+    return Forged(
+        motion=of,
+        shapes=(ball(SHANK, AT),),
+        terrain=(patch,),
+        depth=float(_prism_depth(patch, places)),
+    )
 
 
 def _prism_depth(patch: Patch, places: Array) -> float:
-    """How deep balls are in the plate behind a patch at their deepest, outside of it: by its face, sides and edges."""
+    """How deep balls are in the plate behind a patch at their deepest, outside of it: by its face,
+    sides and edges."""
     from stancekit.planners.terrain.prism import THICKNESS_M
 
     best = -np.inf
@@ -210,7 +244,11 @@ def _prism_depth(patch: Patch, places: Array) -> float:
         if max(inside) <= 0.0:
             return float(RADIUS_M - max(inside))
         beside = place - up * patch.normal
-        along = np.clip(np.vecdot(beside - border, ahead - border) / np.square(ahead - border).sum(axis=1), 0.0, 1.0)
+        along = np.clip(
+            np.vecdot(beside - border, ahead - border) / np.square(ahead - border).sum(axis=1),
+            0.0,
+            1.0,
+        )
         rim = border + along[:, None] * (ahead - border)
         flat = 0.0 if heights.max() <= 0.0 else float(np.linalg.norm(rim - beside, axis=1).min())
         off = max(up, -up - THICKNESS_M, 0.0)

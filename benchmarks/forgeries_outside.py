@@ -1,12 +1,14 @@
-"""Forged files by somebody who had not read the verifier: how many of them does `stancekit verify` accept?
+"""Forged files by somebody who had not read the verifier: how many of them does `stancekit verify`
+accept?
 
-python benchmarks/forgeries_outside.py                              # robots without files
-python benchmarks/forgeries_outside.py --robot go1.urdf --json      # and one of a URDF: torques, legs, masses
+python benchmarks/forgeries_outside.py                              # robots without files python
+benchmarks/forgeries_outside.py --robot go1.urdf --json      # and one of a URDF: torques, legs,
+masses
 
-Honest files come from the commands that write them. A kind changes one in some way, 20 sizes from gross to barely more
-than what a judge of its own calls impossible, and computes every digest anew. The judge (numpy and
-pinocchio) says why a robot cannot do it before the verifier is asked; where it has nothing to say the file does not
-count. Accepted is an exit code of 0.
+Honest files come from the commands that write them. A kind changes one in some way, 20 sizes from
+gross to barely more than what a judge of its own calls impossible, and computes every digest anew.
+The judge (numpy and pinocchio) says why a robot cannot do it before the verifier is asked; where it
+has nothing to say the file does not count. Accepted is an exit code of 0.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ class Arguments(Options):
     count: int = 20
     """Sizes a kind."""
     robot: Path | None = None
-    """A URDF with legs whose calves bend as Go1's do; without it kinds that need one are left out."""
+    """A URDF with legs whose calves bend as Go1's do; without it kinds that need one are left
+    out."""
     only: str = ""
     """Kinds whose name holds this."""
 
@@ -71,7 +74,10 @@ def kinds(options: Arguments, folder: Path) -> Iterator[tuple[str, Forge]]:
             )
     pairs = _pairs(folder)
     for kind in ANSWERS:
-        yield f"answer: {kind.__name__}", lambda rng, size, at, kind=kind: _two(kind, pairs, rng, size, at)  # type: ignore[misc]
+        yield (
+            f"answer: {kind.__name__}",
+            lambda rng, size, at, kind=kind: _two(kind, pairs, rng, size, at),
+        )  # type: ignore[misc]
 
 
 def main(options: Arguments) -> None:
@@ -90,7 +96,9 @@ def main(options: Arguments) -> None:
                     continue
                 code, text = ran("verify", *paths)
                 made, taken = made + 1, taken + (code == 0)
-                said = said or f"{why}  |  {text.splitlines()[0].replace(str(folder) + '/', '')[:160]}"
+                said = (
+                    said or f"{why}  |  {text.splitlines()[0].replace(str(folder) + '/', '')[:160]}"
+                )
                 if code not in (0, 1, 2):
                     said = f"exit code {code}: {text[:160]}"
             total, accepted, shown = total + made, accepted + taken, shown + (made > 0)
@@ -99,7 +107,9 @@ def main(options: Arguments) -> None:
 
 
 def _line(row: dict[str, object]) -> str:
-    return f"{row['kind']:24} {row['files']:>3} files  {row['accepted']:>3} accepted  {row['first']}"
+    return (
+        f"{row['kind']:24} {row['files']:>3} files  {row['accepted']:>3} accepted  {row['first']}"
+    )
 
 
 def _one(kind, source, rng, size, folder):  # type: ignore[no-untyped-def]
@@ -123,14 +133,19 @@ def _pairs(folder: Path) -> list[Pairs]:
     problems, answers = folder / "problems.jsonl", folder / "answers.jsonl"
     _written("sample", "wall-3", "--count", "120", "--seed", "5", "--out", problems)
     _written("solve", problems, "--certificate", "--out", answers)
-    both = [[json.loads(line) for line in path.read_text().splitlines()] for path in (problems, answers)]
+    both = [
+        [json.loads(line) for line in path.read_text().splitlines()] for path in (problems, answers)
+    ]
     said = list(zip(*both, strict=True))
     yes = [pair for pair in said if pair[1]["status"] == "feasible"]
     no = sorted(
         (pair for pair in said if pair[1]["status"] == "infeasible"),
         key=lambda pair: -len(pair[1]["certificate"]["tree"]),
     )
-    return [Pairs(problem=a[0], answer=a[1], refuted=b[0], proof=b[1]) for a, b in zip(yes, no, strict=False)]
+    return [
+        Pairs(problem=a[0], answer=a[1], refuted=b[0], proof=b[1])
+        for a, b in zip(yes, no, strict=False)
+    ]
 
 
 def _written(*words: str | Path) -> None:

@@ -1,15 +1,18 @@
-"""A full disk at every write of every verb, and a kill between any two: does what was there before stay?
+"""A full disk at every write of every verb, and a kill between any two: does what was there before
+stay?
 
     python benchmarks/full_disk.py [--case plan …] [--most 24] [--json]
 
-Every case is a verb that writes over files of an earlier run. It is run again and again, each time in a process of its
-own (``tests/emulators/faulty_disk.py``): with a disk that is full from its k-th call on, for every k; killed before its
-k-th call, for every k; and, where this process may mount a tmpfs, on a real disk with 0, 1, 2, … pages left (else with
-RLIMIT_FSIZE). A case with more than ``--most`` calls is sampled: its beginning, its end, and some between.
+Every case is a verb that writes over files of an earlier run. It is run again and again, each time
+in a process of its own (``tests/emulators/faulty_disk.py``): with a disk that is full from its k-th
+call on, for every k; killed before its k-th call, for every k; and, where this process may mount a
+tmpfs, on a real disk with 0, 1, 2, … pages left (else with RLIMIT_FSIZE). A case with more than
+``--most`` calls is sampled: its beginning, its end, and some between.
 
-Wanted after a full disk: exit code 1 or 2 and one line with the reason and the path; after every fault, each file is
-byte by byte what it was, or whole and new; after a full disk nothing else is there; after a kill, the same command
-runs, and nothing else is there then. What is new is read back, plans, walks and proofs by ``stancekit verify``.
+Wanted after a full disk: exit code 1 or 2 and one line with the reason and the path; after every
+fault, each file is byte by byte what it was, or whole and new; after a full disk nothing else is
+there; after a kill, the same command runs, and nothing else is there then. What is new is read
+back, plans, walks and proofs by ``stancekit verify``.
 """
 
 from __future__ import annotations
@@ -66,13 +69,20 @@ def main(arguments: Arguments) -> None:
         inputs = made_inputs(Path(spare) / "inputs")
         for case in CASES:
             if case.name in arguments.case:
-                found = Trial(case, root, inputs, Path(spare) / case.name).found(arguments.most, limited)
+                found = Trial(case, root, inputs, Path(spare) / case.name).found(
+                    arguments.most, limited
+                )
                 tried, wrong = tried + sum(found.tried.values()), wrong + len(found.wrong)
                 said = ", ".join(f"{count} {fault}" for fault, count in found.tried.items())
-                lines = [f"{found.case:18} {found.calls:4} calls: {said}", *(f"    {line}" for line in found.wrong)]
+                lines = [
+                    f"{found.case:18} {found.calls:4} calls: {said}",
+                    *(f"    {line}" for line in found.wrong),
+                ]
                 print(json.dumps(vars(found)) if arguments.json else "\n".join(lines), flush=True)
     print(
-        json.dumps({"tried": tried, "wrong": wrong}) if arguments.json else f"{tried} faults, {wrong} of them did harm"
+        json.dumps({"tried": tried, "wrong": wrong})
+        if arguments.json
+        else f"{tried} faults, {wrong} of them did harm"
     )
     sys.exit(int(wrong > 0))
 
@@ -105,7 +115,9 @@ class Trial:
         self.restore()
         for verb in case.before:
             if (made := self.run(verb)).code != case.code:
-                raise SystemExit(f"{case.name}: {' '.join(verb)}: exit code {made.code}: {made.said}")
+                raise SystemExit(
+                    f"{case.name}: {' '.join(verb)}: exit code {made.code}: {made.said}"
+                )
         for pattern in case.dropped:
             for path in self._work.glob(pattern):
                 path.unlink()
@@ -179,7 +191,11 @@ class Trial:
         wrong = [f"{name} is gone" for name in set(self._before) - set(now)]
         for name, content in now.items():
             known = name in self._before or name in self._names or name in self._case.partial
-            if not known and not (left and ".tmp" in name) and not (content == FOLDER and name in self._case.paths):
+            if (
+                not known
+                and not (left and ".tmp" in name)
+                and not (content == FOLDER and name in self._case.paths)
+            ):
                 wrong.append(f"{name} is left")
             if known and name not in self._case.partial and self._before.get(name) != content:
                 said = self._whole.get(content) if content in self._whole else self.read(name)

@@ -1,13 +1,17 @@
-"""Charts of the gait optimiser beside each other on the reference terrains, from perturbed guesses (DESIGN §8).
+"""Charts of the gait optimiser beside each other on the reference terrains, from perturbed guesses
+(DESIGN §8).
 
-    python benchmarks/gait_charts.py [--terrains ripple cone hill pit] [--charts decoupled warped-exact warped ambient]
-        [--tasks 0 5 10] [--seeds 3] [--settings torso_knot_s=.05] [--ipopt mu_oracle=probing] [--proximal .3]
+    python benchmarks/gait_charts.py [--terrains ripple cone hill pit] [--charts decoupled
+    warped-exact warped ambient]
+        [--tasks 0 5 10] [--seeds 3] [--settings torso_knot_s=.05] [--ipopt mu_oracle=probing]
+        [--proximal .3]
 
-Every solve begins at the terrain-following guess with normal noise of .02 (metres, radians, m·g) on every variable;
-seed 0 is the guess itself. The robot heads for its goal from the start. All charts share one set of options.
-One line a solve, then one line for each terrain and chart: how many were feasible (violation below 1e-4) within the
-iterations and seconds allowed, how many the verifier accepted; then quartiles, over the feasible ones, of iterations,
-CPU seconds, the force residual between the nodes [m·g] and the peak acceleration [g].
+Every solve begins at the terrain-following guess with normal noise of .02 (metres, radians, m·g) on
+every variable; seed 0 is the guess itself. The robot heads for its goal from the start. All charts
+share one set of options. One line a solve, then one line for each terrain and chart: how many were
+feasible (violation below 1e-4) within the iterations and seconds allowed, how many the verifier
+accepted; then quartiles, over the feasible ones, of iterations, CPU seconds, the force residual
+between the nodes [m·g] and the peak acceleration [g].
 """
 
 from __future__ import annotations
@@ -97,25 +101,43 @@ def main(arguments: Arguments) -> None:
                 one = tasks[number]
                 ahead = one.goal_xy_m - one.start_xy_m
                 task = Walk(
-                    robot=anymal(), terrain=field, start_xy_m=one.start_xy_m, goal_xy_m=one.goal_xy_m,
-                    adhesive=one.adhesive, start_yaw_rad=float(np.arctan2(ahead[1], ahead[0])),
-                )  # fmt: skip
+                    robot=anymal(),
+                    terrain=field,
+                    start_xy_m=one.start_xy_m,
+                    goal_xy_m=one.goal_xy_m,
+                    adhesive=one.adhesive,
+                    start_yaw_rad=float(np.arctan2(ahead[1], ahead[0])),
+                )
                 program = formulate(task, GaitSettings(chart=chart, **settings), warp)
                 for seed in range(arguments.seeds):
-                    cells.append(solved(program, 1000 * number + seed if seed else None, arguments, ipopt))
-                    print(f"{terrain:7} {chart:12} task {number:2d} seed {seed}  {cells[-1].text()}", flush=True)
+                    cells.append(
+                        solved(program, 1000 * number + seed if seed else None, arguments, ipopt)
+                    )
+                    print(
+                        f"{terrain:7} {chart:12} task {number:2d} seed {seed}  {cells[-1].text()}",
+                        flush=True,
+                    )
             lines.append(summary(terrain, chart, cells))
     print("\n".join(lines))
 
 
-def solved(program: GaitProgram, seed: int | None, arguments: Arguments, ipopt: dict[str, Any]) -> Cell:
+def solved(
+    program: GaitProgram, seed: int | None, arguments: Arguments, ipopt: dict[str, Any]
+) -> Cell:
     """One solve in a child process, and the verifier's word."""
-    guess = None if seed is None else program.perturbed(np.random.default_rng(seed), arguments.noise)
+    guess = (
+        None if seed is None else program.perturbed(np.random.default_rng(seed), arguments.noise)
+    )
     try:
         found = solve_in_subprocess(
-            program, guess, time_limit_s=PATIENCE * arguments.seconds, costs=Costs(proximal=arguments.proximal),
-            max_iterations=arguments.iterations, max_cpu_time=arguments.seconds, **ipopt,
-        )  # fmt: skip
+            program,
+            guess,
+            time_limit_s=PATIENCE * arguments.seconds,
+            costs=Costs(proximal=arguments.proximal),
+            max_iterations=arguments.iterations,
+            max_cpu_time=arguments.seconds,
+            **ipopt,
+        )
     except PlanningFailed:
         return Cell(solution=None, report=None)
     return Cell(solution=found, report=check_trajectory(found.trajectory()))
@@ -151,7 +173,11 @@ def pairs(words: Iterable[str]) -> dict[str, Any]:
         name, _, text = word.partition("=")
         try:
             number = float(text)
-            found[name] = int(number) if number.is_integer() and "." not in text and "e" not in text else number
+            found[name] = (
+                int(number)
+                if number.is_integer() and "." not in text and "e" not in text
+                else number
+            )
         except ValueError:
             found[name] = text
     return found

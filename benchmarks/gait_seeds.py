@@ -1,14 +1,18 @@
-"""Three first guesses of a gait: the terrain-following one, key frames of the flat chart, key frames of the world.
+"""Three first guesses of a gait: the terrain-following one, key frames of the flat chart, key
+frames of the world.
 
-    python benchmarks/gait_seeds.py [--terrains ripple cone] [--walks 6] [--charts decoupled warped-exact] [--json]
+    python benchmarks/gait_seeds.py [--terrains ripple cone] [--walks 6] [--charts decoupled
+    warped-exact] [--json]
 
-The hexapod walks PATH_M m in several directions, in the tripod gait. `guess`: the terrain-following guess. `flat`: key
-frames that the two-stage planner made once on level ground, pushed forward by the warp map. `world`: key frames that
-the same planner makes for every walk on the terrain itself, given as tangent squares of PATCH_M m about the path. Both
-plans have the same steps and limits. `plan`: CPU time of the planner [s], of flat the push alone; the plan on level
-ground is printed first. `hold`: how many stances of the pushed plan the exact planner can hold on tangent patches.
-One line a walk, then for each terrain, chart and guess: how many were feasible within 100 iterations, how many the
-verifier accepted, and the median iterations and CPU time of those solved from all three.
+The hexapod walks PATH_M m in several directions, in the tripod gait. `guess`: the terrain-following
+guess. `flat`: key frames that the two-stage planner made once on level ground, pushed forward by
+the warp map. `world`: key frames that the same planner makes for every walk on the terrain itself,
+given as tangent squares of PATCH_M m about the path. Both plans have the same steps and limits.
+`plan`: CPU time of the planner [s], of flat the push alone; the plan on level ground is printed
+first. `hold`: how many stances of the pushed plan the exact planner can hold on tangent patches.
+One line a walk, then for each terrain, chart and guess: how many were feasible within 100
+iterations, how many the verifier accepted, and the median iterations and CPU time of those solved
+from all three.
 """
 
 from __future__ import annotations
@@ -99,9 +103,13 @@ def walk(
     ends = frames["flat"].com_m[[0, -1], :2]
     try:
         task = Walk(
-            robot=hexapod_walker(), terrain=field, start_xy_m=ends[0], goal_xy_m=ends[1], start_yaw_rad=yaw,
+            robot=hexapod_walker(),
+            terrain=field,
+            start_xy_m=ends[0],
+            goal_xy_m=ends[1],
+            start_yaw_rad=yaw,
             gait="tripod",
-        )  # fmt: skip
+        )
     except InvalidInput as error:
         yield at | {"refused": str(error)}
         return
@@ -120,13 +128,20 @@ def walk(
             if guess != "guess" and guess not in frames:
                 yield row | {"feasible": False, "verified": False}
                 continue
-            x = program.guess if guess == "guess" else along_key_frames(program.structure, frames[guess])
+            x = (
+                program.guess
+                if guess == "guess"
+                else along_key_frames(program.structure, frames[guess])
+            )
             solution = program.solve(x, max_iterations=100)
             accepted = solution.success and check_trajectory(solution.trajectory()).accepted
             yield row | {
-                "violation at first": float(f"{solution.history[0][0]:.2g}"), "feasible": solution.success,
-                "verified": accepted, "iterations": solution.iterations, "seconds": round(solution.seconds, 2),
-            }  # fmt: skip
+                "violation at first": float(f"{solution.history[0][0]:.2g}"),
+                "feasible": solution.success,
+                "verified": accepted,
+                "iterations": solution.iterations,
+                "seconds": round(solution.seconds, 2),
+            }
 
 
 def summary(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -135,34 +150,51 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     for terrain, chart in cases:
         own = [row for row in rows if (row["terrain"], row.get("chart")) == (terrain, chart)]
         solved = {
-            guess: {row["heading"] for row in own if row["from"] == guess and row["feasible"]} for guess in GUESSES
+            guess: {row["heading"] for row in own if row["from"] == guess and row["feasible"]}
+            for guess in GUESSES
         }
         both = set.intersection(*solved.values())
         for guess in GUESSES:
             mine = [row for row in own if row["from"] == guess]
             common = [row for row in mine if row["heading"] in both]
             yield {
-                "terrain": terrain, "chart": chart, "from": guess, "feasible": f"{len(solved[guess])} of {len(mine)}",
-                "verified": sum(row["verified"] for row in mine), "of": len(common),
-                **{f"median {name}": float(np.median([row[name] for row in common])) if common else None
-                   for name in ("iterations", "seconds", "plan")},
-            }  # fmt: skip
+                "terrain": terrain,
+                "chart": chart,
+                "from": guess,
+                "feasible": f"{len(solved[guess])} of {len(mine)}",
+                "verified": sum(row["verified"] for row in mine),
+                "of": len(common),
+                **{
+                    f"median {name}": float(np.median([row[name] for row in common]))
+                    if common
+                    else None
+                    for name in ("iterations", "seconds", "plan")
+                },
+            }
 
 
 def flat_course() -> dict[str, Any]:
     """Key frames along x on level ground."""
-    return course(np.array([[0.0, 0.0, HEIGHT_M], [PATH_M, 0.0, HEIGHT_M]]), {"kind": "flat", "friction": 0.6})
+    return course(
+        np.array([[0.0, 0.0, HEIGHT_M], [PATH_M, 0.0, HEIGHT_M]]), {"kind": "flat", "friction": 0.6}
+    )
 
 
 def course(path_m: Array, terrain: dict[str, Any]) -> dict[str, Any]:
     """A course of the hexapod along a path, shape (L, 3) [m]."""
     return {
-        "name": "walk", "frames": 13, "gait": "tripod", "start_m": path_m[0].tolist(), "goal_m": path_m[-1].tolist(),
-        "via_m": path_m[1:-1].tolist(), "stance": {"outward_m": 0.13, "down_m": HEIGHT_M},
+        "name": "walk",
+        "frames": 13,
+        "gait": "tripod",
+        "start_m": path_m[0].tolist(),
+        "goal_m": path_m[-1].tolist(),
+        "via_m": path_m[1:-1].tolist(),
+        "stance": {"outward_m": 0.13, "down_m": HEIGHT_M},
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.001, "last_radius_m": 0.001},
         "steps": {"com_m": 0.15, "toe_m": 0.3, "rotation_rad": 0.15},
-        "candidates": {"count": 1, "window_m": 0.2, "margin_m": 0.0}, "terrain": terrain,
-    }  # fmt: skip
+        "candidates": {"count": 1, "window_m": 0.2, "margin_m": 0.0},
+        "terrain": terrain,
+    }
 
 
 def planned(data: dict[str, Any]) -> Plan:
@@ -174,14 +206,21 @@ def planned(data: dict[str, Any]) -> Plan:
 
 
 def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:
-    """Key frames on the terrain itself, planned in axes that lie along the walk; ends_m: start and goal, (2, 2) [m]."""
-    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    """Key frames on the terrain itself, planned in axes that lie along the walk; ends_m: start and
+    goal, (2, 2) [m]."""
+    turn = np.array(
+        [[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+    )
     home = np.append(ends_m[0], 0.0)
     way = (ends_m - ends_m[0]) @ turn[:2, :2]
     line = np.linspace(way[0], way[1], 9)
     body = field.smoothed(0.3).height(line @ turn[:2, :2].T + ends_m[0])
     squares = tangent_squares(field, way, turn, home)
-    terrain = {"kind": "polygons", "friction": 0.6, "polygons": [{"vertices_m": one.tolist()} for one in squares]}
+    terrain = {
+        "kind": "polygons",
+        "friction": 0.6,
+        "polygons": [{"vertices_m": one.tolist()} for one in squares],
+    }
     plan = planned(course(np.column_stack([line, body + HEIGHT_M]), terrain))
     toes = plan.toes_m @ turn.T + home
     return KeyFrames(
@@ -194,10 +233,14 @@ def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:
 
 
 def tangent_squares(field: HeightField, way_m: Array, turn: Array, home: Array) -> Array:
-    """Corners of squares of the tangent planes about a straight way, in its axes, shape (P, 4, 3) [m]."""
+    """Corners of squares of the tangent planes about a straight way, in its axes, shape (P, 4, 3)
+    [m]."""
     low, high = way_m.min(axis=0) - 0.6, way_m.max(axis=0) + 0.6
     centres = np.stack(
-        np.meshgrid(*(np.arange(a, b, PATCH_M) for a, b in zip(low, high, strict=True)), indexing="ij"), -1
+        np.meshgrid(
+            *(np.arange(a, b, PATCH_M) for a, b in zip(low, high, strict=True)), indexing="ij"
+        ),
+        -1,
     )
     xy = centres.reshape(-1, 2)
     world = xy @ turn[:2, :2].T + home[:2]

@@ -1,12 +1,15 @@
 """The genetic algorithm made fast, and against other evolutionary searches.
 
-    python benchmarks/genetic.py [--problem wall-3] [--population 40] [--generations 45] [--terrains 100]
-                                 [--rows 500] [--held-out 500] [--delta 0.1] [--seed 0] [--picture FILE] [--json]
+    python benchmarks/genetic.py [--problem wall-3] [--population 40] [--generations 45] [--terrains
+    100]
+                                 [--rows 500] [--held-out 500] [--delta 0.1] [--seed 0] [--picture
+                                 FILE] [--json]
 
-Labels two data sets (``rows`` and ``held-out`` of each label). First the plain loop, which solves P1 for every box and
-problem, and the same run with cached witnesses and certificates: both must end with the same box. Then CMA-ES and
-NSGA-II with as many evaluations (extra ``evo``). "right" is the share of held-out problems that P1 answers as the
-expert. Times are wall clock and processor seconds of one process on one thread, without labelling and compiling.
+Labels two data sets (``rows`` and ``held-out`` of each label). First the plain loop, which solves
+P1 for every box and problem, and the same run with cached witnesses and certificates: both must end
+with the same box. Then CMA-ES and NSGA-II with as many evaluations (extra ``evo``). "right" is the
+share of held-out problems that P1 answers as the expert. Times are wall clock and processor seconds
+of one process on one thread, without labelling and compiling.
 """
 
 from __future__ import annotations
@@ -27,7 +30,12 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.convergence import Generation
 from stancekit.learners.selectors.convergence_plot import draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
-from stancekit.learners.selectors.feasibility import CachingOracle, FeasibilityOracle, SolvingOracle, VerdictCounts
+from stancekit.learners.selectors.feasibility import (
+    CachingOracle,
+    FeasibilityOracle,
+    SolvingOracle,
+    VerdictCounts,
+)
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -56,9 +64,12 @@ class Arguments(Options):
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     settings = GeneticSettings(
-        population=arguments.population, generations=arguments.generations, terrains=arguments.terrains,
-        delta=arguments.delta, seed=arguments.seed,
-    )  # fmt: skip
+        population=arguments.population,
+        generations=arguments.generations,
+        terrains=arguments.terrains,
+        delta=arguments.delta,
+        seed=arguments.seed,
+    )
     for package in ("cma", "pymoo"):
         extra(package)
     train = labelled(arguments.problem, arguments.rows, seed=2 * arguments.seed)
@@ -66,7 +77,9 @@ def main(arguments: Arguments) -> None:
     runs, histories = measure(train, test, settings)
     if arguments.picture is not None:
         pictured = {name: history for name, history in histories.items() if name != PLAIN}
-        draw_convergence(pictured, f"{arguments.problem}: fitness of the population").savefig(arguments.picture)
+        draw_convergence(pictured, f"{arguments.problem}: fitness of the population").savefig(
+            arguments.picture
+        )
     if arguments.json:
         arguments.say({"problem": arguments.problem, "settings": asdict(settings), "runs": runs})
     else:
@@ -101,15 +114,23 @@ def measure(
         result = search(feasible, infeasible, points, settings, oracle=oracle)
         wall_s, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
         histories[name] = result.history
-        admitted = held_out.is_feasible(np.arange(len(test[0]) + len(test[1])), [result.envelope])[0]
+        admitted = held_out.is_feasible(np.arange(len(test[0]) + len(test[1])), [result.envelope])[
+            0
+        ]
         return {
-            "wall_s": wall_s, "cpu_s": cpu_s, "evaluations": result.counts.total, **shares(result.counts),
-            "train_a": result.a, "train_b": result.b, "feasible_right": float(admitted[: len(test[0])].mean()),
+            "wall_s": wall_s,
+            "cpu_s": cpu_s,
+            "evaluations": result.counts.total,
+            **shares(result.counts),
+            "train_a": result.a,
+            "train_b": result.b,
+            "feasible_right": float(admitted[: len(test[0])].mean()),
             "infeasible_right": float(1.0 - admitted[len(test[0]) :].mean()),
-            "box": result.envelope.to_vector().tolist(), "thirds": thirds(result.history),
+            "box": result.envelope.to_vector().tolist(),
+            "thirds": thirds(result.history),
             "mean_fitness": [done.mean for done in result.history],
             "best_fitness": [done.best for done in result.history],
-        }  # fmt: skip
+        }
 
     runs = {PLAIN: run(PLAIN, evolve, SolvingOracle(problems, programs))}
     runs[CACHED] = run(CACHED, evolve, CachingOracle(problems, programs))
@@ -124,7 +145,10 @@ def measure(
 
 def shares(counts: VerdictCounts) -> dict[str, float]:
     """Shares of the evaluations that needed no solve, in all and by what answered them."""
-    kinds = {name: getattr(counts, name) for name in ("cached", "witness", "certificate", "range", "trivial")}
+    kinds = {
+        name: getattr(counts, name)
+        for name in ("cached", "witness", "certificate", "range", "trivial")
+    }
     return {name: count / max(counts.total, 1) for name, count in kinds.items()}
 
 
@@ -136,19 +160,27 @@ def thirds(history: tuple[Generation, ...]) -> list[dict[str, float]]:
 
 def sum_counts(counts: list[VerdictCounts]) -> VerdictCounts:
     """Componentwise sum."""
-    return VerdictCounts(**{name: sum(asdict(one)[name] for one in counts) for name in asdict(VerdictCounts())})
+    return VerdictCounts(
+        **{name: sum(asdict(one)[name] for one in counts) for name in asdict(VerdictCounts())}
+    )
 
 
 def show(runs: dict[str, dict[str, Any]]) -> None:
     """Print for people."""
-    print(f"{'':16}{'wall s':>8}{'CPU s':>8}{'evaluations':>13}{'cached':>9}{'a':>7}{'b':>7}{'right: feas.':>14}"
-          f"{'infeas.':>9}")  # fmt: skip
+    print(
+        f"{'':16}{'wall s':>8}{'CPU s':>8}{'evaluations':>13}{'cached':>9}{'a':>7}{'b':>7}{'right: feas.':>14}"
+        f"{'infeas.':>9}"
+    )
     for name, r in runs.items():
-        print(f"{name:16}{r['wall_s']:8.1f}{r['cpu_s']:8.1f}{r['evaluations']:13d}{r['cached']:9.1%}{r['train_a']:7.3f}"
-              f"{r['train_b']:7.3f}{r['feasible_right']:14.1%}{r['infeasible_right']:9.1%}")  # fmt: skip
+        print(
+            f"{name:16}{r['wall_s']:8.1f}{r['cpu_s']:8.1f}{r['evaluations']:13d}{r['cached']:9.1%}{r['train_a']:7.3f}"
+            f"{r['train_b']:7.3f}{r['feasible_right']:14.1%}{r['infeasible_right']:9.1%}"
+        )
     cached = runs[CACHED]
-    print(f"same best box: {cached['same_box']}; plain / cached: {cached['speedup_wall']:.2f} wall, "
-          f"{cached['speedup_cpu']:.2f} CPU")  # fmt: skip
+    print(
+        f"same best box: {cached['same_box']}; plain / cached: {cached['speedup_wall']:.2f} wall, "
+        f"{cached['speedup_cpu']:.2f} CPU"
+    )
     print("GA, cached: share of the evaluations without a solve, by thirds of the generations")
     for kind in ("cached", "witness", "certificate", "range", "trivial"):
         print(f"  {kind:12}" + "".join(f"{third[kind]:9.1%}" for third in cached["thirds"]))

@@ -1,30 +1,33 @@
 """Footholds of six true grounds that are sampled with noise, held against the truth.
 
-The grounds are stairs (8 cm), slabs that lean, stones and beams (10 and 15 cm wide) over a floor 25 cm down, rubble,
-and a slope with a step of 6 cm. Each is sampled as a grid or as a cloud with noise that is white, or correlated over
-5 cm, and the package finds the footholds. A table's row is one sample:
+The grounds are stairs (8 cm), slabs that lean, stones and beams (10 and 15 cm wide) over a floor 25
+cm down, rubble, and a slope with a step of 6 cm. Each is sampled as a grid or as a cloud with noise
+that is white, or correlated over 5 cm, and the package finds the footholds. A table's row is one
+sample:
 
-    area     footholds found on the surface that they are of, as a share of the true ground that is a margin from edges
-    off_mm   95th percentile of the distance from footholds to the true surface at the same place, and the largest
-    far      share of the footholds' area that is more than 2 cm off the true surface
-    over     share of the footholds' area that lies beyond a true edge of their own surface
-    z_rms    root mean square of the distance from footholds to the true surface in standard deviations, as the package
+    area     footholds found on the surface that they are of, as a share of the true ground that is
+    a margin from edges off_mm   95th percentile of the distance from footholds to the true surface
+    at the same place, and the largest far      share of the footholds' area that is more than 2 cm
+    off the true surface over     share of the footholds' area that lies beyond a true edge of their
+    own surface z_rms    root mean square of the distance from footholds to the true surface in
+    standard deviations, as the package
              says them; z_beyond_3: share of the footholds' area where it is more than three
     cpu_s    time of the search
 
 With --plan a hexapod's course is planned over each, with --play it is executed on the true ground:
 
-    accepted       plans that are accepted; toes_worst_mm: the toe that is farthest off the true surface
-    toes_within    toes whose touch-down reaches the true surface
-    toes_over      toes with a true edge of 1 cm or more within 1 cm
-    executed       plans that MuJoCo executes on the true ground with success
+    accepted       plans that are accepted; toes_worst_mm: the toe that is farthest off the true
+    surface toes_within    toes whose touch-down reaches the true surface toes_over      toes with a
+    true edge of 1 cm or more within 1 cm executed       plans that MuJoCo executes on the true
+    ground with success
 
-Cells are kept in a folder, so that a run that ends goes on where it was. With --against, the same cells are measured
-with the package of another checkout, in which ``python setup.py links`` was run, and both are printed.
+Cells are kept in a folder, so that a run that ends goes on where it was. With --against, the same
+cells are measured with the package of another checkout, in which ``python setup.py links`` was run,
+and both are printed.
 
-    python benchmarks/ground.py --out FOLDER
-    python benchmarks/ground.py --out FOLDER --grids 2,5 --clouds 1e4,1e5 --noises-cm 0,1,2,3 --correlated --draws 3
-    python benchmarks/ground.py --out FOLDER --against ../before --plan
+    python benchmarks/ground.py --out FOLDER python benchmarks/ground.py --out FOLDER --grids 2,5
+    --clouds 1e4,1e5 --noises-cm 0,1,2,3 --correlated --draws 3 python benchmarks/ground.py --out
+    FOLDER --against ../before --plan
 """
 
 from __future__ import annotations
@@ -54,11 +57,13 @@ from stancekit.planners.terrain.patch import Patch
 LOW, HIGH = np.array([-1.0, -0.8]), np.array([1.4, 0.8])
 """Corners of the ground [m]."""
 FINE_M, MARGIN_M, CORRELATED_M = 0.005, 0.02, 0.05
-"""Spacing of the raster of the truth, margin of footholds, and length over which noise is correlated [m]."""
+"""Spacing of the raster of the truth, margin of footholds, and length over which noise is
+correlated [m]."""
 LEAST_SD_M = 1e-4
 """Errors are counted in standard deviations that are no less [m]."""
 FAR_M, HOLE_M, STEP_M = 0.02, 0.06, 0.01
-"""Footholds farther than this off the truth are counted; side of a hole; and steps lower than this are no edges [m]."""
+"""Footholds farther than this off the truth are counted; side of a hole; and steps lower than this
+are no edges [m]."""
 Truth = tuple[Array, NDArray[np.int_]]
 """Heights [m], and which surface is there, the same number for one plane."""
 
@@ -80,9 +85,11 @@ class GroundOptions(Options):
     """Noise correlated over 5 cm beside white noise."""
     draws: int = 1
     told: bool = False
-    """The package is told the noise (noise_m) instead of estimating it; another checkout always is."""
+    """The package is told the noise (noise_m) instead of estimating it; another checkout always
+    is."""
     plan: bool = False
-    """A hexapod's course over 60 cm is planned, too: whether it is accepted, and its toes against the truth."""
+    """A hexapod's course over 60 cm is planned, too: whether it is accepted, and its toes against
+    the truth."""
     play: bool = False
     """Accepted plans are executed on the true ground in MuJoCo, too."""
     holes: float = 0.0
@@ -107,7 +114,12 @@ def main(options: GroundOptions) -> None:
         arguments[where + 1] = str(sides["before"])
         del arguments[at : at + 2]
         command = [sys.executable, str(Path(__file__).resolve()), *arguments, "--told"]
-        subprocess.run(command, env=of_checkout(options.against.resolve()), stdout=subprocess.DEVNULL, check=True)
+        subprocess.run(
+            command,
+            env=of_checkout(options.against.resolve()),
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
     found: dict[tuple[str, str], list[Row]] = {}
     for kind, noise, draw, ground in cells(options):
         name = f"{ground}-{kind}-{noise}-{draw}{options.parts}"
@@ -134,12 +146,18 @@ def cells(options: GroundOptions) -> list[tuple[str, str, int, str]]:
 def means(rows: list[Row]) -> Row:
     """Means of the figures that every row has, and of plans their counts."""
     keys = ("area", "off_mm", "worst_mm", "far", "over", "cpu_s", "z_rms", "z_beyond_3")
-    some: Row = {key: round(float(np.mean([row[key] for row in rows if key in row] or [np.nan])), 4) for key in keys}
+    some: Row = {
+        key: round(float(np.mean([row[key] for row in rows if key in row] or [np.nan])), 4)
+        for key in keys
+    }
     some["none"] = sum("none" in row for row in rows)
     if any("plan" in row for row in rows):
         good = [row for row in rows if row.get("plan") == "accepted"]
         toes = sum(row["toes"] for row in good)
-        some |= {"accepted": len(good), "toes_worst_mm": max((row["toes_worst_mm"] for row in good), default=None)}
+        some |= {
+            "accepted": len(good),
+            "toes_worst_mm": max((row["toes_worst_mm"] for row in good), default=None),
+        }
         some |= {key: sum(row[key] for row in good) for key in ("toes", "toes_over", "toes_within")}
         some["within"] = round(some["toes_within"] / toes, 4) if toes else None
         if any("executed" in row for row in good):
@@ -147,7 +165,9 @@ def means(rows: list[Row]) -> Row:
     return some
 
 
-def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOptions, *, told: bool) -> Row:
+def cell_of(
+    ground: str, kind: str, noise: str, draw: int, options: GroundOptions, *, told: bool
+) -> Row:
     """The figures of one sample."""
     deviation_m = 0.01 * float(noise.split("cm")[0])
     rng = np.random.default_rng([options.seed, draw, *map(ord, f"{ground}{kind}{noise}")])
@@ -164,7 +184,9 @@ def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOption
             noises = gaussian_filter(noises, 0.5 * correlated_m / spacing_m)
             noises /= noises.std()
         heights = heights + deviation_m * noises
-        heights[holed(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1), options.holes, rng)] = np.nan
+        heights[holed(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1), options.holes, rng)] = (
+            np.nan
+        )
         np.save(path, heights)
         middle = 0.5 * np.array([x[0] + x[-1], y[0] + y[-1]])
         meaning = ImportOptions(kind="grid", spacing_m=spacing_m, offset_m=(*middle, 0.0))
@@ -178,7 +200,9 @@ def cell_of(ground: str, kind: str, noise: str, draw: int, options: GroundOption
         points = np.column_stack([places, truth(*places.T)[0] + deviation_m * noises])
         np.save(path, points[~holed(places, options.holes, rng)])
         dense = len(places) / float(np.prod(HIGH - LOW))
-        meaning = ImportOptions(kind="cloud", spacing_m=float(np.clip(2.0 / np.sqrt(dense), 0.01, 0.05)))
+        meaning = ImportOptions(
+            kind="cloud", spacing_m=float(np.clip(2.0 / np.sqrt(dense), 0.01, 0.05))
+        )
     limits = FootholdLimits(margin_m=MARGIN_M, **({"noise_m": deviation_m} if told else {}))
     begun = time.process_time()
     try:
@@ -214,13 +238,20 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
         if abs(normal[2]) < 0.1:
             continue
         low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
-        part = tuple(slice(*np.searchsorted(line, [a, b])) for line, a, b in zip(lines, low, high, strict=True))
-        inside = shapely.contains_xy(shapely.Polygon(corners[:, :2]), x[part].ravel(), y[part].ravel())
+        part = tuple(
+            slice(*np.searchsorted(line, [a, b]))
+            for line, a, b in zip(lines, low, high, strict=True)
+        )
+        inside = shapely.contains_xy(
+            shapely.Polygon(corners[:, :2]), x[part].ravel(), y[part].ravel()
+        )
         inside = inside.reshape(x[part].shape)
         if not inside.any():
             continue
         level = (
-            corners[0, 2] - ((x[part] - corners[0, 0]) * normal[0] + (y[part] - corners[0, 1]) * normal[1]) / normal[2]
+            corners[0, 2]
+            - ((x[part] - corners[0, 0]) * normal[0] + (y[part] - corners[0, 1]) * normal[1])
+            / normal[2]
         )
         own = surface[part] == np.bincount(surface[part][inside]).argmax()
         off.append(np.abs(level - heights[part])[inside])
@@ -233,23 +264,35 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
         covered[part] |= inside & own & (np.abs(level - heights[part]) < FAR_M)
     all_off = 1e3 * np.concatenate(off or [np.zeros(1)])
     z = np.abs(np.concatenate(standard)) if standard else None
-    errors = {} if z is None else {
-        "z_rms": round(float(np.sqrt(np.mean(z**2))), 3), "z_beyond_3": round(float(np.mean(z > 3.0)), 4),
-    }  # fmt: skip
+    errors = (
+        {}
+        if z is None
+        else {
+            "z_rms": round(float(np.sqrt(np.mean(z**2))), 3),
+            "z_beyond_3": round(float(np.mean(z > 3.0)), 4),
+        }
+    )
     return errors | {
         "area": round(float((covered & good).sum() / good.sum()), 4),
-        "off_mm": round(float(np.quantile(all_off, 0.95)), 2), "worst_mm": round(float(all_off.max()), 1),
-        "far": round(float(np.mean(all_off > 1e3 * FAR_M)), 4), "over": round(over / max(cells_of, 1), 5),
-        "pieces": len(found.pieces), "found_m2": round(found.area_m2, 3),
-        "refused_m2": {name: round(area, 3) for name, area in found.refused_m2.items() if area > 1e-3},
-    }  # fmt: skip
+        "off_mm": round(float(np.quantile(all_off, 0.95)), 2),
+        "worst_mm": round(float(all_off.max()), 1),
+        "far": round(float(np.mean(all_off > 1e3 * FAR_M)), 4),
+        "over": round(over / max(cells_of, 1), 5),
+        "pieces": len(found.pieces),
+        "found_m2": round(found.area_m2, 3),
+        "refused_m2": {
+            name: round(area, 3) for name, area in found.refused_m2.items() if area > 1e-3
+        },
+    }
 
 
 def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: bool) -> Row:
-    """A course of the default hexapod along x, its toes against the truth, and what comes of it on the true ground.
+    """A course of the default hexapod along x, its toes against the truth, and what comes of it on
+    the true ground.
 
-    toes_within: those whose touch-down reaches the true surface, half a millimetre beside it for exact grounds.
-    toes_over: those with a true edge, a step of a centimetre or more, within a centimetre.
+    toes_within: those whose touch-down reaches the true surface, half a millimetre beside it for
+    exact grounds. toes_over: those with a true edge, a step of a centimetre or more, within a
+    centimetre.
     """
     import stancekit
     from stancekit.planners.motion.touch_down import touch_downs_m
@@ -261,7 +304,10 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
     plan = answer.solution
     if plan is None or answer.report is None or not answer.report.accepted:
         return {"plan": answer.status.name.lower(), "why": answer.message}
-    toes, normals = plan.toes_m, np.array([plan.problem.patch(p, plan.choice).normal for p in range(len(plan.toes_m))])
+    toes, normals = (
+        plan.toes_m,
+        np.array([plan.problem.patch(p, plan.choice).normal for p in range(len(plan.toes_m))]),
+    )
     heights, surface = truth(*toes[:, :2].T)
     off = np.abs(toes[:, 2] - heights)
     over = np.zeros(len(toes), dtype=bool)
@@ -270,10 +316,13 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
         gone_on = heights - normals[:, :2] @ step / normals[:, 2]
         over |= (other != surface) & (np.abs(level - gone_on) > STEP_M)
     row: Row = {
-        "plan": "accepted", "toes_worst_mm": round(1e3 * float(off.max()), 1), "toes": len(toes),
-        "toes_over": int(over.sum()), "toes_within": int((off * normals[:, 2] <= touch_downs_m(plan) + 5e-4).sum()),
+        "plan": "accepted",
+        "toes_worst_mm": round(1e3 * float(off.max()), 1),
+        "toes": len(toes),
+        "toes_over": int(over.sum()),
+        "toes_within": int((off * normals[:, 2] <= touch_downs_m(plan) + 5e-4).sum()),
         "touch_down_mm": round(1e3 * float(touch_downs_m(plan).max()), 1),
-    }  # fmt: skip
+    }
     return row | (played(plan, truth) if play else {})
 
 
@@ -282,7 +331,9 @@ def played(plan: Any, truth: Callable[[Array, Array], Truth]) -> Row:
     from stancekit.runner.run import simulate
 
     try:
-        report = simulate(plan, "mujoco", terrain=true_patches(truth, plan.problem.terrain[0].friction))
+        report = simulate(
+            plan, "mujoco", terrain=true_patches(truth, plan.problem.terrain[0].friction)
+        )
     except InvalidInput as error:
         return {"executed": False, "said": f"not begun: {error}"}
     run = report.execution
@@ -293,20 +344,31 @@ def played(plan: Any, truth: Callable[[Array, Array], Truth]) -> Row:
 
 def true_patches(truth: Callable[[Array, Array], Truth], friction: float) -> list[Patch]:
     """Every surface of the true ground as a rectangle; floors go on below what stands on them."""
-    lines = [np.arange(a - 0.3, b + 0.3, FINE_M) + 0.5 * FINE_M for a, b in zip(LOW, HIGH, strict=True)]
+    lines = [
+        np.arange(a - 0.3, b + 0.3, FINE_M) + 0.5 * FINE_M for a, b in zip(LOW, HIGH, strict=True)
+    ]
     x, y = np.meshgrid(*lines, indexing="ij")
     heights, surface = truth(x, y)
     found = []
     for number in np.unique(surface):
         own = surface == number
         a, b = x[own], y[own]
-        level = np.linalg.lstsq(np.column_stack([np.ones(len(a)), a, b]), heights[own], rcond=None)[0]
+        level = np.linalg.lstsq(np.column_stack([np.ones(len(a)), a, b]), heights[own], rcond=None)[
+            0
+        ]
         half = 0.5 * FINE_M
         (x0, x1), (y0, y1) = (a.min() - half, a.max() + half), (b.min() - half, b.max() + half)
         corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
         vertices = np.column_stack([corners, level[0] + corners @ level[1:]])
         normal = np.array([-level[1], -level[2], 1.0]) / np.sqrt(1.0 + level[1:] @ level[1:])
-        found.append(Patch(vertices_m=vertices, normal=normal, shear_reference=[1.0, 0.0, 0.0], friction=friction))
+        found.append(
+            Patch(
+                vertices_m=vertices,
+                normal=normal,
+                shear_reference=[1.0, 0.0, 0.0],
+                friction=friction,
+            )
+        )
     return found
 
 
@@ -328,7 +390,10 @@ def grounds(rng: np.random.Generator) -> dict[str, Callable[[Array, Array], Trut
         return np.where(on, rise[k] + lean[k, 0] * u + lean[k, 1] * v, 0.0), np.where(on, k + 1, 0)
 
     def stones(x: Array, y: Array) -> Truth:
-        i, j = np.floor((x + phase + 2.0) / 0.33).astype(int) % 16, np.floor((y + 2.0) / 0.33).astype(int) % 16
+        i, j = (
+            np.floor((x + phase + 2.0) / 0.33).astype(int) % 16,
+            np.floor((y + 2.0) / 0.33).astype(int) % 16,
+        )
         on = (np.mod(x + phase + 2.0, 0.33) < 0.25) & (np.mod(y + 2.0, 0.33) < 0.25)
         return np.where(on, tops[i, j], -0.25), np.where(on, 1 + 16 * i + j, 0)
 
@@ -339,7 +404,10 @@ def grounds(rng: np.random.Generator) -> dict[str, Callable[[Array, Array], Trut
         return np.where(on | other, 0.0, -0.25), np.where(on | other, number, 0)
 
     def rubble(x: Array, y: Array) -> Truth:
-        i, j = np.floor((x + phase + 2.0) / 0.4).astype(int) % 16, np.floor((y + 2.0) / 0.4).astype(int) % 16
+        i, j = (
+            np.floor((x + phase + 2.0) / 0.4).astype(int) % 16,
+            np.floor((y + 2.0) / 0.4).astype(int) % 16,
+        )
         u, v = np.mod(x + phase + 2.0, 0.4) - 0.2, np.mod(y + 2.0, 0.4) - 0.2
         return blocks[i, j] + leans[i, j, 0] * u + leans[i, j, 1] * v, 1 + 16 * i + j
 

@@ -1,21 +1,27 @@
-"""What a trained selector contributes where it is used: first plans on random ice, and windows of ``Traverse-v0``.
+"""What a trained selector contributes where it is used: first plans on random ice, and windows of
+``Traverse-v0``.
 
-    python benchmarks/in_the_loop.py --selectors gmm.json neural.safetensors [--count 40] [--episodes 20] [--seed 0]
-        [--frames 8] [--regions 4] [--ice 0.5] [--course walls] [--horizon 2] [--runs 10] [--shares 1 0.7] [--json]
+    python benchmarks/in_the_loop.py --selectors gmm.json neural.safetensors [--count 40]
+    [--episodes 20] [--seed 0]
+        [--frames 8] [--regions 4] [--ice 0.5] [--course walls] [--horizon 2] [--runs 10] [--shares
+        1 0.7] [--json]
 
-The selectors are files of `stancekit fit`, of a class whose legs the courses stand on (wall-3). "lift": the two-stage
-planner, no selector. A selector's box is asked first in every plan, and the lift where there is no plan within it, so
-that it costs time at worst. All ways plan the same courses, after one that nobody counts.
+The selectors are files of `stancekit fit`, of a class whose legs the courses stand on (wall-3).
+"lift": the two-stage planner, no selector. A selector's box is asked first in every plan, and the
+lift where there is no plan within it, so that it costs time at worst. All ways plan the same
+courses, after one that nobody counts.
 
-Ice: walls with random panels without friction, planned whole; found: a verified plan. Its median processor time has the
-interval of order statistics, and "÷ lift" that of the courses both found. Windows: episodes of ``Traverse-v0`` over
-perturbed courses, --horizon key frames a window; reached: at the last frame. "by the policy": plans within what the
-selector chose, of all that its way made. Intervals of shares are Wilson's; all are of 95 %.
+Ice: walls with random panels without friction, planned whole; found: a verified plan. Its median
+processor time has the interval of order statistics, and "÷ lift" that of the courses both found.
+Windows: episodes of ``Traverse-v0`` over perturbed courses, --horizon key frames a window; reached:
+at the last frame. "by the policy": plans within what the selector chose, of all that its way made.
+Intervals of shares are Wilson's; all are of 95 %.
 
-Unknown friction: the closed loop in MuJoCo over --runs perturbed courses, in a world that has one of --shares of the
-friction that they say; the loop is told nothing, and estimates it from what feet feel (``closed_loop.py``, "anew").
-All plans are made by the way's planner, the first one, too. succeeded: all key frames were reached and nothing stopped
-it. of solvable: of the courses for which the lift has a plan when it is told. A part with a count of 0 is left out.
+Unknown friction: the closed loop in MuJoCo over --runs perturbed courses, in a world that has one
+of --shares of the friction that they say; the loop is told nothing, and estimates it from what feet
+feel (``closed_loop.py``, "anew"). All plans are made by the way's planner, the first one, too.
+succeeded: all key frames were reached and nothing stopped it. of solvable: of the courses for which
+the lift has a plan when it is told. A part with a count of 0 is left out.
 """
 
 from __future__ import annotations
@@ -74,14 +80,22 @@ def main(arguments: Arguments) -> None:
     """Measure and print."""
     like = read_course("icy-walls")
     policies = {path.name: policy_of(str(path), like) for path in arguments.selectors}
-    for part, wanted in ((on_ice, arguments.count), (walked, arguments.episodes), (unknown_friction, arguments.runs)):
+    for part, wanted in (
+        (on_ice, arguments.count),
+        (walked, arguments.episodes),
+        (unknown_friction, arguments.runs),
+    ):
         if wanted:
-            part(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
+            part(
+                arguments,
+                {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()},
+            )
 
 
 @dataclass
 class Way:
-    """A planner, with a selector's policy or without. seconds: of every plan that was found, by course, CPU [s]."""
+    """A planner, with a selector's policy or without. seconds: of every plan that was found, by
+    course, CPU [s]."""
 
     policy: SelectorPolicy | None
     seconds: dict[int, float] = field(default_factory=dict)
@@ -102,7 +116,9 @@ class Way:
             outcome = self._lift.solve(course)
         else:
             self.policy.planners.clear()
-            window = Observation(window=course, standing=None, state=None, friction_share=1.0, frame=0)
+            window = Observation(
+                window=course, standing=None, state=None, friction_share=1.0, frame=0
+            )
             outcome = self.policy(window).solve(course)
             self.inside += self.policy.answers[0]
         self.plans += outcome.solution is not None
@@ -129,10 +145,15 @@ def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
     for name, way in ways.items():
         both = way.seconds.keys() & ways[LIFT].seconds.keys()
         ratio = [way.seconds[index] / ways[LIFT].seconds[index] for index in both]
-        arguments.say({
-            "ice": name, "found": shown(Share(hits=len(way.seconds), of=arguments.count)),
-            "CPU s to it": median(list(way.seconds.values())), "÷ lift": median(ratio), "by the policy": way.share,
-        })  # fmt: skip
+        arguments.say(
+            {
+                "ice": name,
+                "found": shown(Share(hits=len(way.seconds), of=arguments.count)),
+                "CPU s to it": median(list(way.seconds.values())),
+                "÷ lift": median(ratio),
+                "by the policy": way.share,
+            }
+        )
 
 
 def icy(arguments: Arguments, rng: np.random.Generator) -> Problem:
@@ -165,11 +186,15 @@ def walked(arguments: Arguments, ways: dict[str, Way]) -> None:
                 windows, planned, over = windows + 1, planned + info["feasible"], ended or cut
             reached += info["frame"] == frames_of(env) - 1
         seconds = time.process_time() - begin
-        arguments.say({
-            "windows": name, "verified": shown(Share(hits=planned, of=windows)),
-            "reached": shown(Share(hits=reached, of=begun)), "CPU s a window": f"{seconds / windows:.3f}",
-            "by the policy": way.share,
-        })  # fmt: skip
+        arguments.say(
+            {
+                "windows": name,
+                "verified": shown(Share(hits=planned, of=windows)),
+                "reached": shown(Share(hits=reached, of=begun)),
+                "CPU s a window": f"{seconds / windows:.3f}",
+                "by the policy": way.share,
+            }
+        )
 
 
 def unknown_friction(arguments: Arguments, ways: dict[str, Way]) -> None:
@@ -184,13 +209,21 @@ def unknown_friction(arguments: Arguments, ways: dict[str, Way]) -> None:
                 runs.append(loop(course, share, way.policy))
                 made += (0, 0) if way.policy is None else way.policy.answers
             told, (inside, without) = summary(runs), made.tolist()
-            arguments.say({
-                "friction": share, "way": name, "succeeded": shown(Share(hits=told["succeeded"], of=told["runs"])),
-                "of solvable": f"{told['of_solvable']}/{told['solvable']}", "refused": told["refused"],
-                "by the policy": "" if way.policy is None else shown(Share(hits=inside, of=inside + without)),
-                "replans": told["replans"], "planning s": told["plan_s"],
-                "CPU s a run": f"{(time.process_time() - begin) / arguments.runs:.1f}",
-            })  # fmt: skip
+            arguments.say(
+                {
+                    "friction": share,
+                    "way": name,
+                    "succeeded": shown(Share(hits=told["succeeded"], of=told["runs"])),
+                    "of solvable": f"{told['of_solvable']}/{told['solvable']}",
+                    "refused": told["refused"],
+                    "by the policy": ""
+                    if way.policy is None
+                    else shown(Share(hits=inside, of=inside + without)),
+                    "replans": told["replans"],
+                    "planning s": told["plan_s"],
+                    "CPU s a run": f"{(time.process_time() - begin) / arguments.runs:.1f}",
+                }
+            )
 
 
 def loop(course: Problem, share: float, policy: SelectorPolicy | None) -> Ran:

@@ -1,14 +1,17 @@
-"""Points that selectors learn from: do they follow from their problems alone, and does what is learned move?
+"""Points that selectors learn from: do they follow from their problems alone, and does what is
+learned move?
 
-    python benchmarks/label_points.py same                                     # rows labelled in other ways
-    python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench    # one method, many seeds, both data sets
-    python benchmarks/label_points.py table --benches ../a/bench ../b/bench    # Table I, cell by cell
-    python benchmarks/label_points.py fresh --benches ../a/bench ../b/bench    # what both learned, on rows of neither
+    python benchmarks/label_points.py same                                     # rows labelled in
+    other ways python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench    # one
+    method, many seeds, both data sets python benchmarks/label_points.py table --benches ../a/bench
+    ../b/bench    # Table I, cell by cell python benchmarks/label_points.py fresh --benches
+    ../a/bench ../b/bench    # what both learned, on rows of neither
 
-`same`: every problem is labelled in blocks of 512, with Clarabel's equilibration on and on its careful settings, alone,
-and in blocks of 7; the farthest apart of any [p, f], how many rows are more than 1e-5 apart, and whose toes the search
-had to find. Beside them, what the search alone would have kept, with and without equilibration. `seeds`, `table`,
-`fresh`: folders of `stancekit bench envelopes --quick`, the first of which is the old one.
+`same`: every problem is labelled in blocks of 512, with Clarabel's equilibration on and on its
+careful settings, alone, and in blocks of 7; the farthest apart of any [p, f], how many rows are
+more than 1e-5 apart, and whose toes the search had to find. Beside them, what the search alone
+would have kept, with and without equilibration. `seeds`, `table`, `fresh`: folders of `stancekit
+bench envelopes --quick`, the first of which is the old one.
 """
 
 from __future__ import annotations
@@ -101,11 +104,20 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
         index = np.arange(begin, min(begin + size, len(batch)))
         block = batch.select(index)
         answers = solve_all(planner, block)
-        postures = {k: answer.solution for k, answer in enumerate(answers) if answer.solution is not None}
+        postures = {
+            k: answer.solution for k, answer in enumerate(answers) if answer.solution is not None
+        }
         feasible |= {begin + k: point for k, point in points(block, postures).items()}
-        kinds = [k for k, a in enumerate(answers) if a.status is Status.INFEASIBLE and not a.details["trivial"]]
+        kinds = [
+            k
+            for k, a in enumerate(answers)
+            if a.status is Status.INFEASIBLE and not a.details["trivial"]
+        ]
         some = block.select(np.array(kinds, dtype=np.intp))
-        infeasible |= {begin + kinds[k]: p for k, p in points(some, without_moments(planner.programs, some)).items()}
+        infeasible |= {
+            begin + kinds[k]: p
+            for k, p in points(some, without_moments(planner.programs, some)).items()
+        }
     return feasible, infeasible
 
 
@@ -139,22 +151,33 @@ def apart(mine: Points, theirs: Points, *, keys: bool = True) -> str:
     both = sorted(set(mine) & set(theirs))
     off = np.array([np.abs(mine[k] - theirs[k]).max() for k in both])
     only = f", {len(set(mine) ^ set(theirs))} rows in one alone" if keys else f" of {len(mine)}"
-    farthest = f"farthest {off.max(initial=0.0):.2g}, {(off > APART).sum()} more than {APART:g} apart"
+    farthest = (
+        f"farthest {off.max(initial=0.0):.2g}, {(off > APART).sum()} more than {APART:g} apart"
+    )
     return f"{len(both)} rows{only}; {farthest}"
 
 
 def seeds(options: Arguments) -> Iterator[str]:
-    """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the seed?"""
+    """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the
+    seed?"""
     fit = Experiment.from_yaml(CONFIG, quick=True).fit
     knobs = {"ga": "genetic", "neural": "neural"}[options.method]
     for name in options.problems:
         for bench in options.benches:
-            train, calibration, test = (Dataset.open(bench / name / part) for part in ("train", "calibration", "test"))
+            train, calibration, test = (
+                Dataset.open(bench / name / part) for part in ("train", "calibration", "test")
+            )
             found = []
             for seed in range(options.seeds):
                 settings = replace(fit, **{knobs: {**getattr(fit, knobs), "seed": seed}})
                 selector = learn_selector(options.method, train, settings, calibration=calibration)
-                score = evaluate(options.method, selector, scenes_of(test), problem_class=name, projections=("fix-p",))
+                score = evaluate(
+                    options.method,
+                    selector,
+                    scenes_of(test),
+                    problem_class=name,
+                    projections=("fix-p",),
+                )
                 found.append((score.p1_feasible.hits, score.p1_infeasible.hits))
             kept, refused = np.array(found).T
             right = kept + refused
@@ -168,7 +191,10 @@ def seeds(options: Arguments) -> Iterator[str]:
 def table(options: Arguments) -> Iterator[str]:
     """Every cell of the other benches beside the interval of the first."""
     tables = [
-        {(row["problem_class"], row["selector"]): row for row in json.loads((bench / "table.json").read_text())}
+        {
+            (row["problem_class"], row["selector"]): row
+            for row in json.loads((bench / "table.json").read_text())
+        }
         for bench in options.benches
     ]
     for bench, other in zip(options.benches[1:], tables[1:], strict=True):
@@ -176,7 +202,9 @@ def table(options: Arguments) -> Iterator[str]:
         for (name, selector), row in tables[0].items():
             if name not in options.problems or (name, selector) not in other:
                 continue
-            for column in [key.removesuffix("_interval") for key in row if key.endswith("_interval")]:
+            for column in [
+                key.removesuffix("_interval") for key in row if key.endswith("_interval")
+            ]:
                 low, high = row[f"{column}_interval"]
                 mine, size = other[name, selector][column], row[f"{column}_of"]
                 cells += 1
@@ -188,15 +216,27 @@ def table(options: Arguments) -> Iterator[str]:
 
 
 def fresh(options: Arguments) -> Iterator[str]:
-    """The selectors that the benches learned, on rows that neither has seen: kept, refused, projected by fix-p."""
+    """The selectors that the benches learned, on rows that neither has seen: kept, refused,
+    projected by fix-p."""
     for name in options.problems:
         with TemporaryDirectory() as folder:
-            label(LabelPlan(distribution=name, feasible=options.count, infeasible=options.count, seed=FRESH), folder)
+            label(
+                LabelPlan(
+                    distribution=name, feasible=options.count, infeasible=options.count, seed=FRESH
+                ),
+                folder,
+            )
             scenes = scenes_of(Dataset.open(folder))
-        for file in sorted({path.name for bench in options.benches for path in (bench / name).glob("*.*")}):
+        for file in sorted(
+            {path.name for bench in options.benches for path in (bench / name).glob("*.*")}
+        ):
             found = []
             for path in (bench / name / file for bench in options.benches):
-                if path.suffix not in (".json", ".safetensors") or ".row" in file or not path.exists():
+                if (
+                    path.suffix not in (".json", ".safetensors")
+                    or ".row" in file
+                    or not path.exists()
+                ):
                     continue
                 learned = load_selector(path)
                 score = evaluate(file, learned, scenes, problem_class=name, projections=("fix-p",))

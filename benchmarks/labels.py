@@ -1,10 +1,12 @@
-"""What labels cost: CPU seconds for 1,000 natural samples, writing included, and whether they are those of before.
+"""What labels cost: CPU seconds for 1,000 natural samples, writing included, and whether they are
+those of before.
 
-    python benchmarks/labels.py                                  # this tree alone
-    python benchmarks/labels.py --against ../before --pairs 15   # in turns with another checkout, and row by row
+    python benchmarks/labels.py                                  # this tree alone python
+    benchmarks/labels.py --against ../before --pairs 15   # in turns with another checkout, and row
+    by row
 
-Every figure is one process that labels after a warm-up. A yardstick is what 100 cold solves of one fixed cone
-program take in the same process: divide by it to compare machines and hours.
+Every figure is one process that labels after a warm-up. A yardstick is what 100 cold solves of one
+fixed cone program take in the same process: divide by it to compare machines and hours.
 """
 
 from __future__ import annotations
@@ -69,16 +71,29 @@ def main(given: Arguments) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 order = list(trees) if pair % 2 == 0 else list(trees)[::-1]
                 for name in order:
-                    runs[name].append(child(trees[name], [kind, given.rows, given.balanced, f"{folder}/{name}", None]))
+                    runs[name].append(
+                        child(
+                            trees[name],
+                            [kind, given.rows, given.balanced, f"{folder}/{name}", None],
+                        )
+                    )
                 if pair == 0 and len(trees) == 2:
                     compare(kind, Path(folder) / "before" / "set", Path(folder) / "after" / "set")
-        cpu = {name: np.array([1e3 * run["cpu"] / run["drawn"] for run in found]) for name, found in runs.items()}
+        cpu = {
+            name: np.array([1e3 * run["cpu"] / run["drawn"] for run in found])
+            for name, found in runs.items()
+        }
         for name, found in runs.items():
             yard = np.array([run["yard"] for run in found])
-            print(f"{kind} {name:6}: {spread(cpu[name])} CPU-s per 1,000 samples, {spread(cpu[name] / yard)} "
-                  f"yardsticks of {np.median(yard):.3f} s; {found[0]['counts']}", flush=True)  # fmt: skip
+            print(
+                f"{kind} {name:6}: {spread(cpu[name])} CPU-s per 1,000 samples, {spread(cpu[name] / yard)} "
+                f"yardsticks of {np.median(yard):.3f} s; {found[0]['counts']}",
+                flush=True,
+            )
         if len(trees) == 2:
-            print(f"{kind} pairs : before / after {spread(cpu['before'] / cpu['after'])}", flush=True)
+            print(
+                f"{kind} pairs : before / after {spread(cpu['before'] / cpu['after'])}", flush=True
+            )
 
 
 def child(tree: Path, task: list[object]) -> dict[str, float]:
@@ -101,15 +116,20 @@ def compare(kind: str, before: Path, after: Path) -> None:
     for mine, theirs in zip(new.rows(), old.rows(), strict=True):
         same += mine.problem.to_json() == theirs.problem.to_json() and mine.sample == theirs.sample
         labels += mine.kind == theirs.kind
-        trees = [None if row.certificate is None else row.certificate.tree for row in (mine, theirs)]
+        trees = [
+            None if row.certificate is None else row.certificate.tree for row in (mine, theirs)
+        ]
         proofs += all(tree is not None for tree in trees) and np.array_equal(*trees)
         if mine.point is not None and theirs.point is not None:
             off = float(np.abs(mine.point - theirs.point).max())
             points += off < 1e-6
             apart = max(apart, off)
     of = sum(row.point is not None for row in new.rows())
-    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}, equal trees {proofs}; "
-          f"points [p, f]: {points} of {of} within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
+    print(
+        f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}, equal trees {proofs}; "
+        f"points [p, f]: {points} of {of} within 1e-6, the farthest {apart:.2g} apart",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

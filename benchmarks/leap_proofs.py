@@ -1,11 +1,13 @@
-"""Do refuted leaps have no leap, and are forged ones refused? Against an optimiser and a judge of their own.
+"""Do refuted leaps have no leap, and are forged ones refused? Against an optimiser and a judge of
+their own.
 
     python benchmarks/leap_proofs.py --choices 300 --scenes 50 --cuts 20000 --forged 200
 
-Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate refutes, are given to
-IPOPT (casadi) from five starts: a program with the moments as they are, of forces, toes and the body, which shares
-nothing with the finder, its cuts and their check but the question (``planners/leap/nlp.py``). Whatever it finds
-is put to the judge below. Cuts are evaluated on choices that were solved; forged leaps are put to the verifier.
+Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate
+refutes, are given to IPOPT (casadi) from five starts: a program with the moments as they are, of
+forces, toes and the body, which shares nothing with the finder, its cuts and their check but the
+question (``planners/leap/nlp.py``). Whatever it finds is put to the judge below. Cuts are evaluated
+on choices that were solved; forged leaps are put to the verifier.
 """
 
 from __future__ import annotations
@@ -34,8 +36,10 @@ G = 9.81
 def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> LeapPlan:
     """A leap with one fault; size: from 2 to 10, in units of what the verifier lets pass."""
     leap = plan.problem
-    arrays = {name: np.array(getattr(plan, name)) for name in
-              ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")}  # fmt: skip
+    arrays = {
+        name: np.array(getattr(plan, name))
+        for name in ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
+    }
     k, step = int(rng.integers(1, leap.intervals)), 1e-3 * size
     standing = np.argwhere(np.abs(arrays["forces_n"]).sum(axis=2) > 1.0)
     q, i = standing[int(rng.integers(len(standing)))]
@@ -76,19 +80,36 @@ def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> 
     return LeapPlan(problem=leap, timing=plan.timing, choice=plan.choice, **arrays)
 
 
-KINDS = ("says where it is not", "says another speed", "says another momentum", "pushes in the air", "off its patch",
-         "pushes more", "pulls", "slips", "another patch", "without rest")  # fmt: skip
+KINDS = (
+    "says where it is not",
+    "says another speed",
+    "says another momentum",
+    "pushes in the air",
+    "off its patch",
+    "pushes more",
+    "pulls",
+    "slips",
+    "another patch",
+    "without rest",
+)
 
 
 def judged(plan: LeapPlan) -> float:
-    """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest violation, scaled."""
+    """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest
+    violation, scaled."""
     leap = plan.problem
     times, mass = plan.times_s, leap.robot.mass_kg
-    c, v, spun = (np.array(x) for x in (leap.start.com_m, leap.start.velocity_m_s, leap.start.momentum_m2_s))
+    c, v, spun = (
+        np.array(x) for x in (leap.start.com_m, leap.start.velocity_m_s, leap.start.momentum_m2_s)
+    )
     worst = 0.0
     unit = leap.limits.momentum_m2_s
     for k in range(leap.intervals):
-        says = (plan.com_m[k] - c) / 0.1, plan.velocity_m_s[k] - v, (plan.momentum_m2_s[k] - spun) / unit
+        says = (
+            (plan.com_m[k] - c) / 0.1,
+            plan.velocity_m_s[k] - v,
+            (plan.momentum_m2_s[k] - spun) / unit,
+        )
         worst = max(worst, *(float(np.abs(one).max()) for one in says))
         dt, holds = times[k + 1] - times[k], leap.holds[leap.interval_phases[k]]
         total, twist = np.zeros(3), np.zeros(3)
@@ -108,7 +129,11 @@ def judged(plan: LeapPlan) -> float:
         c, v = c + dt * v + dt**2 / 2 * a, v + dt * a
         if (k == 0 and leap.still[0]) or (k == leap.intervals - 1 and leap.still[1]):
             worst = max(worst, float(np.abs(a).max()) * dt)
-    says = (plan.com_m[-1] - c) / 0.1, plan.velocity_m_s[-1] - v, (plan.momentum_m2_s[-1] - spun) / unit
+    says = (
+        (plan.com_m[-1] - c) / 0.1,
+        plan.velocity_m_s[-1] - v,
+        (plan.momentum_m2_s[-1] - spun) / unit,
+    )
     worst = max(worst, *(float(np.abs(one).max()) for one in says))
     worst = max(worst, (float(np.linalg.norm(c - leap.goal.com_m)) - leap.goal_radius_m) / 0.1)
     worst = max(worst, float(np.abs(v).max()), float(np.abs(spun).max()) / unit)
@@ -120,7 +145,9 @@ def judged(plan: LeapPlan) -> float:
 
 def main() -> None:
     """Run all parts, one line each as it ends."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--choices", type=int, default=300)
     parser.add_argument("--scenes", type=int, default=50)
     parser.add_argument("--random", type=int, default=60)
@@ -161,7 +188,9 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
         numbers = search.last.numbers
         rng = np.random.default_rng([options.seed, 2, index])
         for _ in range(60 if solved else 0):  # cuts of random choices, which fail more often
-            tried = attempt(programs, numbers, np.array([rng.integers(len(w)) for w in numbers.scaled.which]))
+            tried = attempt(
+                programs, numbers, np.array([rng.integers(len(w)) for w in numbers.scaled.which])
+            )
             if tried.refuted:
                 rows.append(ray(numbers, tried.solution))
         for row in rows if solved else []:
@@ -170,8 +199,15 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
             evaluated += len(values)
             refuted += sum(value > MARGIN for value in values)
     errors = [check_leap(plan).figures["momentum_error"] for plan in plans[:200]]
-    say("cuts on solved choices", evaluated=evaluated, refuted=refuted, scenes=index, solved=len(plans),
-        worst_error_of_L=max(errors, default=0.0), cpu_s=time.process_time() - begin)  # fmt: skip
+    say(
+        "cuts on solved choices",
+        evaluated=evaluated,
+        refuted=refuted,
+        scenes=index,
+        solved=len(plans),
+        worst_error_of_L=max(errors, default=0.0),
+        cpu_s=time.process_time() - begin,
+    )
     return plans
 
 
@@ -190,11 +226,18 @@ def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
             accepted += wrong
             if wrong:
                 say("accepted", kind=kind, size=size)
-    say("forged leaps", forged=options.forged, wrong_by_own_judge=bad, accepted=accepted, honest_by_own_judge=own)
+    say(
+        "forged leaps",
+        forged=options.forged,
+        wrong_by_own_judge=bad,
+        accepted=accepted,
+        honest_by_own_judge=own,
+    )
 
 
 def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
-    """Scenes with a certificate: random choices of them by SCP without cuts, and one by the other optimiser."""
+    """Scenes with a certificate: random choices of them by SCP without cuts, and one by the other
+    optimiser."""
     scenes, solved, nlp_solved, nlp, index, begin = 0, 0, 0, 0, 0, time.process_time()
     tries = 0
     while scenes < options.scenes and time.process_time() - begin < options.seconds:
@@ -213,8 +256,16 @@ def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
         best = LeapFinder().rule.scores(numbers).argmax(axis=1)
         nlp += 1
         nlp_solved += LeapNlp(leap).from_starts(leap, best, 5, rng).solved
-    say("refuted scenes", scenes=scenes, drawn=index, random_tries=tries, solved=solved, nlp=nlp,
-        nlp_solved=nlp_solved, cpu_s=time.process_time() - begin)  # fmt: skip
+    say(
+        "refuted scenes",
+        scenes=scenes,
+        drawn=index,
+        random_tries=tries,
+        solved=solved,
+        nlp=nlp,
+        nlp_solved=nlp_solved,
+        cpu_s=time.process_time() - begin,
+    )
 
 
 def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
@@ -230,15 +281,24 @@ def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
         numbers, of_scene = search.last.numbers, 0
         for found in search.attempts():
             kind = "solved" if found.solved else ""
-            if found.refuted and proof_cut(numbers, ray(numbers, found.solution)).value(found.choice) > MARGIN:
+            if (
+                found.refuted
+                and proof_cut(numbers, ray(numbers, found.solution)).value(found.choice) > MARGIN
+            ):
                 kind = "refuted"
             if not kind or of_scene >= 6 or (kind == "solved" and count["solved"] >= 30):
                 continue
             of_scene += 1
             count[kind] += 1
             agrees[kind] += LeapNlp(leap).from_starts(leap, found.choice, 5, rng).solved
-    say("choices by IPOPT from 5 starts", refuted=count["refuted"], refuted_and_solved=agrees["refuted"],
-        solved_by_scp=count["solved"], solved_by_both=agrees["solved"], cpu_s=time.process_time() - begin)  # fmt: skip
+    say(
+        "choices by IPOPT from 5 starts",
+        refuted=count["refuted"],
+        refuted_and_solved=agrees["refuted"],
+        solved_by_scp=count["solved"],
+        solved_by_both=agrees["solved"],
+        cpu_s=time.process_time() - begin,
+    )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""The constants of the leaps' hand rule, chosen on training scenes: first tries solved by each of some settings.
+"""The constants of the leaps' hand rule, chosen on training scenes: first tries solved by each of
+some settings.
 
-    python benchmarks/leap_rule.py --scenes 150 --seed 41
-    python benchmarks/leap_rule.py --distribution leap-hard --scenes 900 --seed 49 --best 4 --searched 300
+    python benchmarks/leap_rule.py --scenes 150 --seed 41 python benchmarks/leap_rule.py
+    --distribution leap-hard --scenes 900 --seed 49 --best 4 --searched 300
 
-Prints every setting with its share, the best last; ``planners/leap/rule.py`` has the numbers. With ``--best`` the
-finder then searches with that many of them, and with the rule as it is, on the first ``--searched`` scenes: leaps found
-within 12 convex problems and within 25. The scenes are those that ``stancekit label`` draws with the same seed.
+Prints every setting with its share, the best last; ``planners/leap/rule.py`` has the numbers. With
+``--best`` the finder then searches with that many of them, and with the rule as it is, on the first
+``--searched`` scenes: leaps found within 12 convex problems and within 25. The scenes are those
+that ``stancekit label`` draws with the same seed.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ BUDGETS = (12, 25)
 
 def main() -> None:
     """Try every setting once on every scene."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--distribution", default="leap")
     parser.add_argument("--scenes", type=int, default=150)
     parser.add_argument("--seed", type=int, default=41)
@@ -60,17 +64,25 @@ def main() -> None:
     order = np.argsort(solved, kind="stable")
     for k in order:
         print(f"{_percent(solved[k], options.scenes)}  {SETTINGS[k]}")
-    print(f"{len(SETTINGS)} settings, {options.scenes} scenes, {time.process_time() - begin:.0f} CPU-s", flush=True)
+    print(
+        f"{len(SETTINGS)} settings, {options.scenes} scenes, {time.process_time() - begin:.0f} CPU-s",
+        flush=True,
+    )
     if not options.best:
         return
     begin = time.process_time()
     for rule in (Rule(), *(SETTINGS[k] for k in order[::-1][: options.best])):
-        counts = [_solves(_scene(options, index), rule, programs) for index in range(options.searched)]
+        counts = [
+            _solves(_scene(options, index), rule, programs) for index in range(options.searched)
+        ]
         within = [sum(count <= budget for count in counts) for budget in BUDGETS]
         shown = ", ".join(
-            f"within {budget} {_percent(n, len(counts))}" for budget, n in zip(BUDGETS, within, strict=True)
+            f"within {budget} {_percent(n, len(counts))}"
+            for budget, n in zip(BUDGETS, within, strict=True)
         )
-        print(f"finder: {shown}  {rule}, {time.process_time() - begin:.0f} CPU-s so far", flush=True)
+        print(
+            f"finder: {shown}  {rule}, {time.process_time() - begin:.0f} CPU-s so far", flush=True
+        )
 
 
 def _scene(options: argparse.Namespace, index: int) -> Leap:
@@ -78,7 +90,8 @@ def _scene(options: argparse.Namespace, index: int) -> Leap:
 
 
 def _solves(leap: Leap, rule: Rule, programs: Programs) -> float:
-    """Convex problems until the finder has a leap that the verifier accepts; inf beyond the largest budget."""
+    """Convex problems until the finder has a leap that the verifier accepts; inf beyond the largest
+    budget."""
     search = LeapSearch(leap, LeapFinder(rule=rule, solves=max(BUDGETS)), programs)
     for found in search.attempts():
         if found.solved and check_leap(plan_of(search.last.numbers, found, "rule")).accepted:

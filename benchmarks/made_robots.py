@@ -1,13 +1,16 @@
-"""Sixty robots of our own making, sound and unsound: which of them are planned, and how they stand then.
+"""Sixty robots of our own making, sound and unsound: which of them are planned, and how they stand
+then.
 
     python benchmarks/made_robots.py [--only NAME,NAME] [--frames 1] [--json]
 
-Each is written into a folder, planned for on level ground, its plan file verified, and every key frame posed by
-pinocchio from the URDF's own text (``tests/planners/robot/made_robots.py``), with the lowest point of every link.
+Each is written into a folder, planned for on level ground, its plan file verified, and every key
+frame posed by pinocchio from the URDF's own text (``tests/planners/robot/made_robots.py``), with
+the lowest point of every link.
 
-sound: whether it is; status: accepted, rejected, undecided or refused, with the message; off_mm: how far the lowest
-point of a leg that stands is from the ground at most; deepest_mm: of all shapes below it. wrong: 1 for a sound robot
-that is not accepted, or that stands more than 1 mm off, and for one that is accepted and deeper than 1 mm.
+sound: whether it is; status: accepted, rejected, undecided or refused, with the message; off_mm:
+how far the lowest point of a leg that stands is from the ground at most; deepest_mm: of all shapes
+below it. wrong: 1 for a sound robot that is not accepted, or that stands more than 1 mm off, and
+for one that is accepted and deeper than 1 mm.
 """
 
 from __future__ import annotations
@@ -56,10 +59,14 @@ def main(options: Which) -> None:
         with tempfile.TemporaryDirectory() as folder:
             rows.append(judged(made, Path(folder), options.frames))
         options.say(rows[-1])
-    options.say({
-        "robots": len(rows), "sound": sum(row["sound"] for row in rows),
-        "accepted": sum(row["status"] == "accepted" for row in rows), "wrong": sum(row["wrong"] for row in rows),
-    })  # fmt: skip
+    options.say(
+        {
+            "robots": len(rows),
+            "sound": sum(row["sound"] for row in rows),
+            "accepted": sum(row["status"] == "accepted" for row in rows),
+            "wrong": sum(row["wrong"] for row in rows),
+        }
+    )
 
 
 def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
@@ -80,26 +87,36 @@ def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
         if outcome.solution is not None and outcome.report is not None:
             write_plan(folder / "plan.json", outcome.solution, outcome.report)
             again = check_file(folder / "plan.json", robot=model)
-            status, message = "accepted" if again.accepted and outcome.report.accepted else "rejected", again.message
+            status, message = (
+                "accepted" if again.accepted and outcome.report.accepted else "rejected",
+                again.message,
+            )
             off_m, deepest_m = stands(outcome.solution, made, folder)
     except InvalidInput as error:
         status, message = "refused", str(error)
     accepted = status == "accepted"
     wrong = (made.sound and (not accepted or off_m > TOUCH_M)) or (accepted and deepest_m > TOUCH_M)
     return row | {
-        "status": status, "wrong": int(wrong), "off_mm": round(1e3 * off_m, 3), "deepest_mm": round(1e3 * deepest_m, 3),
-        "cpu_s": round(process_time() - began, 1), "message": message[:160],
-    }  # fmt: skip
+        "status": status,
+        "wrong": int(wrong),
+        "off_mm": round(1e3 * off_m, 3),
+        "deepest_mm": round(1e3 * deepest_m, 3),
+        "cpu_s": round(process_time() - began, 1),
+        "message": message[:160],
+    }
 
 
 def stands(plan: Plan, made: Made, folder: Path) -> tuple[float, float]:
-    """How far the lowest point of a leg that stands is from the ground, and how deep any link is in it [m]."""
+    """How far the lowest point of a leg that stands is from the ground, and how deep any link is in
+    it [m]."""
     course, off_m, deepest_m = plan.problem, 0.0, 0.0
     model = course.robot.model
     assert plan.joints_rad is not None
     assert model is not None
     rpy = LYING if "root_rpy_rad" in made.keys else np.zeros(3)
-    if "contacts" in made.keys:  # what it stands on is a ball that the YAML file says, which its own text lacks
+    if (
+        "contacts" in made.keys
+    ):  # what it stands on is a ball that the YAML file says, which its own text lacks
         (folder / "robot.urdf").write_text(model.urdf)
     names = joint_names(course.robot)
     standing = dict(zip(names, np.concatenate([leg.stance_rad for leg in model.legs]), strict=True))

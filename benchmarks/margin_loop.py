@@ -1,9 +1,12 @@
-"""The training loop of docs/learning.md, on the rows of a class: what P1's margin as a layer of torch reaches.
+"""The training loop of docs/learning.md, on the rows of a class: what P1's margin as a layer of
+torch reaches.
 
-    python benchmarks/margin_loop.py [--problem wall-3] [--rows 2000] [--steps 800] [--folder out/margin-loop]
+    python benchmarks/margin_loop.py [--problem wall-3] [--rows 2000] [--steps 800] [--folder
+    out/margin-loop]
 
-The loop is read from the page and run as it stands there. Its network is calibrated as the neural selector of the same
-rows is, and rolled out beside it (`stancekit fit --method neural`) and the quantile box, on rows that none has seen.
+The loop is read from the page and run as it stands there. Its network is calibrated as the neural
+selector of the same rows is, and rolled out beside it (`stancekit fit --method neural`) and the
+quantile box, on rows that none has seen.
 """
 
 from __future__ import annotations
@@ -51,7 +54,11 @@ def main(given: Arguments) -> None:
     options = Neural(folder=given.folder)
     train, held, test = (
         data(given.problem, part, rows, rows, given.seed + offset, options)
-        for part, rows, offset in (("train", given.rows, 1003), ("held", given.held, 1002), ("test", given.test, 1001))
+        for part, rows, offset in (
+            ("train", given.rows, 1003),
+            ("held", given.held, 1002),
+            ("test", given.test, 1001),
+        )
     )
     scenes, settings = scenes_of(test), NeuralSettings(seed=given.seed)
 
@@ -72,15 +79,27 @@ def main(given: Arguments) -> None:
     network = loop()(feasible, infeasible, given.steps).eval()
     room = calibrated_room(network, TrainingRows.of(held, "feasible"), Programs(), settings)
     like = feasible.problems[0]
-    say("the page's loop", NeuralSelector(
-        network, problem_class=given.problem, legs=train.header.legs, force_scale_n=like.force_n,
-        length_scale_m=like.length_m, room=room,
-    ), begin)  # fmt: skip
+    say(
+        "the page's loop",
+        NeuralSelector(
+            network,
+            problem_class=given.problem,
+            legs=train.header.legs,
+            force_scale_n=like.force_n,
+            length_scale_m=like.length_m,
+            room=room,
+        ),
+        begin,
+    )
 
 
 def loop() -> Callable[[TrainingRows, TrainingRows, int], Any]:
     """``learned`` of the page."""
-    (code,) = (text for text in BLOCK.findall((ROOT / "docs" / "learning.md").read_text()) if "def learned" in text)
+    (code,) = (
+        text
+        for text in BLOCK.findall((ROOT / "docs" / "learning.md").read_text())
+        if "def learned" in text
+    )
     names: dict[str, Any] = {}
     exec(compile(code.partition("# try it")[0], "docs/learning.md", "exec"), names)
     found: Callable[[TrainingRows, TrainingRows, int], Any] = names["learned"]
@@ -91,7 +110,11 @@ def row(score: Score, seconds: float) -> dict[str, Any]:
     """Shares in per cent with their intervals, and CPU time."""
     shares = (score.p1_feasible, score.p1_infeasible, score.projected["fix-p"])
     names = ("P1 feasible", "P1 infeasible", "fix-p")
-    return {"selector": score.selector, **dict(zip(names, map(cell, shares), strict=True)), "CPU-s": round(seconds, 1)}
+    return {
+        "selector": score.selector,
+        **dict(zip(names, map(cell, shares), strict=True)),
+        "CPU-s": round(seconds, 1),
+    }
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""Whether z switches where the terrain does: mode switching over perturbed ground-to-wall courses (Lin et al. §IV-B.3).
+"""Whether z switches where the terrain does: mode switching over perturbed ground-to-wall courses
+(Lin et al. §IV-B.3).
 
     python benchmarks/modes.py [--courses 20] [--seed 2] [--samples 500] [--share 0] [--json]
 
-The modes are learned from solved postures of ground-3 and wall-3 (seed 0), never from courses. A course counts as right
-where the plan is accepted and z of every frame is the mode of the terrain under it (``Problem.modes``).
+The modes are learned from solved postures of ground-3 and wall-3 (seed 0), never from courses. A
+course counts as right where the plan is accepted and z of every frame is the mode of the terrain
+under it (``Problem.modes``).
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    modes = learn_modes(rng=np.random.default_rng(0), count=arguments.samples, share=arguments.share)
+    modes = learn_modes(
+        rng=np.random.default_rng(0), count=arguments.samples, share=arguments.share
+    )
     arguments.list(measure(modes, arguments.courses, np.random.default_rng(arguments.seed)))
 
 

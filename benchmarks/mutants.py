@@ -1,8 +1,10 @@
-"""Mutants of planners and runner: an operator or a number changed in a copy of the tree, and the tests that notice.
+"""Mutants of planners and runner: an operator or a number changed in a copy of the tree, and the
+tests that notice.
 
-``python benchmarks/mutants.py --count 60 --seed 0 --out out/mutants`` draws places by seed over all functions, changes
-one at a time and runs the test files that name the module, and those of its folder, until one fails. What survives is
-listed: either nothing depends on it, or a test is missing. A mutant on which the tests run too long counts as killed.
+``python benchmarks/mutants.py --count 60 --seed 0 --out out/mutants`` draws places by seed over all
+functions, changes one at a time and runs the test files that name the module, and those of its
+folder, until one fails. What survives is listed: either nothing depends on it, or a test is
+missing. A mutant on which the tests run too long counts as killed.
 """
 
 from __future__ import annotations
@@ -20,11 +22,23 @@ import numpy as np
 from _bench import ROOT, Options, Row, kept, launch, tally
 
 SWAPS: dict[type[ast.AST], tuple[str, str]] = {
-    ast.Lt: ("<", ">="), ast.LtE: ("<=", ">"), ast.Gt: (">", "<="), ast.GtE: (">=", "<"), ast.Eq: ("==", "!="),
-    ast.NotEq: ("!=", "=="), ast.Is: ("is", "is not"), ast.IsNot: ("is not", "is"), ast.In: ("in", "not in"),
-    ast.NotIn: ("not in", "in"), ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"),
-    ast.And: ("and", "or"), ast.Or: ("or", "and"),
-}  # fmt: skip
+    ast.Lt: ("<", ">="),
+    ast.LtE: ("<=", ">"),
+    ast.Gt: (">", "<="),
+    ast.GtE: (">=", "<"),
+    ast.Eq: ("==", "!="),
+    ast.NotEq: ("!=", "=="),
+    ast.Is: ("is", "is not"),
+    ast.IsNot: ("is not", "is"),
+    ast.In: ("in", "not in"),
+    ast.NotIn: ("not in", "in"),
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Mult: ("*", "/"),
+    ast.Div: ("/", "*"),
+    ast.And: ("and", "or"),
+    ast.Or: ("or", "and"),
+}
 """Operators, and what each becomes."""
 
 
@@ -66,7 +80,10 @@ def mutants(tree: Path, path: Path) -> Iterator[Mutant]:
         return lines[line - 1] + len(text[lines[line - 1] :].encode()[:column].decode())
 
     def between(left: ast.expr, op: ast.AST, right: ast.expr) -> Iterator[Mutant]:
-        start, end = place(left.end_lineno or 0, left.end_col_offset or 0), place(right.lineno, right.col_offset)
+        start, end = (
+            place(left.end_lineno or 0, left.end_col_offset or 0),
+            place(right.lineno, right.col_offset),
+        )
         old, new = SWAPS.get(type(op), ("", ""))
         found = re.search(re.escape(old), text[start:end]) if old else None
         if found:
@@ -83,12 +100,16 @@ def mutants(tree: Path, path: Path) -> Iterator[Mutant]:
             elif isinstance(node, ast.BoolOp):
                 yield from between(node.values[0], node.op, node.values[1])
             elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-                start, end = place(node.lineno, node.col_offset), place(node.end_lineno or 0, node.end_col_offset or 0)
+                start, end = (
+                    place(node.lineno, node.col_offset),
+                    place(node.end_lineno or 0, node.end_col_offset or 0),
+                )
                 yield Mutant(path=path, start=start, end=end, new=str(2 * node.value + 1))
 
 
 def tests_of(path: Path) -> list[str]:
-    """The test files of a module, the likeliest to notice first: of its name, that name it, of its folder."""
+    """The test files of a module, the likeliest to notice first: of its name, that name it, of its
+    folder."""
     dotted = ".".join(("stancekit", *path.with_suffix("").parts)).removesuffix(".__init__")
     near = ROOT / "tests" / path.parent
     ranks = {}
@@ -107,7 +128,9 @@ def copied(out: Path) -> Path:
     copy = out / "tree"
     shutil.rmtree(copy, ignore_errors=True)
     listed = ["git", "-C", str(ROOT), "ls-files", "-z", "-co", "--exclude-standard"]
-    for name in filter(None, subprocess.run(listed, capture_output=True, text=True, check=True).stdout.split("\0")):
+    for name in filter(
+        None, subprocess.run(listed, capture_output=True, text=True, check=True).stdout.split("\0")
+    ):
         if (ROOT / name).is_file():
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, copy / name)
@@ -118,10 +141,22 @@ def copied(out: Path) -> Path:
 def fate(mutant: Mutant, copy: Path, longest_s: float) -> Row:
     """What the tests make of it."""
     whole, tests = (copy / mutant.path).read_text(), tests_of(mutant.path)
-    command = ["env", f"PYTHONPATH={copy / '.editable'}", sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:xdist"]
+    command = [
+        "env",
+        f"PYTHONPATH={copy / '.editable'}",
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-p",
+        "no:xdist",
+    ]
     (copy / mutant.path).write_text(mutant.of(whole))
     try:
-        done = subprocess.run([*command, *tests], cwd=copy, capture_output=True, text=True, timeout=longest_s)
+        done = subprocess.run(
+            [*command, *tests], cwd=copy, capture_output=True, text=True, timeout=longest_s
+        )
         failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
         end = "killed" if done.returncode else "survived"
         by = failed[1] if failed else done.stdout[-200:] if done.returncode else ""
@@ -134,9 +169,15 @@ def fate(mutant: Mutant, copy: Path, longest_s: float) -> Row:
 
 def main(asked: Asked) -> None:
     """Draw, change, test, list."""
-    rng, rows, copy = np.random.default_rng(asked.seed), [], copied(asked.out.resolve())  # ROOT may change meanwhile
+    rng, rows, copy = (
+        np.random.default_rng(asked.seed),
+        [],
+        copied(asked.out.resolve()),
+    )  # ROOT may change meanwhile
     files = sorted(path for room in asked.rooms for path in (copy / room).rglob("*.py"))
-    every = list(dict.fromkeys(mutant for path in files for mutant in mutants(copy, path.relative_to(copy))))
+    every = list(
+        dict.fromkeys(mutant for path in files for mutant in mutants(copy, path.relative_to(copy)))
+    )
     for index in rng.choice(len(every), asked.count, replace=False):
         mutant = every[index]
         cell = asked.out / f"{asked.seed}-{index}.json"

@@ -1,13 +1,15 @@
-"""Do learned boxes for each terrain beat one box for all? Neural selectors, sets of boxes, and a chooser among them.
+"""Do learned boxes for each terrain beat one box for all? Neural selectors, sets of boxes, and a
+chooser among them.
 
 python benchmarks/neural.py --problems wall-3 --rows 10000 --json
 python benchmarks/neural.py --quick
 
-Three data sets a class, from three seeds: one to train on, one to calibrate on, one to test on, which nothing has seen
-before. Every selector is rolled out by ``learners.evaluation.evaluate``; shares come with Wilson 95 % intervals.
-quantile, gradient-K: one or K boxes for all terrains, P1 taking the best of K. gradient-K chooser: a network gives each
-terrain one of the K. neural-quantile: the network's own box for each terrain, after its first stage alone. neural:
-after both. With ``--quick`` everything is small, and so are the figures.
+Three data sets a class, from three seeds: one to train on, one to calibrate on, one to test on,
+which nothing has seen before. Every selector is rolled out by ``learners.evaluation.evaluate``;
+shares come with Wilson 95 % intervals. quantile, gradient-K: one or K boxes for all terrains, P1
+taking the best of K. gradient-K chooser: a network gives each terrain one of the K.
+neural-quantile: the network's own box for each terrain, after its first stage alone. neural: after
+both. With ``--quick`` everything is small, and so are the figures.
 """
 
 from __future__ import annotations
@@ -67,7 +69,8 @@ class Arguments(Options):
     lift: bool = True
     """Compare with the lift."""
     seed: int = 0
-    """Of the training; the data sets to test, calibrate and train on have the seeds 1001, 1002 and 1003 above it."""
+    """Of the training; the data sets to test, calibrate and train on have the seeds 1001, 1002 and
+    1003 above it."""
     workers: int = 1
     """Processes that label."""
     folder: Path = Path("out/neural")
@@ -78,7 +81,9 @@ class Arguments(Options):
 
 def small(options: Arguments) -> Arguments:
     """The same in a minute or so."""
-    return replace(options, rows=600, held=150, test=150, epochs=15, margin_epochs=2, box_rows=150, steps=20)
+    return replace(
+        options, rows=600, held=150, test=150, epochs=15, margin_epochs=2, box_rows=150, steps=20
+    )
 
 
 def main(options: Arguments) -> None:
@@ -98,9 +103,13 @@ def main(options: Arguments) -> None:
 
 def compare(problem: str, options: Arguments) -> Iterator[Score]:
     """Score every selector on one class."""
-    train = data(problem, "train", options.rows, (3 * options.rows) // 10, options.seed + 1003, options)
+    train = data(
+        problem, "train", options.rows, (3 * options.rows) // 10, options.seed + 1003, options
+    )
     held = data(problem, "calibration", options.held, options.held, options.seed + 1002, options)
-    scenes = scenes_of(data(problem, "test", options.test, options.test, options.seed + 1001, options))
+    scenes = scenes_of(
+        data(problem, "test", options.test, options.test, options.seed + 1001, options)
+    )
     few, more = (
         train.select([*train.feasible[:rows], *train.infeasible[:rows]])
         for rows in (options.box_rows, 3 * options.box_rows)
@@ -115,7 +124,9 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
     for count in options.boxes:
         begin = time.perf_counter()
         with progress(f"{problem} gradient-{count}") as bar:
-            found = fit_gradient(few, boxes=count, steps=options.steps, seed=options.seed, progress=bar)
+            found = fit_gradient(
+                few, boxes=count, steps=options.steps, seed=options.seed, progress=bar
+            )
         yield scored(f"gradient-{count}", begin, found)
         if count > 1:
             begin = time.perf_counter()
@@ -124,12 +135,17 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
             chooser.save(options.folder / f"{problem}-chooser-{count}.safetensors")
             yield scored(f"gradient-{count} chooser", begin, chooser)
     ways: dict[str, tuple[int, str]] = {
-        "neural-quantile": (0, "p1"), "neural": (options.margin_epochs, "p1"), "joint": (options.margin_epochs, "joint")
-    }  # fmt: skip
+        "neural-quantile": (0, "p1"),
+        "neural": (options.margin_epochs, "p1"),
+        "joint": (options.margin_epochs, "joint"),
+    }
     for name, (margin_epochs, relaxation) in list(ways.items())[0 if options.ablate else 1 :]:
         begin = time.perf_counter()
         settings = NeuralSettings(
-            epochs=options.epochs, margin_epochs=margin_epochs, relaxation=relaxation, seed=options.seed
+            epochs=options.epochs,
+            margin_epochs=margin_epochs,
+            relaxation=relaxation,
+            seed=options.seed,
         )
         with progress(f"{problem} {name}") as bar:
             selector = fit_neural(train, settings, bar, calibration=held)
@@ -141,12 +157,25 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
 
 def table_of(problem: str, scores: list[Score]) -> Table:
     """Shares in per cent with their intervals, and the paper's below."""
-    table = Table("selector", "P1 feasible", "P1 infeasible", *PROJECTIONS, "trained [s]", title=f"{problem} [%]")
+    table = Table(
+        "selector",
+        "P1 feasible",
+        "P1 infeasible",
+        *PROJECTIONS,
+        "trained [s]",
+        title=f"{problem} [%]",
+    )
     for score in scores:
-        shares = (score.p1_feasible, score.p1_infeasible, *(score.projected[way] for way in PROJECTIONS))
+        shares = (
+            score.p1_feasible,
+            score.p1_infeasible,
+            *(score.projected[way] for way in PROJECTIONS),
+        )
         table.add_row(score.selector, *map(cell, shares), f"{score.notes['train_seconds']:.0f}")
     for name, (feasible, infeasible, fix_p, _) in TABLE_I.get(problem, {}).items():
-        table.add_row(f"paper: {name}", *(f"{100.0 * share:.1f}" for share in (feasible, infeasible, fix_p)))
+        table.add_row(
+            f"paper: {name}", *(f"{100.0 * share:.1f}" for share in (feasible, infeasible, fix_p))
+        )
     return table
 
 
@@ -156,18 +185,26 @@ def cell(share: Share) -> str:
     return f"{100.0 * share.value:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
 
 
-def judged(name: str, learned: Learned, scenes: list[LabelledScene], problem: str, seconds: float) -> Score:
+def judged(
+    name: str, learned: Learned, scenes: list[LabelledScene], problem: str, seconds: float
+) -> Score:
     """Roll a selector out."""
     with progress(f"{problem} evaluate {name}") as bar:
-        score = evaluate(name, learned, scenes, problem_class=problem, projections=PROJECTIONS, progress=bar)
+        score = evaluate(
+            name, learned, scenes, problem_class=problem, projections=PROJECTIONS, progress=bar
+        )
     return replace(score, notes={"train_seconds": seconds})
 
 
-def data(problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Arguments) -> Dataset:
+def data(
+    problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Arguments
+) -> Dataset:
     """Label a data set, or what is missing of it."""
     folder = options.folder / f"{problem}-{part}-{feasible}-{infeasible}-{seed}"
     folder.parent.mkdir(parents=True, exist_ok=True)
-    plan = LabelPlan(distribution=problem, feasible=feasible, infeasible=infeasible, seed=seed, shard_size=500)
+    plan = LabelPlan(
+        distribution=problem, feasible=feasible, infeasible=infeasible, seed=seed, shard_size=500
+    )
     with progress(f"{problem} {part}") as bar:
         label(plan, folder, workers=options.workers, progress=counted(bar, plan.rows))
     return Dataset.open(folder)

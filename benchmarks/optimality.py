@@ -1,11 +1,13 @@
-"""How far from the best is the two-stage plan? Against the exact planner on small perturbed courses, one thread each.
+"""How far from the best is the two-stage plan? Against the exact planner on small perturbed
+courses, one thread each.
 
 python benchmarks/optimality.py --count 30 --seed 0 --out out/optimality
 
-Courses of two and three frames, in turn: perturbed as the built-in ones are, and the same with less friction, a wider
-body and a goal aside, which pulls the plan against limits; and four limbs on small tilted patches of little friction,
-where the lift is not tight and some courses have no plan. The two-stage planner is asked twice: for its first plan,
-and with a gap, which goes on over the choices of patches and descends. Finished courses are kept in the folder.
+Courses of two and three frames, in turn: perturbed as the built-in ones are, and the same with less
+friction, a wider body and a goal aside, which pulls the plan against limits; and four limbs on
+small tilted patches of little friction, where the lift is not tight and some courses have no plan.
+The two-stage planner is asked twice: for its first plan, and with a gap, which goes on over the
+choices of patches and descends. Finished courses are kept in the folder.
 """
 
 from __future__ import annotations
@@ -62,21 +64,30 @@ def course_of(index: int, seed: int) -> tuple[str, Problem]:
 
 
 def pulled(course: Problem, rng: np.random.Generator) -> Problem:
-    """With up to a third less friction, a body that may go three times as far, and a goal .2 m off."""
+    """With up to a third less friction, a body that may go three times as far, and a goal .2 m
+    off."""
     less = rng.uniform(0.67, 1.0)
     footholds = tuple(
-        replace(put, candidates=tuple(replace(patch, friction=less * patch.friction) for patch in put.candidates))
+        replace(
+            put,
+            candidates=tuple(
+                replace(patch, friction=less * patch.friction) for patch in put.candidates
+            ),
+        )
         for put in course.footholds
     )
     aside = rng.normal(size=3)
     return replace(
-        course, footholds=footholds, com_radius_m=3.0 * course.com_radius_m,
+        course,
+        footholds=footholds,
+        com_radius_m=3.0 * course.com_radius_m,
         goal_m=course.goal_m + 0.2 * aside / np.linalg.norm(aside),
-    )  # fmt: skip
+    )
 
 
 def tilted(rng: np.random.Generator, frames: int) -> Problem:
-    """Four limbs between two walls of small patches, each tilted and slippery in its own way; one limb moves."""
+    """Four limbs between two walls of small patches, each tilted and slippery in its own way; one
+    limb moves."""
     names = ("LF", "LR", "RF", "RR")
     robot = Robot(name="four limbs", mass_kg=10.0, limbs=hexapod().select(names))
     com = np.array([[0.0, 0.0, 0.04 * k] for k in range(frames)])
@@ -88,10 +99,16 @@ def tilted(rng: np.random.Generator, frames: int) -> Problem:
         if k == 0 or limb.name in lifts[k]
     )
     return Problem(
-        name="tilted", robot=robot, terrain=tuple(put.candidates[0] for put in footholds), footholds=footholds,
-        lifts=lifts, com_nominal_m=com, com_radius_m=np.full(frames, 0.05),
-        goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3), steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
-    )  # fmt: skip
+        name="tilted",
+        robot=robot,
+        terrain=tuple(put.candidates[0] for put in footholds),
+        footholds=footholds,
+        lifts=lifts,
+        com_nominal_m=com,
+        com_radius_m=np.full(frames, 0.05),
+        goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
+        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
+    )
 
 
 def _tilted_patch(rng: np.random.Generator, com: Array, limb: Limb) -> Patch:
@@ -104,17 +121,22 @@ def _tilted_patch(rng: np.random.Generator, com: Array, limb: Limb) -> Patch:
     corners = [first + second, first - second, -first - second, second - first]
     return Patch(
         vertices_m=com + away + rng.uniform(-0.06, 0.06, 3) + np.array(corners),
-        normal=normal / np.linalg.norm(normal), shear_reference=np.array([0.0, 0.0, 1.0]),
+        normal=normal / np.linalg.norm(normal),
+        shear_reference=np.array([0.0, 0.0, 1.0]),
         friction=rng.uniform(0.5, 0.9),
-    )  # fmt: skip
+    )
 
 
 def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     first = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s)
-    best = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
-    exact = ExactCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
+    best = TwoStageCoursePlanner(
+        programs=programs, time_limit_s=options.time_limit_s, gap=options.gap
+    )
+    exact = ExactCoursePlanner(
+        programs=programs, time_limit_s=options.time_limit_s, gap=options.gap
+    )
     planners: dict[str, Planner] = {"first": first, "best": best, "exact": exact}
     rows = []
     for index in range(options.count):
@@ -129,20 +151,30 @@ def main(options: Arguments) -> None:
 
 def measured(head: dict[str, Any], course: Problem, planners: dict[str, Planner]) -> dict[str, Any]:
     """What every planner answers."""
-    return head | {"frames": course.frames} | {name: summary(one.solve(course)) for name, one in planners.items()}
+    return (
+        head
+        | {"frames": course.frames}
+        | {name: summary(one.solve(course)) for name, one in planners.items()}
+    )
 
 
 def summary(outcome: Answer[Plan]) -> dict[str, Any]:
     """What is kept of an answer."""
     return {
-        "status": outcome.status.value, "objective": _number(outcome.objective), "bound": _number(outcome.bound),
-        "seconds": outcome.effort.seconds, "compile_s": outcome.effort.compile_s,
-        "nodes": outcome.details.get("nodes", 0.0), "cuts": outcome.details.get("cuts", 0.0), "claim": outcome.claim,
-    }  # fmt: skip
+        "status": outcome.status.value,
+        "objective": _number(outcome.objective),
+        "bound": _number(outcome.bound),
+        "seconds": outcome.effort.seconds,
+        "compile_s": outcome.effort.compile_s,
+        "nodes": outcome.details.get("nodes", 0.0),
+        "cuts": outcome.details.get("cuts", 0.0),
+        "claim": outcome.claim,
+    }
 
 
 def loss(row: dict[str, Any], name: str) -> float | None:
-    """By how much the plan's objective is above the exact planner's [%]; None where either has none."""
+    """By how much the plan's objective is above the exact planner's [%]; None where either has
+    none."""
     ours, theirs = row[name]["objective"], row["exact"]["objective"]
     return None if ours is None or theirs is None else 100.0 * (ours - theirs) / max(theirs, 1e-6)
 
@@ -166,15 +198,23 @@ def show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         first, exact = row["first"], row["exact"]
         table.add_row(
-            row["kind"], str(row["frames"]), _text(first["objective"], ".3e") or first["status"],
-            _text(exact["objective"], ".3e") or f"{exact['status']} {exact['claim']}", _text(exact["bound"], ".3e"),
-            _text(loss(row, "first"), ".2f"), _text(loss(row, "best"), ".2f"), f"{1e3 * first['seconds']:.0f}",
-            f"{1e3 * exact['seconds']:.0f}", f"{exact['nodes']:.0f}",
-        )  # fmt: skip
+            row["kind"],
+            str(row["frames"]),
+            _text(first["objective"], ".3e") or first["status"],
+            _text(exact["objective"], ".3e") or f"{exact['status']} {exact['claim']}",
+            _text(exact["bound"], ".3e"),
+            _text(loss(row, "first"), ".2f"),
+            _text(loss(row, "best"), ".2f"),
+            f"{1e3 * first['seconds']:.0f}",
+            f"{1e3 * exact['seconds']:.0f}",
+            f"{exact['nodes']:.0f}",
+        )
     console = Console(width=120)
     console.print(table)
     for name, label in (("first", "first plan"), ("best", "with a gap")):
-        losses = np.array([value for value in (loss(row, name) for row in rows) if value is not None])
+        losses = np.array(
+            [value for value in (loss(row, name) for row in rows) if value is not None]
+        )
         if len(losses):
             console.print(
                 f"{label}: {len(losses)} of {len(rows)} courses, gap median {np.median(losses):.3f} %, "

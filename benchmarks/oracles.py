@@ -1,11 +1,12 @@
-"""Who decides hard postures, how fast, and do they agree? The exact planner against its peers, one thread each.
+"""Who decides hard postures, how fast, and do they agree? The exact planner against its peers, one
+thread each.
 
 python benchmarks/oracles.py --problem wall-3 --count 60 --seed 0 --json
 
-Half of the postures have a witness and half a certificate, both from the exact planner and both verified; those whose
-convex part alone is infeasible are left out. The solvers take turns on every posture, in an order that rotates. Times
-are CPU times of the process, which what else runs on the machine disturbs least; a short call would profit from a wall
-clock on busy cores.
+Half of the postures have a witness and half a certificate, both from the exact planner and both
+verified; those whose convex part alone is infeasible are left out. The solvers take turns on every
+posture, in an order that rotates. Times are CPU times of the process, which what else runs on the
+machine disturbs least; a short call would profit from a wall clock on busy cores.
 """
 
 from __future__ import annotations
@@ -49,7 +50,15 @@ class Arguments(Options):
     """How many postures, half of them feasible."""
     time_limit_s: float = 10.0
     """Of every solver, a posture."""
-    solvers: tuple[str, ...] = ("exact", "gurobi", "gurobi-paper", "scip", "scip-paper", "highs-micp", "ipopt")
+    solvers: tuple[str, ...] = (
+        "exact",
+        "gurobi",
+        "gurobi-paper",
+        "scip",
+        "scip-paper",
+        "highs-micp",
+        "ipopt",
+    )
     intervals: int = 4
     """Pieces of each p_j and f_k in the mixed-integer grid."""
 
@@ -58,9 +67,10 @@ class Arguments(Options):
 class Said:
     """What one solver said of one posture.
 
-    label: feasible, infeasible, unknown or size limit. verified: its point, projected, passed the verifier.
-    residual_nm: net moment at the point itself, before projection; worst: its worst non-dimensional violation of any
-    constraint, where it is known. solver_ms: without building the model.
+    label: feasible, infeasible, unknown or size limit. verified: its point, projected, passed the
+    verifier. residual_nm: net moment at the point itself, before projection; worst: its worst
+    non-dimensional violation of any constraint, where it is known. solver_ms: without building the
+    model.
     """
 
     label: str
@@ -85,11 +95,17 @@ class Score:
 
     def summary(self, base_ms: float) -> dict[str, Any]:
         """The row of the table. base_ms: median of the exact planner, whole call."""
-        whole, alone = (np.array([getattr(said, name) for said in self.said]) for name in ("ms", "solver_ms"))
+        whole, alone = (
+            np.array([getattr(said, name) for said in self.said]) for name in ("ms", "solver_ms")
+        )
         alone = np.where(np.isnan(alone), whole, alone)
         pairs = list(zip(self.said, self.ours, strict=True))
         labels = Counter(said.label for said in self.said)
-        false_yes = [s for s, ours in pairs if ours is Status.INFEASIBLE and s.label == "feasible" and not s.verified]
+        false_yes = [
+            s
+            for s, ours in pairs
+            if ours is Status.INFEASIBLE and s.label == "feasible" and not s.verified
+        ]
         residuals = [s.residual_nm for s in false_yes if np.isfinite(s.residual_nm)]
         worst = [s.worst for s in false_yes if np.isfinite(s.worst)]
         return {
@@ -99,18 +115,23 @@ class Score:
             "solver_median_ms": float(np.median(alone)),
             "solver_p90_ms": float(np.quantile(alone, 0.9)),
             "feasible_ms": _median([s.solver_ms for s, ours in pairs if ours is Status.FEASIBLE]),
-            "infeasible_ms": _median([s.solver_ms for s, ours in pairs if ours is Status.INFEASIBLE]),
+            "infeasible_ms": _median(
+                [s.solver_ms for s, ours in pairs if ours is Status.INFEASIBLE]
+            ),
             "ratio": float(np.median(alone)) / base_ms,
             "feasible": labels["feasible"],
             "infeasible": labels["infeasible"],
             "unknown": labels["unknown"] + labels["size limit"],
             "size_limit": labels["size limit"],
             "contradictions": sum(
-                (ours is Status.FEASIBLE and s.label == "infeasible") or (ours is Status.INFEASIBLE and s.verified)
+                (ours is Status.FEASIBLE and s.label == "infeasible")
+                or (ours is Status.INFEASIBLE and s.verified)
                 for s, ours in pairs
             ),
             "claims_against_certificate": len(false_yes),
-            "their_residual_nm": [float(f(residuals)) for f in (np.min, np.median, np.max)] if residuals else None,
+            "their_residual_nm": [float(f(residuals)) for f in (np.min, np.median, np.max)]
+            if residuals
+            else None,
             "their_violation": max(worst) if worst else None,
         }
 
@@ -151,16 +172,14 @@ def ask_planner(planner: Planner, problem: Problem) -> Said:
         verified=outcome.status is Status.FEASIBLE,
         residual_nm=outcome.details.get("claimed_residual_nm", outcome.residual_nm),
         ms=ms,
-        solver_ms=ms * outcome.details.get("solver_s", outcome.effort.seconds) / outcome.effort.seconds,
+        solver_ms=ms
+        * outcome.details.get("solver_s", outcome.effort.seconds)
+        / outcome.effort.seconds,
     )
 
 
 def ask_bilinear(
-    name: str,
-    form: bilinear.Form,
-    programs: Programs,
-    limit_s: float,
-    problem: Problem,
+    name: str, form: bilinear.Form, programs: Programs, limit_s: float, problem: Problem
 ) -> Said:
     """Ask a spatial branch and bound; its point is projected and verified outside the clock."""
     begin = time.process_time()
@@ -183,9 +202,15 @@ def ask_bilinear(
 
 def hard_postures(options: Arguments) -> tuple[list[tuple[Problem, Status]], Counter[str]]:
     """Draw until both halves are full; also what was drawn and left out."""
-    planner, rng = ExactPlanner(time_limit_s=options.time_limit_s), np.random.default_rng(options.seed)
+    planner, rng = (
+        ExactPlanner(time_limit_s=options.time_limit_s),
+        np.random.default_rng(options.seed),
+    )
     drawn, out = distribution(options.problem), Counter[str]()
-    room = {Status.FEASIBLE: options.count - options.count // 2, Status.INFEASIBLE: options.count // 2}
+    room = {
+        Status.FEASIBLE: options.count - options.count // 2,
+        Status.INFEASIBLE: options.count // 2,
+    }
     postures: list[tuple[Problem, Status]] = []
     while any(room.values()):
         problem = drawn.sample(rng)
@@ -202,14 +227,18 @@ def hard_postures(options: Arguments) -> tuple[list[tuple[Problem, Status]], Cou
     return postures, out
 
 
-def run(options: Arguments, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
+def run(
+    options: Arguments, solvers: dict[str, Ask]
+) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
     """Every solver's row. The solvers take turns on each posture, and who begins rotates."""
     postures, out = hard_postures(options)
     names = list(solvers)
     scores = {name: Score() for name in names}
     for ask in solvers.values():
         ask(postures[0][0])  # compiled models and loaded libraries are not what is compared
-    for index, (problem, status) in enumerate(track(postures, console=Console(stderr=True), transient=True)):
+    for index, (problem, status) in enumerate(
+        track(postures, console=Console(stderr=True), transient=True)
+    ):
         turn = index % len(names)
         for name in names[turn:] + names[:turn]:
             scores[name].add(solvers[name](problem), status)
@@ -218,8 +247,11 @@ def run(options: Arguments, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str
 
 
 def table(options: Arguments, rows: dict[str, dict[str, Any]]) -> Table:
-    """The rows for people. CPU times in ms; a peer's ratio is that of its solver alone to our whole call."""
-    shown = Table(title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread, CPU ms")
+    """The rows for people. CPU times in ms; a peer's ratio is that of its solver alone to our whole
+    call."""
+    shown = Table(
+        title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread, CPU ms"
+    )
     titles = "solver|call median|p90|max|solver alone|on feas.|on infeas.|ratio|feas./infeas./unknown|contra-|refuted"
     for title in titles.split("|"):
         shown.add_column(title, justify="left" if title == "solver" else "right")
@@ -231,9 +263,13 @@ def table(options: Arguments, rows: dict[str, dict[str, Any]]) -> Table:
         spread = f" ({residuals[0]:.2g}-{residuals[2]:.2g} Nm)" if residuals else ""
         spread += f", off {row['their_violation']:.1g}" if row["their_violation"] else ""
         shown.add_row(
-            name, *(f"{row[key]:.3g}" for key in keys), f"{row['ratio']:.2g}", labels, str(row["contradictions"]),
+            name,
+            *(f"{row[key]:.3g}" for key in keys),
+            f"{row['ratio']:.2g}",
+            labels,
+            str(row["contradictions"]),
             f"{row['claims_against_certificate']}{spread}",
-        )  # fmt: skip
+        )
     return shown
 
 
@@ -249,7 +285,12 @@ def main(options: Arguments) -> None:
     rows, out = run(options, solvers)
     if options.json:
         for name, row in rows.items():
-            head = {"problem": options.problem, "count": options.count, "seed": options.seed, "solver": name}
+            head = {
+                "problem": options.problem,
+                "count": options.count,
+                "seed": options.seed,
+                "solver": name,
+            }
             options.say(head | row)
         return
     console = Console(width=max(Console().width, 150))

@@ -1,10 +1,12 @@
-"""How much the house adds to the solver: P1 through ``McCormick.solve`` against bare Clarabel on the same data.
+"""How much the house adds to the solver: P1 through ``McCormick.solve`` against bare Clarabel on
+the same data.
 
     python benchmarks/p1_speed.py [--problem wall-3] [--count 400] [--seed 0] [--json]
 
-Both are timed in turn, problem by problem, in one process on one thread. "bare" hands finished numbers to a solver of
-the same settings: `update + solve` to one that was set up before, `set up + solve` what a program without data updates
-pays. Our total is everything from the scaled problem to the margin, gap and point.
+Both are timed in turn, problem by problem, in one process on one thread. "bare" hands finished
+numbers to a solver of the same settings: `update + solve` to one that was set up before, `set up +
+solve` what a program without data updates pays. Our total is everything from the scaled problem to
+the margin, gap and point.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from stancekit.planners.relaxation.mccormick import Boxed, McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 
 ROUNDS = 6
-"""Every problem is timed so often, and its fastest counts: other work on the machine comes in bursts."""
+"""Every problem is timed so often, and its fastest counts: other work on the machine comes in
+bursts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +44,14 @@ def main(arguments: Arguments) -> None:
     """Measure and print."""
     rng = np.random.default_rng(arguments.seed)
     problems = [distribution(arguments.problem).sample(rng) for _ in range(arguments.count)]
-    arguments.list(measure(lambda: [Scaled.of(problem) for problem in problems]), problem=arguments.problem)
+    arguments.list(
+        measure(lambda: [Scaled.of(problem) for problem in problems]), problem=arguments.problem
+    )
 
 
 def measure(scenes: Callable[[], list[Scaled]]) -> dict[str, float]:
-    """Times of every scene, three ways in turn; medians and ratios of sums. scenes: made anew, nothing kept."""
+    """Times of every scene, three ways in turn; medians and ratios of sums. scenes: made anew,
+    nothing kept."""
     problems = scenes()
     model, box = McCormick(problems[0].layout), middle_box(problems)
     for problem in problems[:20]:
@@ -62,10 +68,14 @@ def measure(scenes: Callable[[], list[Scaled]]) -> dict[str, float]:
             ways = (
                 lambda p=problem: read(model.solve(p, box)),
                 lambda q=q, a=data, b=b: updated(kept, q, a, b),
-                lambda q=q, a=matrix, b=b: clarabel.DefaultSolver(hessian, q, a, b, cones, settings).solve().obj_val,
+                lambda q=q, a=matrix, b=b: (
+                    clarabel.DefaultSolver(hessian, q, a, b, cones, settings).solve().obj_val
+                ),
             )
             found = np.zeros(3)
-            for way in np.roll(np.arange(3), row + column):  # what runs first after other work is slower
+            for way in np.roll(
+                np.arange(3), row + column
+            ):  # what runs first after other work is slower
                 begin = time.perf_counter()
                 found[way] = ways[way]()
                 times[way, row, column] = time.perf_counter() - begin

@@ -1,10 +1,13 @@
-"""From a drag to a drawn plan: how long the playground takes, in a headless Chromium that drags its sliders and grips.
+"""From a drag to a drawn plan: how long the playground takes, in a headless Chromium that drags its
+sliders and grips.
 
-For each course changes are made one after the other, each when the answer to the one before is seen: the goal by
-its arrow, and the friction by its slider, in turn. The time is that from the mouse event to the verdict and the limbs'
-table in the document; "painted": to the second frame after, which without a GPU is the browser's own drawing of every
-pixel. `--no-browser`: from the change to the last message that is sent. Beside it CPU time of the process that plans
-and draws, by part; and, as a yardstick, how long the same answer takes without a page, asked for after each change.
+For each course changes are made one after the other, each when the answer to the one before is
+seen: the goal by its arrow, and the friction by its slider, in turn. The time is that from the
+mouse event to the verdict and the limbs' table in the document; "painted": to the second frame
+after, which without a GPU is the browser's own drawing of every pixel. `--no-browser`: from the
+change to the last message that is sent. Beside it CPU time of the process that plans and draws, by
+part; and, as a yardstick, how long the same answer takes without a page, asked for after each
+change.
 """
 
 from __future__ import annotations
@@ -47,7 +50,12 @@ new MutationObserver(() => {
 class Playing(Options):
     """Options of the table."""
 
-    courses: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COURSE ...")] = ("walls", "icy-walls", "stairs", "tube")
+    courses: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COURSE ...")] = (
+        "walls",
+        "icy-walls",
+        "stairs",
+        "tube",
+    )
     changes: int = 200
     robot: str = ""
     browser: bool = True
@@ -58,32 +66,46 @@ class Playing(Options):
     size_px: tuple[int, int] = (1400, 800)
     """Of the browser's window; without a GPU the browser draws every pixel itself."""
     picture: Path | None = None
-    """Changes nothing and times nothing: a picture of the first course as it is opened, that of docs/playground.md."""
+    """Changes nothing and times nothing: a picture of the first course as it is opened, that of
+    docs/playground.md."""
 
 
 def main(options: Playing) -> None:
-    """Print a row a course, or draw the first; without a browser on this machine that of the server's side."""
+    """Print a row a course, or draw the first; without a browser on this machine that of the
+    server's side."""
     from tests.emulators.chromium import CHROMIUM
 
     for course in options.courses:
         scenario = KeysScenario.of(course, options.robot or None)
         if options.picture is not None:
-            with tempfile.TemporaryDirectory() as folder, served(scenario, folder=Path(folder)) as page:
+            with (
+                tempfile.TemporaryDirectory() as folder,
+                served(scenario, folder=Path(folder)) as page,
+            ):
                 _drawn(page, options.picture, options.size_px, Path(folder))
             return
         with tempfile.TemporaryDirectory() as folder, served(scenario, folder=Path(folder)) as page:
-            row = _changed(page, options, Path(folder)) if options.browser and CHROMIUM else _served(page, options)
-        options.say({"course": course, **row}, lambda row: "  ".join(f"{k} {v}" for k, v in row.items()))
+            row = (
+                _changed(page, options, Path(folder))
+                if options.browser and CHROMIUM
+                else _served(page, options)
+            )
+        options.say(
+            {"course": course, **row}, lambda row: "  ".join(f"{k} {v}" for k, v in row.items())
+        )
 
 
 def _drawn(page: Any, picture: Path, size_px: tuple[int, int], folder: Path) -> None:
-    """The page as the browser draws it once the plan is judged, without what viser says of a browser without a GPU."""
+    """The page as the browser draws it once the plan is judged, without what viser says of a
+    browser without a GPU."""
     from tests.emulators.chromium import opened
 
     with opened(page.address, folder / "profile", size_px) as tab:
         tab.wait_for("document.querySelector('#verdict')?.textContent.includes('judged')")
         time.sleep(3.0)  # its note comes late
-        tab.value("document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())")
+        tab.value(
+            "document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())"
+        )
         time.sleep(25.0)  # a scene comes in slowly where every pixel is drawn by the processor
         tab.picture(picture)
 
@@ -104,10 +126,14 @@ class _Clock:
             begin = time.process_time()
             before(number, scenario, answer, since)
             if not answer.patient:
-                self.rows.append({
-                    "s": time.perf_counter() - since, "layout": answer.seconds[0], "search": answer.seconds[1],
-                    "drawing": time.process_time() - begin,
-                })  # fmt: skip
+                self.rows.append(
+                    {
+                        "s": time.perf_counter() - since,
+                        "layout": answer.seconds[0],
+                        "search": answer.seconds[1],
+                        "drawing": time.process_time() - begin,
+                    }
+                )
                 self.drawn.set()
 
         playground.session._on_answer = on_answer
@@ -128,7 +154,13 @@ def _edits(playground: Playground, count: int) -> list[tuple[str, Any]]:
         if k % 2:
             found.append(("friction", round(0.75 + 0.35 * np.sin(k * TURN), 2)))
         else:
-            found.append(("goal", goal + 0.04 * np.array([np.cos(k * TURN), 0.3 * np.sin(k * TURN), np.sin(k * TURN)])))
+            found.append(
+                (
+                    "goal",
+                    goal
+                    + 0.04 * np.array([np.cos(k * TURN), 0.3 * np.sin(k * TURN), np.sin(k * TURN)]),
+                )
+            )
     return found
 
 
@@ -140,7 +172,9 @@ def _served(page: Any, options: Playing) -> dict[str, Any]:
     for key, value in _edits(playground, options.changes):
         clock.drawn.clear()
         if key == "friction":
-            playground.session.change(lambda scenario, value=value: scenario.slid("friction", value))
+            playground.session.change(
+                lambda scenario, value=value: scenario.slid("friction", value)
+            )
         else:
             playground.session.change(lambda scenario, value=value: scenario.dragged("goal", value))
         assert clock.drawn.wait(30.0)
@@ -157,7 +191,9 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
     from tests.emulators.playground import middle_of, pixel_of
 
     playground, times = page.playground, list[Any]()
-    with opened(page.address, folder / "profile", options.size_px, draws=options.draws, seldom=False) as tab:
+    with opened(
+        page.address, folder / "profile", options.size_px, draws=options.draws, seldom=False
+    ) as tab:
         tab.wait_for("document.querySelector('#verdict') !== null")
         time.sleep(3.0)
         tab.value(WATCH)
@@ -171,7 +207,9 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
             if k % 2:
                 place = (x + 30.0 * np.sin(k * TURN) - 20.0, y)
                 tab.mouse("mouseMoved", *middle_of(tab, "document.querySelector('[role=slider]')"))
-                tab.mouse("mousePressed", *middle_of(tab, "document.querySelector('[role=slider]')"))
+                tab.mouse(
+                    "mousePressed", *middle_of(tab, "document.querySelector('[role=slider]')")
+                )
             else:
                 goal = playground.session.scenario.course().goal_m
                 start = pixel_of(page, tab, goal + 0.10 * UP)
@@ -187,9 +225,13 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
             number = playground.session.number
             if number > before:
                 answers = f"(Object.entries(window.answers).find(([k, _]) => k > {before}) || [0, [0, 0]])[1]"
-                tab.wait_for(f"{answers}[0]")  # of this change, or of one after it that took its place
+                tab.wait_for(
+                    f"{answers}[0]"
+                )  # of this change, or of one after it that took its place
                 if options.painted:
-                    with suppress(AssertionError):  # a browser that draws no frame for so long has no time
+                    with suppress(
+                        AssertionError
+                    ):  # a browser that draws no frame for so long has no time
                         tab.wait_for(f"{answers}[1]", 20.0)
                 times.append(1e-3 * np.array(tab.value(answers), dtype=np.float64) - began)
             tab.mouse("mouseReleased", *place)
@@ -201,20 +243,29 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
     read, painted = np.array(times).T
     painted = painted[painted > 0.0]
     row = {"drags": len(times), **_figures(read, clock, cpu / len(times))}
-    return {**row, "painted": len(painted), "painted_median_ms": _ms(np.median(painted))} if options.painted else row
+    return (
+        {**row, "painted": len(painted), "painted_median_ms": _ms(np.median(painted))}
+        if options.painted
+        else row
+    )
 
 
 def _figures(times: Any, clock: _Clock, cpu_s: float) -> dict[str, Any]:
-    """Median and worst in ms, and CPU time by part, the median of each, and the worst of their sum."""
+    """Median and worst in ms, and CPU time by part, the median of each, and the worst of their
+    sum."""
     rows = clock.rows
     names = ("layout", "search", "drawing")
     parts = {f"{name}_cpu_ms": _ms(np.median([row[name] for row in rows])) for name in names}
     return {
-        "median_ms": _ms(np.median(times)), "p95_ms": _ms(np.quantile(times, 0.95)), "worst_ms": _ms(np.max(times)),
-        "alone_median_ms": _ms(np.median(clock.alone)), **parts,
-        "worst_cpu_ms": _ms(max(sum(row[name] for name in names) for row in rows)), "process_cpu_ms": _ms(cpu_s),
+        "median_ms": _ms(np.median(times)),
+        "p95_ms": _ms(np.quantile(times, 0.95)),
+        "worst_ms": _ms(np.max(times)),
+        "alone_median_ms": _ms(np.median(clock.alone)),
+        **parts,
+        "worst_cpu_ms": _ms(max(sum(row[name] for name in names) for row in rows)),
+        "process_cpu_ms": _ms(cpu_s),
         "load": round(os.getloadavg()[0], 1),
-    }  # fmt: skip
+    }
 
 
 def _ms(seconds: Any) -> float:

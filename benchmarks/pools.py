@@ -3,8 +3,9 @@
     python benchmarks/pools.py --write     # into envs/pools
     python benchmarks/pools.py             # makes them, and says which bits differ
 
-Each is what `stancekit label CLASS FOLDER --feasible 250 --infeasible 250 --seed 4100` makes of its class, without the
-times that it took. Bits are the same with the versions that the header names, on one kind of CPU.
+Each is what `stancekit label CLASS FOLDER --feasible 250 --infeasible 250 --seed 4100` makes of its
+class, without the times that it took. Bits are the same with the versions that the header names, on
+one kind of CPU.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def main(given: Arguments) -> None:
             for file, content in contents.items():
                 write_bytes(ROOT / "envs" / "pools" / pool / file, content)
         folder = pools().get(pool)
-        same = folder is not None and all((folder / file).read_bytes() == content for file, content in contents.items())
+        same = folder is not None and all(
+            (folder / file).read_bytes() == content for file, content in contents.items()
+        )
         differ += not same
         given.say({"pool": pool, "bytes": sum(map(len, contents.values())), "the same": same})
     sys.exit(int(differ > 0))

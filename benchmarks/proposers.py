@@ -1,11 +1,13 @@
-"""What networks that propose postures and proofs settle, what they change, and what labels cost with them.
+"""What networks that propose postures and proofs settle, what they change, and what labels cost
+with them.
 
     python benchmarks/proposers.py                           # train a pair a class, then measure
-    python benchmarks/proposers.py --folder out/proposers    # with CLASS.safetensors of `stancekit proposers`
+    python benchmarks/proposers.py --folder out/proposers    # with CLASS.safetensors of `stancekit
+    proposers`
 
-Shares are of natural draws. Settled without a solver: by a proposed proof, by the fixed iteration or by a proposed
-posture, each accepted by the verifier. Labels are made in processes of their own, in turns with and without proposers,
-after a warm-up and with everything counted but the training.
+Shares are of natural draws. Settled without a solver: by a proposed proof, by the fixed iteration
+or by a proposed posture, each accepted by the verifier. Labels are made in processes of their own,
+in turns with and without proposers, after a warm-up and with everything counted but the training.
 """
 
 from __future__ import annotations
@@ -76,17 +78,30 @@ def shares(kind: str, proposers: Proposers, given: Arguments) -> None:
     for begin in range(0, given.draws, BLOCK):
         batch = source.batch(rng, min(BLOCK, given.draws - begin))
         before, after = solve_all(plain, batch), solve_all(asked, batch)
-        kinds.update(f"{one.status}{' trivial' if one.details['trivial'] else ''}" for one in before)
+        kinds.update(
+            f"{one.status}{' trivial' if one.details['trivial'] else ''}" for one in before
+        )
         pairs = zip(before, after, strict=True)
-        differ += sum((a.status, a.details["trivial"]) != (b.status, b.details["trivial"]) for a, b in pairs)
+        differ += sum(
+            (a.status, a.details["trivial"]) != (b.status, b.details["trivial"]) for a, b in pairs
+        )
         proofs = set(proved(proposers, batch, Acceptance()))
         postures = set(witnessed(proposers, batch, Acceptance()))
         settled["by proofs"] += len(proofs)
         settled["by postures"] += len(postures)
         settled["by either, nothing else asked"] += len(proofs | postures)
-        settled["without a solver, without proposers"] += sum(one.effort.solves == 0 for one in before)
+        settled["without a solver, without proposers"] += sum(
+            one.effort.solves == 0 for one in before
+        )
         settled["without a solver"] += sum(one.effort.solves == 0 for one in after)
-    given.say({"kind": kind, "draws": given.draws, "verdicts that differ": differ, **shared(kinds, given.draws)})
+    given.say(
+        {
+            "kind": kind,
+            "draws": given.draws,
+            "verdicts that differ": differ,
+            **shared(kinds, given.draws),
+        }
+    )
     given.say({"kind": kind, "settled": shared(settled, given.draws)})
 
 
@@ -104,7 +119,13 @@ def cost(kind: str, path: Path, given: Arguments) -> None:
             if pair == 0:
                 compare(kind, Path(folder) / "without" / "set", Path(folder) / "with" / "set")
     for name, each in found.items():
-        given.say({"kind": kind, f"CPU-s per 1,000 samples {name}": spread(each), "p99 ms": spread(slowest[name])})
+        given.say(
+            {
+                "kind": kind,
+                f"CPU-s per 1,000 samples {name}": spread(each),
+                "p99 ms": spread(slowest[name]),
+            }
+        )
     ratio = np.divide(found["without"], found["with"])
     given.say({"kind": kind, "pairs, without / with": spread(ratio)})
 

@@ -1,11 +1,13 @@
-"""Walls with panels of ice: who finds plans, who proves that there is none, and how fast? One thread each.
+"""Walls with panels of ice: who finds plans, who proves that there is none, and how fast? One
+thread each.
 
 python benchmarks/regions.py --count 30 --seed 0 --out out/regions
 
-Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate patches a toe. The peers
-HiGHS and SCIP get the lift with a binary a candidate (``region_peers.py``); their choices and toes go through the same
-P2 and verifier as the two-stage planner's. A course is proved infeasible where the verifier accepts the certificate;
-HiGHS and SCIP only claim. Times are wall times. Finished courses are kept in the folder.
+Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate
+patches a toe. The peers HiGHS and SCIP get the lift with a binary a candidate
+(``region_peers.py``); their choices and toes go through the same P2 and verifier as the two-stage
+planner's. A course is proved infeasible where the verifier accepts the certificate; HiGHS and SCIP
+only claim. Times are wall times. Finished courses are kept in the folder.
 """
 
 from __future__ import annotations
@@ -61,9 +63,12 @@ class Peer:
         self.name, self._programs, self._limit = name, programs, time_limit_s
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
+        """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP:
+        the cones."""
         clock, scaled = Clock.start(), Scaled.of(course)
-        mixed = region_peers.Mixed.of(self._programs.get(LiftProgram, scaled.layout, False, False), scaled)
+        mixed = region_peers.Mixed.of(
+            self._programs.get(LiftProgram, scaled.layout, False, False), scaled
+        )
         plan, word, message = None, "", ""
         for said in self._said(mixed):
             clock.count(1, said.seconds)
@@ -93,11 +98,14 @@ class Peer:
 
 
 def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index, Point]:
-    """The candidate of the largest binary of every foothold, by number, and where the solver has the toe on it."""
+    """The candidate of the largest binary of every foothold, by number, and where the solver has
+    the toe on it."""
     layout = scaled.layout
     choice = np.asarray(scaled.by_candidate(x[mixed.first :], -1.0).argmax(axis=1))
     weights = np.maximum(x[mixed.columns["weights"]], 0.0)
-    weights *= (np.concatenate(scaled.which) == choice[layout.candidate_footholds])[layout.vertex_candidates]
+    weights *= (np.concatenate(scaled.which) == choice[layout.candidate_footholds])[
+        layout.vertex_candidates
+    ]
     toes, total = np.zeros((layout.footholds, 3)), np.zeros(layout.footholds)
     np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
     np.add.at(total, layout.vertex_footholds, weights)
@@ -121,8 +129,14 @@ def main(options: Arguments) -> None:
     }
     for frames in options.frames:
         for regions in options.regions:
-            rows = [course_row(planners, options, frames, regions, index) for index in range(options.count)]
-            cells = [cell(rows, name) | {"frames": frames, "regions": regions} for name in options.planners]
+            rows = [
+                course_row(planners, options, frames, regions, index)
+                for index in range(options.count)
+            ]
+            cells = [
+                cell(rows, name) | {"frames": frames, "regions": regions}
+                for name in options.planners
+            ]
             show(cells, options)
 
 
@@ -130,12 +144,17 @@ def course_row(
     planners: dict[str, Any], options: Arguments, frames: int, regions: int, index: int
 ) -> dict[str, dict[str, Any]]:
     """Every planner's answer to one course, from the folder where it is there."""
-    rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(frames, regions, index)))
+    rng = np.random.default_rng(
+        np.random.SeedSequence(options.seed, spawn_key=(frames, regions, index))
+    )
     course = icy_walls(rng, frames, regions)
     row = {}
     for turn in range(len(options.planners)):
         name = options.planners[(turn + index) % len(options.planners)]
-        path = options.out / f"{options.seed}-{frames}-{regions}-{index}-{name}-{options.time_limit_s:g}.json"
+        path = (
+            options.out
+            / f"{options.seed}-{frames}-{regions}-{index}-{name}-{options.time_limit_s:g}.json"
+        )
         row[name] = kept(path, partial(measured, planners[name], course))
     return row
 
@@ -145,16 +164,27 @@ def measured(planner: Any, course: Problem) -> dict[str, Any]:
     begin = time.perf_counter()
     outcome = planner.solve(course)
     return {
-        "status": outcome.status.value, "claim": outcome.claim, "message": outcome.message,
-        "seconds": outcome.effort.seconds, "solver_seconds": outcome.effort.solver_s, "solves": outcome.effort.solves,
-        "wall_s": time.perf_counter() - begin, "compile_s": outcome.effort.compile_s, **outcome.details,
-    }  # fmt: skip
+        "status": outcome.status.value,
+        "claim": outcome.claim,
+        "message": outcome.message,
+        "seconds": outcome.effort.seconds,
+        "solver_seconds": outcome.effort.solver_s,
+        "solves": outcome.effort.solves,
+        "wall_s": time.perf_counter() - begin,
+        "compile_s": outcome.effort.compile_s,
+        **outcome.details,
+    }
 
 
 def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
-    """What one planner did on the courses of one size, beside what is known of them from all planners."""
-    feasible = [any(said["status"] == Status.FEASIBLE.value for said in row.values()) for row in rows]
-    refuted = [any(said["status"] == Status.INFEASIBLE.value for said in row.values()) for row in rows]
+    """What one planner did on the courses of one size, beside what is known of them from all
+    planners."""
+    feasible = [
+        any(said["status"] == Status.FEASIBLE.value for said in row.values()) for row in rows
+    ]
+    refuted = [
+        any(said["status"] == Status.INFEASIBLE.value for said in row.values()) for row in rows
+    ]
     said = [row[name] for row in rows]
     seconds = np.array([s["seconds"] for s in said])
     found = np.array([s["status"] == Status.FEASIBLE.value for s in said])
@@ -168,7 +198,9 @@ def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
         "found": int(found.sum()),
         "proved": int(proved.sum()),
         "claimed_infeasible": sum(s["claim"] == "infeasible" for s in said),
-        "false_no": sum(s["claim"] == "infeasible" and yes for s, yes in zip(said, feasible, strict=True)),
+        "false_no": sum(
+            s["claim"] == "infeasible" and yes for s, yes in zip(said, feasible, strict=True)
+        ),
         "unknown": sum(s["status"] == "undecided" and s["claim"] != "infeasible" for s in said),
         "p2_success": float(found.sum() / tried) if tried else None,
         "median_s": float(np.median(seconds)),
@@ -191,16 +223,34 @@ def show(cells: list[dict[str, Any]], options: Arguments) -> None:
         title=f"M = {first['frames']}, {first['regions']} regions: {first['feasible']} courses with a plan, "
         f"{first['infeasible']} refuted, {first['open']} open"
     )
-    heads = ("planner", "plans", "proved no", "claimed no", "unknown", "P2 %", "median s", "p90 s", "max s", "on ice %")
+    heads = (
+        "planner",
+        "plans",
+        "proved no",
+        "claimed no",
+        "unknown",
+        "P2 %",
+        "median s",
+        "p90 s",
+        "max s",
+        "on ice %",
+    )
     for head in heads:
         table.add_column(head, justify="left" if head == "planner" else "right")
     for found in cells:
         p2, ice = found["p2_success"], found["on_ice"]
         table.add_row(
-            found["planner"], str(found["found"]), str(found["proved"]), str(found["claimed_infeasible"]),
-            str(found["unknown"]), "" if p2 is None else f"{100 * p2:.0f}", f"{found['median_s']:.2f}",
-            f"{found['p90_s']:.2f}", f"{found['max_s']:.2f}", f"{100 * ice:.0f}" if ice == ice else "",
-        )  # fmt: skip
+            found["planner"],
+            str(found["found"]),
+            str(found["proved"]),
+            str(found["claimed_infeasible"]),
+            str(found["unknown"]),
+            "" if p2 is None else f"{100 * p2:.0f}",
+            f"{found['median_s']:.2f}",
+            f"{found['p90_s']:.2f}",
+            f"{found['max_s']:.2f}",
+            f"{100 * ice:.0f}" if ice == ice else "",
+        )
     Console(width=120).print(table)
 
 

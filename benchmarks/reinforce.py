@@ -1,25 +1,31 @@
-"""Reinforcement on the environments: learning curves over several seeds, against agents that do not learn.
+"""Reinforcement on the environments: learning curves over several seeds, against agents that do not
+learn.
 
-    python benchmarks/reinforce.py selection  [--seeds 3] [--steps 40960] [--out out/reinforce] [--json]
-    python benchmarks/reinforce.py refinement [--seeds 3] [--episodes 300] [--hindsight 40] [--tries 12] [--json]
-    python benchmarks/reinforce.py traverse   [--episodes 300] [--courses stairs walls ground-to-wall] [--json]
+    python benchmarks/reinforce.py selection  [--seeds 3] [--steps 40960] [--out out/reinforce]
+    [--json] python benchmarks/reinforce.py refinement [--seeds 3] [--episodes 300] [--hindsight 40]
+    [--tries 12] [--json] python benchmarks/reinforce.py traverse   [--episodes 300] [--courses
+    stairs walls ground-to-wall] [--json]
 
-The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of train-paired.yaml,
-too, from whose scenes all agents learn there. CPU-s: of learning, with the evaluations of the curve. Runs that a kill
-stopped go on. The curves are drawn to <out>/<name>.png.
+The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of
+train-paired.yaml, too, from whose scenes all agents learn there. CPU-s: of learning, with the
+evaluations of the curve. Runs that a kill stopped go on. The curves are drawn to <out>/<name>.png.
 
-selection: mean reward and P1's shares on held-out scenes, against random boxes, the heuristic, quantile and gradient
-box, and the neural selector (margin gradient). ± is the standard error over the seeds.
+selection: mean reward and P1's shares on held-out scenes, against random boxes, the heuristic,
+quantile and gradient box, and the neural selector (margin gradient). ± is the standard error over
+the seeds.
 
-refinement: reward, solves and share with a verdict of --episodes scenes that neither training nor its curve saw,
-against branching on the largest gap, the largest gap · width, the widest dimension and at random; seeds are averaged
-scene by scene. "in hindsight": of the first --hindsight scenes the best of --tries episodes by the rule with noise, a
-figure that no policy has to reach, which says how much the choice matters.
+refinement: reward, solves and share with a verdict of --episodes scenes that neither training nor
+its curve saw, against branching on the largest gap, the largest gap · width, the widest dimension
+and at random; seeds are averaged scene by scene. "in hindsight": of the first --hindsight scenes
+the best of --tries episodes by the rule with noise, a figure that no policy has to reach, which
+says how much the choice matters.
 
-traverse: reward of --episodes perturbed courses, for every planner that can be chosen, always the same one, and for the
-best of all sequences of choices, found by trying them all: no policy reaches more.
+traverse: reward of --episodes perturbed courses, for every planner that can be chosen, always the
+same one, and for the best of all sequences of choices, found by trying them all: no policy reaches
+more.
 
-Intervals are bootstrapped over scenes or courses, 95 %; "− best rule": of the differences, scene by scene.
+Intervals are bootstrapped over scenes or courses, 95 %; "− best rule": of the differences, scene by
+scene.
 """
 
 from __future__ import annotations
@@ -54,7 +60,12 @@ from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector, Selector
 from stancekit.learners.training.baselines import open_scenes
 from stancekit.learners.training.envelope_methods import fit
-from stancekit.learners.training.held_out import CurvePoint, TrainingScenes, evaluator, refinement_episodes
+from stancekit.learners.training.held_out import (
+    CurvePoint,
+    TrainingScenes,
+    evaluator,
+    refinement_episodes,
+)
 from stancekit.learners.training.reinforce import train
 from stancekit.learners.training.train_config import TrainConfig
 
@@ -97,13 +108,19 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Train, compare, print, draw."""
-    {"selection": selection, "refinement": refinement, "traverse": traverse}[arguments.name](arguments)
+    {"selection": selection, "refinement": refinement, "traverse": traverse}[arguments.name](
+        arguments
+    )
 
 
 def selection(arguments: Arguments) -> None:
     """Paired, PPO and others."""
-    config, paired = (TrainConfig.from_yaml(CONFIGS / f"train-{name}.yaml") for name in ("selection", "paired"))
-    config = replace(config, steps=arguments.steps or config.steps, train=paired.train, held_out=paired.held_out)
+    config, paired = (
+        TrainConfig.from_yaml(CONFIGS / f"train-{name}.yaml") for name in ("selection", "paired")
+    )
+    config = replace(
+        config, steps=arguments.steps or config.steps, train=paired.train, held_out=paired.held_out
+    )
     runs, folder = {"paired": paired, "PPO": config}, arguments.out / arguments.name
     scenes = TrainingScenes.label(config, folder / "data")
     rows = []
@@ -114,8 +131,12 @@ def selection(arguments: Arguments) -> None:
     for name, its in runs.items():
         curves[name], _, seconds = learned(name, its, scenes, arguments, folder)
         for when, index in (("untrained", 0), ("trained", -1)):
-            ends = [{"reward": curve[index].reward, **curve[index].figures} for curve in curves[name]]
-            found = {key: [end[key] for end in ends] for key in ends[0]} | ({"CPU-s": seconds} if index else {})
+            ends = [
+                {"reward": curve[index].reward, **curve[index].figures} for curve in curves[name]
+            ]
+            found = {key: [end[key] for end in ends] for key in ends[0]} | (
+                {"CPU-s": seconds} if index else {}
+            )
             rows.append(Row(agent=f"{name} {when}", figures=found))
             said(arguments, rows[-1])
     draw(rows, curves, arguments.out / f"{arguments.name}.png")
@@ -123,13 +144,18 @@ def selection(arguments: Arguments) -> None:
 
 def refinement(arguments: Arguments) -> None:
     """Where to cut the box: rules, what hindsight has, and PPO."""
-    config, folder = TrainConfig.from_yaml(CONFIGS / "train-refinement.yaml"), arguments.out / arguments.name
+    config, folder = (
+        TrainConfig.from_yaml(CONFIGS / "train-refinement.yaml"),
+        arguments.out / arguments.name,
+    )
     config = replace(config, steps=arguments.steps or config.steps)
     test = test_scenes(config, folder / "test", arguments.episodes)
     rules: dict[str, Selector] = {
-        "largest gap": LargestGap(), "largest gap · width": NoisyGap(np.random.default_rng(0), spread=0.0),
-        "widest dimension": WidestDimension(), "random dimension": RandomDimension(np.random.default_rng(0)),
-    }  # fmt: skip
+        "largest gap": LargestGap(),
+        "largest gap · width": NoisyGap(np.random.default_rng(0), spread=0.0),
+        "widest dimension": WidestDimension(),
+        "random dimension": RandomDimension(np.random.default_rng(0)),
+    }
     played = {name: episodes(config, test, rule) for name, rule in rules.items()}
     best = max(played, key=lambda name: played[name][:, 0].mean())
     for name, found in played.items():
@@ -137,12 +163,19 @@ def refinement(arguments: Arguments) -> None:
     some = test[: arguments.hindsight]
     noisy = [NoisyGap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
     tries = np.stack([episodes(config, some, rule) for rule in noisy] + [played[best][: len(some)]])
-    compared(arguments, "in hindsight", tries[tries[:, :, 0].argmax(axis=0), np.arange(len(some))], tries[-1])
+    compared(
+        arguments,
+        "in hindsight",
+        tries[tries[:, :, 0].argmax(axis=0), np.arange(len(some))],
+        tries[-1],
+    )
     scenes = TrainingScenes.label(config, folder / "data")
     curves, policies, seconds = learned("PPO", config, scenes, arguments, folder)
     seeds = np.stack([episodes(config, test, policy) for policy in policies])
     for seed, found in enumerate(seeds):
-        compared(arguments, f"PPO, seed {seed}", found, played[best], **{"CPU-s": round(seconds[seed])})
+        compared(
+            arguments, f"PPO, seed {seed}", found, played[best], **{"CPU-s": round(seconds[seed])}
+        )
     compared(arguments, f"PPO, mean of {len(seeds)}", seeds.mean(axis=0), played[best])
     draw([], {"PPO": curves}, arguments.out / f"{arguments.name}.png")
 
@@ -157,7 +190,9 @@ def traverse(arguments: Arguments) -> None:
         found.append([*(always(copy(env), chosen) for chosen in planners), most(env)])
     rewards = np.array(found)
     best = int(rewards[:, :-1].mean(axis=0).argmax())
-    for index, name in enumerate([*(f"always planner {chosen}" for chosen in planners), "best sequence"]):
+    for index, name in enumerate(
+        [*(f"always planner {chosen}" for chosen in planners), "best sequence"]
+    ):
         compared(arguments, name, rewards[:, index, None], rewards[:, best, None])
 
 
@@ -171,7 +206,8 @@ def always(env: TraverseEnv, chosen: int) -> float:
 
 
 def most(env: TraverseEnv) -> float:
-    """The greatest reward from here on of any sequence of choices; a planner that failed here fails here again."""
+    """The greatest reward from here on of any sequence of choices; a planner that failed here fails
+    here again."""
     assert isinstance(env.action_space, spaces.Discrete)
     values, vain = [], []
     for chosen in range(int(env.action_space.n)):
@@ -185,25 +221,38 @@ def most(env: TraverseEnv) -> float:
 
 
 def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[LabelledScene]:
-    """Scenes that need cuts, in the shares of the training scenes, from draws of a seed of their own."""
-    share, seed = config.train.feasible / config.train.infeasible, max(config.train.seed, config.held_out.seed) + 1
+    """Scenes that need cuts, in the shares of the training scenes, from draws of a seed of their
+    own."""
+    share, seed = (
+        config.train.feasible / config.train.infeasible,
+        max(config.train.seed, config.held_out.seed) + 1,
+    )
     rows = 2 * count  # of which at least half need cuts
-    plan = LabelPlan(distribution=config.problem, feasible=round(share * rows), infeasible=rows, seed=seed)
+    plan = LabelPlan(
+        distribution=config.problem, feasible=round(share * rows), infeasible=rows, seed=seed
+    )
     label(plan, folder)
     cut = open_scenes(scenes_of(Dataset.open(folder)))
     return [cut[index] for index in np.random.default_rng(0).permutation(len(cut))[:count]]
 
 
-def episodes(config: TrainConfig, scenes: Sequence[LabelledScene], policy: Selector) -> NDArray[np.float64]:
+def episodes(
+    config: TrainConfig, scenes: Sequence[LabelledScene], policy: Selector
+) -> NDArray[np.float64]:
     """Reward, solves and whether there was a verdict of every scene, shape (scenes, 3)."""
     env = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
     return refinement_episodes(policy, env, len(scenes))
 
 
 def compared(
-    arguments: Arguments, name: str, found: NDArray[np.float64], best: NDArray[np.float64], **more: float
+    arguments: Arguments,
+    name: str,
+    found: NDArray[np.float64],
+    best: NDArray[np.float64],
+    **more: float,
 ) -> None:
-    """Print a row of means, and the difference of the rewards to those of the best rule, with intervals."""
+    """Print a row of means, and the difference of the rewards to those of the best rule, with
+    intervals."""
     row: dict[str, object] = {"agent": name, "reward": bootstrapped(found[:, 0])}
     if found.shape[1] > 1:
         row |= {"solves": bootstrapped(found[:, 1]), "verdicts": bootstrapped(found[:, 2])}
@@ -218,7 +267,8 @@ def said(arguments: Arguments, row: Row) -> None:
 def learned(
     name: str, config: TrainConfig, scenes: TrainingScenes, arguments: Arguments, folder: Path
 ) -> tuple[list[tuple[CurvePoint, ...]], list[Selector], list[float]]:
-    """Curve, policy and CPU seconds of every seed; what was stopped goes on, and its seconds are those since."""
+    """Curve, policy and CPU seconds of every seed; what was stopped goes on, and its seconds are
+    those since."""
     curves: list[tuple[CurvePoint, ...]] = []
     policies: list[Selector] = []
     seconds: list[float] = []
@@ -229,19 +279,29 @@ def learned(
         curves.append(ended.curve)
         policies.append(ended.policy)
         seconds.append(time.process_time() - begin)
-        print(f"{name}, seed {seed}:", *(f"{p.steps}: {p.reward:.3f}" for p in curves[-1]), file=sys.stderr, flush=True)
+        print(
+            f"{name}, seed {seed}:",
+            *(f"{p.steps}: {p.reward:.3f}" for p in curves[-1]),
+            file=sys.stderr,
+            flush=True,
+        )
     return curves, policies, seconds
 
 
-def others(config: TrainConfig, scenes: TrainingScenes, seeds: int) -> dict[str, tuple[list[Selector], list[float]]]:
-    """Agents that do not learn from reward, one a seed where there is chance in them, and what they took [CPU-s]."""
+def others(
+    config: TrainConfig, scenes: TrainingScenes, seeds: int
+) -> dict[str, tuple[list[Selector], list[float]]]:
+    """Agents that do not learn from reward, one a seed where there is chance in them, and what they
+    took [CPU-s]."""
     space, rows = config.shape.spaces[1], scenes.rows
     assert isinstance(space, spaces.Box)
     assert rows is not None
     makers: dict[str, list[Callable[[], Selector]]] = {
         "random boxes": [partial(RandomBox, space, seed) for seed in range(seeds)],
         **{name: [partial(box, name, rows)] for name in ("heuristic", "quantile", "gradient")},
-        "margin gradient": [partial(fit_neural, rows, NeuralSettings(seed=seed)) for seed in range(seeds)],
+        "margin gradient": [
+            partial(fit_neural, rows, NeuralSettings(seed=seed)) for seed in range(seeds)
+        ],
     }
     return {name: timed(each) for name, each in makers.items()}
 
@@ -261,7 +321,9 @@ def timed(makers: Sequence[Callable[[], Selector]]) -> tuple[list[Selector], lis
     return made, seconds
 
 
-def figures(config: TrainConfig, scenes: TrainingScenes, agents: list[Selector]) -> dict[str, list[float]]:
+def figures(
+    config: TrainConfig, scenes: TrainingScenes, agents: list[Selector]
+) -> dict[str, list[float]]:
     """What an agent's seeds come to on the held-out scenes."""
     played = [evaluator(config, scenes.held_out)(agent) for agent in agents]
     ends = [{"reward": reward} | found for reward, found in played]
@@ -270,7 +332,10 @@ def figures(config: TrainConfig, scenes: TrainingScenes, agents: list[Selector])
 
 def line(row: Row) -> str:
     """A row for people."""
-    cells = [f"{name} {np.mean(values):.3f} ± {error(values):.3f}" for name, values in row.figures.items()]
+    cells = [
+        f"{name} {np.mean(values):.3f} ± {error(values):.3f}"
+        for name, values in row.figures.items()
+    ]
     return f"{row.agent:18} " + "   ".join(cells)
 
 
@@ -288,7 +353,13 @@ def draw(rows: list[Row], curves: Mapping[str, list[tuple[CurvePoint, ...]]], pa
         rewards = np.array([[point.reward for point in curve] for curve in each])
         for line in rewards:
             axes.plot(steps, line, color=colour, lw=0.8, alpha=0.5)
-        axes.plot(steps, rewards.mean(axis=0), color=colour, lw=2.4, label=f"{name}, mean of {len(each)} seeds")
+        axes.plot(
+            steps,
+            rewards.mean(axis=0),
+            color=colour,
+            lw=2.4,
+            label=f"{name}, mean of {len(each)} seeds",
+        )
     for row, colour in zip(rows, ("#66717e", "#e08a2b", "#58a695"), strict=False):
         axes.axhline(float(np.mean(row.figures["reward"])), color=colour, ls="--", label=row.agent)
     axes.set(xlabel="environment steps", ylabel="mean reward an episode, held-out scenes")

@@ -1,10 +1,11 @@
-"""Quadrupeds over a step, and how many of their postures are decided: ``benchmarks/robots.py --step``.
+"""Quadrupeds over a step, and how many of their postures are decided: ``benchmarks/robots.py
+--step``.
 
-Robots with four legs walk over a step of 5 cm, or 8 cm where their legs are longer than .6 m, in 24 key frames;
-every foot's distance from its toe is pinocchio's, from the URDF and the plan's joint angles, and the verdict is that on
-the plan's file alone. Natural postures: every
-toe on a leaning square about where the robot stands; decided over inner sets, over outer ones where those say no. What
-is neither found over the first nor refuted over the second, within a second each, is open.
+Robots with four legs walk over a step of 5 cm, or 8 cm where their legs are longer than .6 m, in 24
+key frames; every foot's distance from its toe is pinocchio's, from the URDF and the plan's joint
+angles, and the verdict is that on the plan's file alone. Natural postures: every toe on a leaning
+square about where the robot stands; decided over inner sets, over outer ones where those say no.
+What is neither found over the first nor refuted over the second, within a second each, is open.
 """
 
 from __future__ import annotations
@@ -45,12 +46,13 @@ LONG_M, RISES_M = 0.6, (0.05, 0.08)
 """Of --step: legs that are longer climb the higher step."""
 SCENES = ("step", "stairs", "slope", "gap")
 STAIRS, SLOPE_RAD, GAP, WIDE_M = 3, 0.25, 0.2, 0.6
-"""Of scenes: steps, each of .6 of the one; a slope without end; a gap of this share of a leg; half of their width."""
+"""Of scenes: steps, each of .6 of the one; a slope without end; a gap of this share of a leg; half
+of their width."""
 LIMIT_S = 1.0
 """For each decision on a posture."""
 ASIDE, UP, SIDE, LEAN_RAD, MOVED_M = 0.25, 0.15, 0.05, 0.26, 0.05
-"""Natural postures: squares of SIDE up to ASIDE and UP from the standing toes, as shares of a leg's length, leaning up
-to LEAN_RAD; the centre of mass within MOVED_M of where it stands."""
+"""Natural postures: squares of SIDE up to ASIDE and UP from the standing toes, as shares of a leg's
+length, leaning up to LEAN_RAD; the centre of mass within MOVED_M of where it stands."""
 
 
 def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
@@ -67,7 +69,11 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
         return {"name": name, "refused": str(error)}
     started = time.process_time()
     outcome = plan_with_reserve(make_planner("two-stage", of="courses"), course)
-    found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
+    found: dict[str, Any] = {
+        "name": name,
+        "plan_s": time.process_time() - started,
+        "status": outcome.status.value,
+    }
     if outcome.solution is not None:
         started = time.process_time()
         bent = whole_body(outcome.solution)
@@ -79,18 +85,24 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
             checked, (plan, _) = check_file(path), read_plan(path)
         errors = urdf_errors(model, plan)
         found |= {
-            "accepted": checked.accepted, "message": checked.message, "feet": errors.size,
-            "worst_m": float(errors.max()), "torque_share": checked.report.group("torque").figures.get("share"),
-        }  # fmt: skip
+            "accepted": checked.accepted,
+            "message": checked.message,
+            "feet": errors.size,
+            "worst_m": float(errors.max()),
+            "torque_share": checked.report.group("torque").figures.get("share"),
+        }
     return found | decided(model, natural)
 
 
 def decided(model: RobotModel, natural: int) -> dict[str, int]:
-    """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or neither (open)."""
+    """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or
+    neither (open)."""
     planner, count = ExactPlanner(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
     inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
     for seed in range(natural):
-        within, around = (natural_posture(model, each, np.random.default_rng(seed)) for each in (inner, outer))
+        within, around = (
+            natural_posture(model, each, np.random.default_rng(seed)) for each in (inner, outer)
+        )
         if planner.solve(within).status is Status.FEASIBLE:
             count["yes"] += 1
         else:
@@ -99,29 +111,46 @@ def decided(model: RobotModel, natural: int) -> dict[str, int]:
 
 
 def scene_course(model: RobotModel, file: str, scene: str = "step") -> dict[str, Any]:
-    """Level ground and one of ``SCENES``, which the front feet meet first and the hind ones have passed at the end."""
+    """Level ground and one of ``SCENES``, which the front feet meet first and the hind ones have
+    passed at the end."""
     length, height = model.legs[0].chain.length_m, model.stand_height_m
     ahead = standing_toes(model)[:, 0]
     edge, rise = float(ahead.max()) + 0.15 * length, RISES_M[int(length > LONG_M)]
     terrain, corners = _scene(scene, edge, length, rise)
-    on, (start, passed) = 0.25 * length, (edge - float(ahead.max()), corners[-1][0] - float(ahead.min()))
+    on, (start, passed) = (
+        0.25 * length,
+        (edge - float(ahead.max()), corners[-1][0] - float(ahead.min())),
+    )
     if scene == "slope":
         passed = edge - float(ahead.min()) + on
-    path = [start, *(x - float(ahead.mean()) for x, _ in corners if start < x < passed), passed, passed + on]
+    path = [
+        start,
+        *(x - float(ahead.mean()) for x, _ in corners if start < x < passed),
+        passed,
+        passed + on,
+    ]
     heights = [np.interp(x + ahead, *np.transpose(corners)).mean() for x in path]
     if scene == "step":
         path, heights = [start, passed, passed + on], [0.0, 0.5 * rise, 0.8 * rise]
     way = [[x, 0.0, height + float(z)] for x, z in zip(path, heights, strict=True)]
     return {
-        "name": scene, "robot": file, "frames": round(FRAMES * (passed + on) / (edge - float(ahead.min()) + on)),
-        "gait": "wave", "start_m": [0.0, 0.0, height], "via_m": way[:-1], "goal_m": way[-1],
+        "name": scene,
+        "robot": file,
+        "frames": round(FRAMES * (passed + on) / (edge - float(ahead.min()) + on)),
+        "gait": "wave",
+        "start_m": [0.0, 0.0, height],
+        "via_m": way[:-1],
+        "goal_m": way[-1],
         "body": {"com_radius_m": 0.05, "first_radius_m": 0.02},
-        "steps": {"com_m": 0.12, "toe_m": 0.5, "rotation_rad": 0.15}, "candidates": {"window_m": 0.4 * length},
+        "steps": {"com_m": 0.12, "toe_m": 0.5, "rotation_rad": 0.15},
+        "candidates": {"window_m": 0.4 * length},
         "terrain": terrain | {"friction": 0.7},
-    }  # fmt: skip
+    }
 
 
-def _scene(scene: str, edge: float, length: float, rise: float) -> tuple[dict[str, Any], list[tuple[float, float]]]:
+def _scene(
+    scene: str, edge: float, length: float, rise: float
+) -> tuple[dict[str, Any], list[tuple[float, float]]]:
     """Terrain as courses have it, and the corners of its profile, (x, z) [m]."""
     if scene in ("step", "stairs"):
         steps, run = (1, 4.0) if scene == "step" else (STAIRS, 0.45 * length)
@@ -141,13 +170,15 @@ def _scene(scene: str, edge: float, length: float, rise: float) -> tuple[dict[st
 def _strips(*strips: tuple[tuple[float, float], tuple[float, float]]) -> dict[str, Any]:
     """Strips WIDE_M wide on both sides, each between two points of a profile, (x, z) [m]."""
     polygons = [
-        {"vertices_m": [[a, -WIDE_M, u], [b, -WIDE_M, v], [b, WIDE_M, v], [a, WIDE_M, u]]} for (a, u), (b, v) in strips
+        {"vertices_m": [[a, -WIDE_M, u], [b, -WIDE_M, v], [b, WIDE_M, v], [a, WIDE_M, u]]}
+        for (a, u), (b, v) in strips
     ]
     return {"kind": "polygons", "polygons": polygons}
 
 
 def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
-    """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape (M, N) [m]."""
+    """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape
+    (M, N) [m]."""
     pin = pinocchio()
     known = pin.buildModelFromXML(model.urdf)
     data, errors = known.createData(), np.empty((plan.problem.frames, len(model.legs)))
@@ -178,14 +209,27 @@ def natural_posture(model: RobotModel, robot: Robot, rng: np.random.Generator) -
         turn = rotation_of(lean * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))
         square = 0.5 * SIDE * length * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         patch = Patch(
-            vertices_m=middle + square @ turn.T, normal=turn[:, 2], shear_reference=turn[:, 0], friction=friction
+            vertices_m=middle + square @ turn.T,
+            normal=turn[:, 2],
+            shear_reference=turn[:, 0],
+            friction=friction,
         )
         contacts.append(
-            Contact(leg=limb.name, shoulder_m=limb.shoulder_m, reach_m=limb.reach_m, patch=patch,
-                    force_min=np.array([0.0, -1.0, -1.0]), force_max=np.ones(3), reach_rows=limb.reach_rows)
-        )  # fmt: skip
+            Contact(
+                leg=limb.name,
+                shoulder_m=limb.shoulder_m,
+                reach_m=limb.reach_m,
+                patch=patch,
+                force_min=np.array([0.0, -1.0, -1.0]),
+                force_max=np.ones(3),
+                reach_rows=limb.reach_rows,
+            )
+        )
     return Problem.posture(
-        contacts=tuple(contacts), mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=MOVED_M
+        contacts=tuple(contacts),
+        mass_kg=robot.mass_kg,
+        com_nominal_m=np.zeros(3),
+        com_radius_m=MOVED_M,
     )
 
 

@@ -1,16 +1,20 @@
-"""Robots as they come: what loads without a word of configuration, what their feet reach, and inverse kinematics.
+"""Robots as they come: what loads without a word of configuration, what their feet reach, and
+inverse kinematics.
 
-    python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo] [--correct FILE.yaml ...] [--json]
-    python benchmarks/robots.py --step          # quadrupeds over a step, and what their postures are decided by
+    python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo] [--correct FILE.yaml
+    ...] [--json] python benchmarks/robots.py --step          # quadrupeds over a step, and what
+    their postures are decided by
 
-The hexapod, the robots of pybullet_data, and those of example-robot-data where it is installed: every URDF of theirs
-with two legs or more; --robots: those of a folder. --correct: robots as YAML files correct them, in addition.
+The hexapod, the robots of pybullet_data, and those of example-robot-data where it is installed:
+every URDF of theirs with two legs or more; --robots: those of a folder. --correct: robots as YAML
+files correct them, in addition.
 
-load: the file read and its legs found. ws: one leg's workspace measured. cover: of what the foot reaches usefully
-below its hip, the share in the inner polytope; unr.: share of the polytope out of reach; outer: of 100,000 random
-postures, feet outside the outer set. IK: feet drawn from the inner polytopes of all measured legs, the share that
-joint angles are found for, and the time of a stance of all legs in a batch of 1000. Times are of this process's CPU.
---step, --natural: see robot_step.py.
+load: the file read and its legs found. ws: one leg's workspace measured. cover: of what the foot
+reaches usefully below its hip, the share in the inner polytope; unr.: share of the polytope out of
+reach; outer: of 100,000 random postures, feet outside the outer set. IK: feet drawn from the inner
+polytopes of all measured legs, the share that joint angles are found for, and the time of a stance
+of all legs in a batch of 1000. Times are of this process's CPU. --step, --natural: see
+robot_step.py.
 """
 
 from __future__ import annotations
@@ -34,51 +38,93 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.workspace import Workspace, workspace_of
 
 PYBULLET = (
-    "a1/a1", "aliengo/aliengo", "laikago/laikago", "laikago/laikago_toes", "laikago/laikago_toes_limits",
-    "mini_cheetah/mini_cheetah", "quadruped/spirit40", "quadruped/spirit40newer", "quadruped/vision60",
-    "quadruped/minitaur", "quadruped/quadruped", "biped/biped2d_pybullet", "humanoid/humanoid",
-)  # fmt: skip
+    "a1/a1",
+    "aliengo/aliengo",
+    "laikago/laikago",
+    "laikago/laikago_toes",
+    "laikago/laikago_toes_limits",
+    "mini_cheetah/mini_cheetah",
+    "quadruped/spirit40",
+    "quadruped/spirit40newer",
+    "quadruped/vision60",
+    "quadruped/minitaur",
+    "quadruped/quadruped",
+    "biped/biped2d_pybullet",
+    "humanoid/humanoid",
+)
 EXAMPLES = (
-    "anymal_b_simple_description/robots/anymal", "anymal_c_simple_description/urdf/anymal",
-    "solo_description/robots/solo", "solo_description/robots/solo12", "go1_description/urdf/go1",
-    "go2_description/urdf/go2", "a1_description/urdf/a1", "b1_description/urdf/b1", "b1_description/urdf/b1-z1",
-    "hyq_description/robots/hyq_no_sensors", "laikago_description/urdf/laikago", "bolt_description/robots/bolt",
-    "talos_data/robots/talos_reduced", "talos_data/robots/talos_full_v2", "g1_description/urdf/g1_29dof_rev_1_0",
-    "romeo_description/urdf/romeo_small", "romeo_description/urdf/romeo",
-    "simple_humanoid_description/urdf/simple_humanoid", "icub_description/robots/icub",
-    "icub_description/robots/icub_reduced", "quadruped_description/urdf/quadruped",
-    "centauro_description/urdf/centauro", "alex_description/urdf/alex_nub_hands",
-    "alexander_description/urdf/alexander_v1.lowerBodyOnly", "cassie_description/robots/cassie_v2",
+    "anymal_b_simple_description/robots/anymal",
+    "anymal_c_simple_description/urdf/anymal",
+    "solo_description/robots/solo",
+    "solo_description/robots/solo12",
+    "go1_description/urdf/go1",
+    "go2_description/urdf/go2",
+    "a1_description/urdf/a1",
+    "b1_description/urdf/b1",
+    "b1_description/urdf/b1-z1",
+    "hyq_description/robots/hyq_no_sensors",
+    "laikago_description/urdf/laikago",
+    "bolt_description/robots/bolt",
+    "talos_data/robots/talos_reduced",
+    "talos_data/robots/talos_full_v2",
+    "g1_description/urdf/g1_29dof_rev_1_0",
+    "romeo_description/urdf/romeo_small",
+    "romeo_description/urdf/romeo",
+    "simple_humanoid_description/urdf/simple_humanoid",
+    "icub_description/robots/icub",
+    "icub_description/robots/icub_reduced",
+    "quadruped_description/urdf/quadruped",
+    "centauro_description/urdf/centauro",
+    "alex_description/urdf/alex_nub_hands",
+    "alexander_description/urdf/alexander_v1.lowerBodyOnly",
+    "cassie_description/robots/cassie_v2",
     "human_description/robots/human",
-)  # fmt: skip
+)
 """Those of the package that have legs."""
 STANCES, RANDOM = 1000, 100_000
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--robots", type=Path, help="a folder of robots, all of its URDFs")
-    parser.add_argument("--legs", type=int, default=1, help="legs of each robot that are measured; 0: all of them")
+    parser.add_argument(
+        "--legs", type=int, default=1, help="legs of each robot that are measured; 0: all of them"
+    )
     parser.add_argument("--only", default="", help="parts of names, with commas between them")
     parser.add_argument("--correct", type=Path, nargs="*", default=[])
-    parser.add_argument("--step", action="store_true", help="quadrupeds alone: a plan over a step, natural postures")
-    parser.add_argument("--natural", type=int, default=40, help="postures to decide a robot, with --step")
+    parser.add_argument(
+        "--step", action="store_true", help="quadrupeds alone: a plan over a step, natural postures"
+    )
+    parser.add_argument(
+        "--natural", type=int, default=40, help="postures to decide a robot, with --step"
+    )
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     wanted = [part for part in arguments.only.split(",") if part]
     rows = []
-    for name, file in (*robots(arguments.robots), *((path.stem, str(path)) for path in arguments.correct)):
+    for name, file in (
+        *robots(arguments.robots),
+        *((path.stem, str(path)) for path in arguments.correct),
+    ):
         if wanted and not any(part in name for part in wanted):
             continue
-        found = step_row(name, file, arguments.natural) if arguments.step else row(name, file, arguments.legs)
+        found = (
+            step_row(name, file, arguments.natural)
+            if arguments.step
+            else row(name, file, arguments.legs)
+        )
         rows.append(found)
         message = step_line(found) if arguments.step else line(found)
         print(json.dumps(found) if arguments.json else message, flush=True)
     if arguments.step:
         asked = [each for each in rows if "refused" not in each]
         climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in asked)
-        print(f"{climbed} of {len(asked)}: planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused")
+        print(
+            f"{climbed} of {len(asked)}: planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused"
+        )
         return
     loaded = [each for each in rows if "refused" not in each]
     quick = sum(each["load_s"] <= 1.5 for each in loaded)
@@ -108,10 +154,13 @@ def row(name: str, file: str, legs: int) -> dict[str, Any]:
     except InvalidInput as error:
         return {"name": name, "refused": re.sub(r"^\S+: ", "", str(error))}
     found: dict[str, Any] = {
-        "name": name, "load_s": time.process_time() - started, "legs": len(model.legs),
-        "joints": len(model.legs[0].joints), "mass_kg": model.body.mass_kg,
+        "name": name,
+        "load_s": time.process_time() - started,
+        "legs": len(model.legs),
+        "joints": len(model.legs[0].joints),
+        "mass_kg": model.body.mass_kg,
         "doubts": sum(remark.kind == "doubt" for remark in model.remarks),
-    }  # fmt: skip
+    }
     measured = model.legs[: legs or None]
     started = time.process_time()
     try:
@@ -125,14 +174,19 @@ def row(name: str, file: str, legs: int) -> dict[str, Any]:
         for leg, each in zip(measured, workspaces, strict=True)
     )
     return found | {
-        "reach_m": workspaces[0].reach_m, "faces": len(workspaces[0].inner.normals),
-        "cover": min(each.cover for each in workspaces), "unreachable": max(each.unreachable for each in workspaces),
-        "outside": outside, "slack_m": max(each.outer.slack_m for each in workspaces),
+        "reach_m": workspaces[0].reach_m,
+        "faces": len(workspaces[0].inner.normals),
+        "cover": min(each.cover for each in workspaces),
+        "unreachable": max(each.unreachable for each in workspaces),
+        "outside": outside,
+        "slack_m": max(each.outer.slack_m for each in workspaces),
         **kinematics(model, workspaces, rng),
-    }  # fmt: skip
+    }
 
 
-def kinematics(model: RobotModel, workspaces: Sequence[Workspace], rng: np.random.Generator) -> dict[str, float]:
+def kinematics(
+    model: RobotModel, workspaces: Sequence[Workspace], rng: np.random.Generator
+) -> dict[str, float]:
     """Share of feet that are reached, and milliseconds of a stance of all legs."""
     legs = model.legs[: len(workspaces)]
     solver = InverseKinematics([Seeds(leg, leg.random_angles(8000, rng)) for leg in legs])
@@ -150,9 +204,7 @@ def line(row: dict[str, Any]) -> str:
     """One row of the table."""
     if "refused" in row:
         return f"{row['name']:44} refused: {row['refused']:.120}"
-    head = (
-        f"{row['name']:44} {row['legs']} × {row['joints']} joints {row['mass_kg']:6.1f} kg, load {row['load_s']:.2f} s"
-    )
+    head = f"{row['name']:44} {row['legs']} × {row['joints']} joints {row['mass_kg']:6.1f} kg, load {row['load_s']:.2f} s"
     if "no_workspace" in row:
         return f"{head} | {row['no_workspace']}"
     return (

@@ -1,14 +1,17 @@
-"""What happens when a robot behind an emulated rosbridge goes wrong: every kind of fault at random times.
+"""What happens when a robot behind an emulated rosbridge goes wrong: every kind of fault at random
+times.
 
-    python benchmarks/ros_faults.py [--kinds …] [--count 20] [--seed 0] [--ros 2] [--ending hold] [--json]
+    python benchmarks/ros_faults.py [--kinds …] [--count 20] [--seed 0] [--ros 2] [--ending hold]
+    [--json]
 
-All 24 joints swing by ±0.4 rad at 0.4 Hz, streamed at 50 Hz through the guard (``SafeWorld``) to the emulator of
-``runner/emulators``, in the same process or, for "host killed" (SIGKILL), in one of its own. A fault comes at a time
-drawn from [0.3, 2] s. told: from the fault until the loop was stopped. still: from the fault until the last time that
-any joint of the emulated robot turned faster than 0.02 rad/s, seen every 5 ms. after: commands that the robot got
-beyond those sent before the stop, while the loop went on asking ten times more (for a host that was killed: later than
-0.1 s after that). Medians, and the worst of all in brackets. For "stuck joint" the swing has to come far enough from
-where that joint is. Times are wall-clock times on whatever machine this runs on.
+All 24 joints swing by ±0.4 rad at 0.4 Hz, streamed at 50 Hz through the guard (``SafeWorld``) to
+the emulator of ``runner/emulators``, in the same process or, for "host killed" (SIGKILL), in one of
+its own. A fault comes at a time drawn from [0.3, 2] s. told: from the fault until the loop was
+stopped. still: from the fault until the last time that any joint of the emulated robot turned
+faster than 0.02 rad/s, seen every 5 ms. after: commands that the robot got beyond those sent before
+the stop, while the loop went on asking ten times more (for a host that was killed: later than 0.1 s
+after that). Medians, and the worst of all in brackets. For "stuck joint" the swing has to come far
+enough from where that joint is. Times are wall-clock times on whatever machine this runs on.
 """
 
 from __future__ import annotations
@@ -58,7 +61,8 @@ def main(arguments: Arguments) -> None:
     for kind in arguments.kinds:
         rng = np.random.default_rng([arguments.seed, KINDS.index(kind)])
         runs = [
-            tried(kind, float(rng.uniform(0.3, 2.0)), arguments.ros, arguments.ending) for _ in range(arguments.count)
+            tried(kind, float(rng.uniform(0.3, 2.0)), arguments.ros, arguments.ending)
+            for _ in range(arguments.count)
         ]
         record = {"kind": kind, "ros": arguments.ros, "ending": arguments.ending} | summary(runs)
         arguments.say(record, line)
@@ -68,20 +72,34 @@ def tried(kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[st
     """One run with one fault."""
     with RosBridge(JOINTS, START, ros=ros) as bridge:
         moved = Moved(bridge)
-        message = killed(bridge, at_s, ros) if kind == "host killed" else driven(bridge, kind, at_s, ros, ending)
+        message = (
+            killed(bridge, at_s, ros)
+            if kind == "host killed"
+            else driven(bridge, kind, at_s, ros, ending)
+        )
         time.sleep(SETTLE_S)
         fault_s, stop_s = message.pop("fault_s"), message.pop("stop_s")
         got = [when for what, when in bridge.log if what in ("stream", "goal")]
         sent = message.pop("sent", None)
-        after = sum(when > stop_s + 0.1 for when in got) if sent is None else max(len(got) - sent, 0)
+        after = (
+            sum(when > stop_s + 0.1 for when in got) if sent is None else max(len(got) - sent, 0)
+        )
         moved.end()
-        return message | {"told_s": stop_s - fault_s, "still_s": max(moved.last_s - fault_s, 0.0), "after": after}
+        return message | {
+            "told_s": stop_s - fault_s,
+            "still_s": max(moved.last_s - fault_s, 0.0),
+            "after": after,
+        }
 
 
-def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
+def driven(
+    bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending: Ending
+) -> dict[str, Any]:
     """Swing until the fault stops it, and then try to go on."""
     message, stop_s = "nothing stopped it", float("nan")
-    setup = same_names(JOINTS, port=bridge.port, ros=ros, estop="/e_stop", controller_manager="/controller_manager")
+    setup = same_names(
+        JOINTS, port=bridge.port, ros=ros, estop="/e_stop", controller_manager="/controller_manager"
+    )
     device = CountedWorld(ROBOT, setup)
     with SafeWorld(device, dry=False) as world:
         world.reset((), START, np.zeros(3), np.eye(3))
@@ -100,7 +118,13 @@ def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending
         ended = end(world, ending, None, 0.4)
     faults = [when for what, when in bridge.log if what == f"fault: {kind}"]
     fault_s = (faults or [begin + at_s])[0]
-    return {"message": message, "left": ended.left, "fault_s": fault_s, "stop_s": stop_s, "sent": sent}
+    return {
+        "message": message,
+        "left": ended.left,
+        "fault_s": fault_s,
+        "stop_s": stop_s,
+        "sent": sent,
+    }
 
 
 class CountedWorld(RosWorld):
@@ -134,7 +158,9 @@ def refused(world: SafeWorld) -> None:
 
 def killed(bridge: RosBridge, at_s: float, ros: Literal[1, 2]) -> dict[str, Any]:
     """Swing in a process of its own, and kill that."""
-    host = multiprocessing.get_context("spawn").Process(target=host_main, args=(bridge.port, ros), daemon=True)
+    host = multiprocessing.get_context("spawn").Process(
+        target=host_main, args=(bridge.port, ros), daemon=True
+    )
     host.start()
     while sum(what == "stream" for what, _ in list(bridge.log)) < 5:
         time.sleep(0.01)
@@ -185,12 +211,16 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts, medians and worst."""
     message, still = (np.array([run[key] for run in runs]) for key in ("told_s", "still_s"))
     return {
-        "runs": len(runs), "stopped": int(np.isfinite(message).sum()), "told_ms": 1e3 * float(np.median(message)),
-        "told_worst_ms": 1e3 * float(message.max()), "still_ms": 1e3 * float(np.median(still)),
-        "still_worst_ms": 1e3 * float(still.max()), "after": sum(run["after"] for run in runs),
+        "runs": len(runs),
+        "stopped": int(np.isfinite(message).sum()),
+        "told_ms": 1e3 * float(np.median(message)),
+        "told_worst_ms": 1e3 * float(message.max()),
+        "still_ms": 1e3 * float(np.median(still)),
+        "still_worst_ms": 1e3 * float(still.max()),
+        "after": sum(run["after"] for run in runs),
         "left": tally(run["left"] for run in runs),
         "message": runs[0]["message"],
-    }  # fmt: skip
+    }
 
 
 def line(record: dict[str, Any]) -> str:

@@ -1,9 +1,10 @@
-"""Whether another checkout answers the same: problems, labels, certificates, plans, walks and streams, bit for bit.
+"""Whether another checkout answers the same: problems, labels, certificates, plans, walks and
+streams, bit for bit.
 
     python benchmarks/same_answers.py --against ../before
 
-Each case is one line of a digest of what came; both checkouts run all of them in a process of their own. What differs
-is printed, and the exit code is 1.
+Each case is one line of a digest of what came; both checkouts run all of them in a process of their
+own. What differs is printed, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -31,7 +32,11 @@ def digest(thing: Any) -> str:
 
     def add(part: Any) -> None:
         if isinstance(part, np.ndarray):
-            content.update(str(part.dtype).encode() + str(part.shape).encode() + np.ascontiguousarray(part).tobytes())
+            content.update(
+                str(part.dtype).encode()
+                + str(part.shape).encode()
+                + np.ascontiguousarray(part).tobytes()
+            )
         elif isinstance(part, list | tuple):
             for each in part:
                 add(each)
@@ -62,9 +67,14 @@ def cases() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def solution_of(answer: Any) -> Any:
-    """What was found, in a checkout of before, too, where postures, plans and walks had names of their own."""
+    """What was found, in a checkout of before, too, where postures, plans and walks had names of
+    their own."""
     names = ("solution", "posture", "plan", "trajectory")
-    return next(getattr(answer, name) for name in names if name in vars(answer) or hasattr(type(answer), name))
+    return next(
+        getattr(answer, name)
+        for name in names
+        if name in vars(answer) or hasattr(type(answer), name)
+    )
 
 
 def outcome_of(problem: Any, method: str) -> Any:
@@ -74,7 +84,11 @@ def outcome_of(problem: Any, method: str) -> Any:
     found = stancekit.solve(problem, method)
     solution = solution_of(found)
     posture = None if solution is None else list(solution.to_json().items())
-    proof = None if found.certificate is None else [found.certificate.tree, found.certificate.multipliers]
+    proof = (
+        None
+        if found.certificate is None
+        else [found.certificate.tree, found.certificate.multipliers]
+    )
     known = vars(found)
     bound = known["bound"] if "bound" in known else known["lower_bound"]
     solves = known["effort"].solves if "effort" in known else known["solves"]
@@ -115,8 +129,12 @@ def labels_of(name: str) -> Any:
     from stancekit.learners.data.labelling import label
 
     with TemporaryDirectory() as folder:
-        label(LabelPlan(distribution=name, feasible=30, infeasible=30, seed=9), Path(folder) / "rows")
-        files = sorted(path for path in (Path(folder) / "rows").rglob("*") if path.suffix == ".parquet")
+        label(
+            LabelPlan(distribution=name, feasible=30, infeasible=30, seed=9), Path(folder) / "rows"
+        )
+        files = sorted(
+            path for path in (Path(folder) / "rows").rglob("*") if path.suffix == ".parquet"
+        )
         return [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
 
 
@@ -147,7 +165,9 @@ class SameAnswers:
                 print(json.dumps([name, digest(work())]), flush=True)
             return 0
         if not (self.against / ".editable").is_dir():
-            raise SystemExit(f"--against: expected a checkout with its links made, got {self.against}")
+            raise SystemExit(
+                f"--against: expected a checkout with its links made, got {self.against}"
+            )
         mine, other = (self._asked(root) for root in (ROOT, self.against.resolve()))
         differ = [name for name in mine if mine[name] != other.get(name)]
         for name in differ:

@@ -1,11 +1,12 @@
-"""Labelling at scale: throughput and memory of a long run, killed and resumed; a Ray cluster that loses a node; the
-time of nodes beside that of as many processes; and what each node of a cluster got to do.
+"""Labelling at scale: throughput and memory of a long run, killed and resumed; a Ray cluster that
+loses a node; the time of nodes beside that of as many processes; and what each node of a cluster
+got to do.
 
-python benchmarks/scale_out.py                                   # all, small
-python benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory
-python benchmarks/scale_out.py --rows 4000 --only cluster        # two nodes on this machine's loopback device
-python benchmarks/scale_out.py --rows 4000 --only pairs --pairs 5
-python benchmarks/scale_out.py --rows 400 --only shares --workers 4
+python benchmarks/scale_out.py                                   # all, small python
+benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory python benchmarks/scale_out.py
+--rows 4000 --only cluster        # two nodes on this machine's loopback device python
+benchmarks/scale_out.py --rows 4000 --only pairs --pairs 5 python benchmarks/scale_out.py --rows 400
+--only shares --workers 4
 """
 
 from __future__ import annotations
@@ -79,8 +80,25 @@ def main(arguments: Arguments) -> None:
 
 def start(given: Arguments, folder: Path, *options: str) -> subprocess.Popen[str]:
     """Label natural rows by the command line, in a process of its own."""
-    command = [sys.executable, "-m", "stancekit.cli.main", "label", given.problem, str(folder), "--natural", "--json"]
-    command += ["--feasible", str(given.rows), "--infeasible", "0", "--shard-size", str(given.shard_size), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "stancekit.cli.main",
+        "label",
+        given.problem,
+        str(folder),
+        "--natural",
+        "--json",
+    ]
+    command += [
+        "--feasible",
+        str(given.rows),
+        "--infeasible",
+        "0",
+        "--shard-size",
+        str(given.shard_size),
+        *options,
+    ]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -96,7 +114,9 @@ def long_run(given: Arguments, folder: Path) -> None:
     first.send_signal(signal.SIGKILL)
     first.wait()
     before = {path: path.stat().st_mtime_ns for path in folder.glob("shard-*.parquet")}
-    print(f"memory: killed with SIGKILL after {time.perf_counter() - begin:.0f} s, {len(before)} shards written")
+    print(
+        f"memory: killed with SIGKILL after {time.perf_counter() - begin:.0f} s, {len(before)} shards written"
+    )
     killed = time.perf_counter()
     second = start(given, folder, *workers)
     while second.poll() is None:
@@ -106,15 +126,19 @@ def long_run(given: Arguments, folder: Path) -> None:
     kept = all(path.stat().st_mtime_ns == then for path, then in before.items())
     resumed = (given.rows - len(before) * given.shard_size) / (time.perf_counter() - killed)
     check(folder, given.rows)
-    print(f"memory: {given.rows} rows in {seconds:.0f} s with {given.workers} workers, start-ups and kill included; "
-          f"{resumed:.0f} rows/s after the resume; {summary['cpu_s_per_1000']:.2f} CPU-s per 1000")  # fmt: skip
+    print(
+        f"memory: {given.rows} rows in {seconds:.0f} s with {given.workers} workers, start-ups and kill included; "
+        f"{resumed:.0f} rows/s after the resume; {summary['cpu_s_per_1000']:.2f} CPU-s per 1000"
+    )
     print(f"memory: resumed without touching a shard: {kept}; labels {summary['rows']}")
     for who, samples in sorted(memory.items()):
         seen = np.array(samples)
         warm = seen[:, 0] > killed - begin + 10.0
         parts = np.array_split(seen[warm, 1] if warm.sum() > 8 else seen[:, 1], 4)
-        print(f"memory: {who}: peak {seen[:, 1].max():.0f} MB; in the quarters of the resumed run "
-              f"{', '.join(f'{part.mean():.0f}' for part in parts)} MB")  # fmt: skip
+        print(
+            f"memory: {who}: peak {seen[:, 1].max():.0f} MB; in the quarters of the resumed run "
+            f"{', '.join(f'{part.mean():.0f}' for part in parts)} MB"
+        )
 
 
 @contextmanager
@@ -151,18 +175,23 @@ def cluster_run(given: Arguments, folder: Path) -> None:
         there = shards(folder / "cluster")
         cluster.remove_node(nodes[-1], allow_graceful=False)
         planned = -(-given.rows // given.shard_size)
-        print(f"cluster: one node of {given.workers} killed with {there} shards of {planned} written")
+        print(
+            f"cluster: one node of {given.workers} killed with {there} shards of {planned} written"
+        )
         reader.join()
     assert said, "the run on the cluster failed"
     check(folder / "cluster", given.rows)
     serial, clustered = (digests(folder / name) for name in ("serial", "cluster"))
     assert serial == clustered, "shards differ"
-    print(f"cluster: finished in {time.perf_counter() - begin:.0f} s; all {len(serial) - 1} shards and the header are "
-          "byte for byte those of the serial run")  # fmt: skip
+    print(
+        f"cluster: finished in {time.perf_counter() - begin:.0f} s; all {len(serial) - 1} shards and the header are "
+        "byte for byte those of the serial run"
+    )
 
 
 def paired_runs(given: Arguments, folder: Path) -> None:
-    """The same rows on processes and on nodes of one processor, in turn, and the other way round every other time."""
+    """The same rows on processes and on nodes of one processor, in turn, and the other way round
+    every other time."""
     times: dict[str, list[list[float]]] = {"processes": [], "nodes": []}
     with cluster_of(given.workers) as (cluster, _):
         where = {
@@ -174,21 +203,35 @@ def paired_runs(given: Arguments, folder: Path) -> None:
                 begin = time.time()
                 answer(start(given, folder / f"{name}-{k}", *where[name]))
                 end = time.time()
-                written = sorted(path.stat().st_mtime for path in (folder / f"{name}-{k}").glob("shard-*.parquet"))
+                written = sorted(
+                    path.stat().st_mtime
+                    for path in (folder / f"{name}-{k}").glob("shard-*.parquet")
+                )
                 times[name].append([end - begin, written[-1] - written[0]])
-            assert digests(folder / f"processes-{k}") == digests(folder / f"nodes-{k}"), "shards differ"
-            pair = "; ".join(f"{name} {each[-1][0]:.1f} s, {each[-1][1]:.1f} s" for name, each in times.items())
+            assert digests(folder / f"processes-{k}") == digests(folder / f"nodes-{k}"), (
+                "shards differ"
+            )
+            pair = "; ".join(
+                f"{name} {each[-1][0]:.1f} s, {each[-1][1]:.1f} s" for name, each in times.items()
+            )
             print(f"pairs: {k + 1}: {pair} from the first shard to the last", flush=True)
     nodes, processes = np.array(times["nodes"]), np.array(times["processes"])
-    print(f"pairs: {given.rows} rows on {given.workers} nodes of one processor and on as many processes: the same "
-          f"bytes {given.pairs} times of {given.pairs}")  # fmt: skip
-    for k, what in enumerate(("all of a run, start and end too", "from the first shard to the last")):
-        print(f"pairs: {what}: nodes {spread(nodes[:, k])} s, processes {spread(processes[:, k])} s, "
-              f"ratio {spread(nodes[:, k] / processes[:, k])}")  # fmt: skip
+    print(
+        f"pairs: {given.rows} rows on {given.workers} nodes of one processor and on as many processes: the same "
+        f"bytes {given.pairs} times of {given.pairs}"
+    )
+    for k, what in enumerate(
+        ("all of a run, start and end too", "from the first shard to the last")
+    ):
+        print(
+            f"pairs: {what}: nodes {spread(nodes[:, k])} s, processes {spread(processes[:, k])} s, "
+            f"ratio {spread(nodes[:, k] / processes[:, k])}"
+        )
 
 
 def shared_run(given: Arguments, folder: Path) -> None:
-    """How many tasks each node of a cluster got, and how long it worked; shards are of the default size."""
+    """How many tasks each node of a cluster got, and how long it worked; shards are of the default
+    size."""
     from stancekit.envs.data.ledger import LabelPlan
     from stancekit.learners.data.executors import executor
     from stancekit.learners.data.labelling import label
@@ -202,9 +245,11 @@ def shared_run(given: Arguments, folder: Path) -> None:
     label(plan, folder / "unshared")
     assert digests(folder / "shared") == digests(folder / "unshared"), "shards differ"
     counts = [f"{len(each)} tasks, {sum(each):.1f} s" for each in seen.worked.values()]
-    print(f"shares: {given.rows} rows in {plan.shards} shards of at most {plan.shard_size}, {seconds:.1f} s with Ray's "
-          f"start; {len(counts)} of {len(nodes)} nodes worked: {'; '.join(counts)}; "
-          "the same bytes as in one process")  # fmt: skip
+    print(
+        f"shares: {given.rows} rows in {plan.shards} shards of at most {plan.shard_size}, {seconds:.1f} s with Ray's "
+        f"start; {len(counts)} of {len(nodes)} nodes worked: {'; '.join(counts)}; "
+        "the same bytes as in one process"
+    )
 
 
 class Noted:
@@ -221,7 +266,9 @@ class Noted:
 
     def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
         """Run them."""
-        for node, seconds, answer in self._executor(None if task is None else partial(located, task) for task in tasks):
+        for node, seconds, answer in self._executor(
+            None if task is None else partial(located, task) for task in tasks
+        ):
             self.worked[node].append(seconds)
             yield answer
 
@@ -240,7 +287,9 @@ def sample(parent: int, begin: float, memory: dict[str, list[tuple[float, float]
     sizes = []
     for path in Path("/proc").glob("[0-9]*/status"):
         try:
-            fields = dict(line.split(":", 1) for line in path.read_text().splitlines() if ":" in line)
+            fields = dict(
+                line.split(":", 1) for line in path.read_text().splitlines() if ":" in line
+            )
         except OSError:
             continue
         size = float(fields.get("VmRSS", "0 kB").split()[0]) / 1e3
@@ -273,7 +322,9 @@ def check(folder: Path, rows: int) -> None:
     places: Counter[tuple[int, int]] = Counter()
     for shard in range(data.header.plan.shards):
         table = data.ledger.read(shard, ["shard", "row"])
-        places.update(zip(table.column("shard").to_pylist(), table.column("row").to_pylist(), strict=True))
+        places.update(
+            zip(table.column("shard").to_pylist(), table.column("row").to_pylist(), strict=True)
+        )
     assert len(data) == len(places) == rows, f"expected {rows} rows, got {len(data)}"
     assert set(places.values()) == {1}, "rows came twice"
     print(f"{folder.name}: {rows} rows, none lost, none twice")

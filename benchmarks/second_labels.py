@@ -1,12 +1,13 @@
-"""Labels against a second exact solver: what the exact planner says of natural postures, and what SCIP says.
+"""Labels against a second exact solver: what the exact planner says of natural postures, and what
+SCIP says.
 
 nice -n 15 python benchmarks/second_labels.py --count 3334 --problem wall-3 --json
 
-The second solver has the nonconvex problem as docs/formats.md has it, written here anew from the file's numbers: no
-relaxation, no row and no bound is shared. A contradiction is a posture called feasible that SCIP proves infeasible with
-every constraint as it stands, or one called infeasible for which SCIP has a point that holds, by this file's own
-arithmetic, to 1e-7. A point that holds only to SCIP's own tolerance is counted apart, as near; what took too
-long is unknown.
+The second solver has the nonconvex problem as docs/formats.md has it, written here anew from the
+file's numbers: no relaxation, no row and no bound is shared. A contradiction is a posture called
+feasible that SCIP proves infeasible with every constraint as it stands, or one called infeasible
+for which SCIP has a point that holds, by this file's own arithmetic, to 1e-7. A point that holds
+only to SCIP's own tolerance is counted apart, as near; what took too long is unknown.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Arguments(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Second:
-    """What the second solver says: feasible, infeasible or unknown; worst: violation of its point."""
+    """What the second solver says: feasible, infeasible or unknown; worst: violation of its
+    point."""
 
     label: str
     worst: float = float("nan")
@@ -93,25 +95,38 @@ def second(problem: stancekit.Problem, limit_s: float) -> Second:
     spent = time.process_time() - started
     if model.getNSols():
         solution = model.getBestSol()
-        value = np.vectorize(lambda expression: model.getSolVal(solution, expression), otypes=[float])
+        value = np.vectorize(
+            lambda expression: model.getSolVal(solution, expression), otypes=[float]
+        )
         point = [(value(np.array(toe)), value(np.array(force))) for toe, force in columns]
         return Second(
-            label="feasible", worst=worst(problem, value(np.array(com)), value(np.array(tilt)), point), cpu_s=spent
+            label="feasible",
+            worst=worst(problem, value(np.array(com)), value(np.array(tilt)), point),
+            cpu_s=spent,
         )
-    return Second(label="infeasible" if model.getStatus() == "infeasible" else "unknown", cpu_s=spent)
+    return Second(
+        label="infeasible" if model.getStatus() == "infeasible" else "unknown", cpu_s=spent
+    )
 
 
-def worst(problem: stancekit.Problem, com: Array, tilt: Array, point: list[tuple[Array, Array]]) -> float:
-    """Largest violation of a posture, from the problem's numbers alone; lengths over the length scale."""
-    length, weight = problem.length_scale_m, problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n
+def worst(
+    problem: stancekit.Problem, com: Array, tilt: Array, point: list[tuple[Array, Array]]
+) -> float:
+    """Largest violation of a posture, from the problem's numbers alone; lengths over the length
+    scale."""
+    length, weight = (
+        problem.length_scale_m,
+        problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n,
+    )
     up = np.array([0.0, 0.0, weight])
     net = sum((f for _, f in point), -up)
     moment = sum((np.cross(t - com, f) for t, f in point), np.zeros(3)) / length
     found = [
-        *np.abs(net), *np.abs(moment),
+        *np.abs(net),
+        *np.abs(moment),
         (np.linalg.norm(com - problem.com_nominal_m[0]) - problem.com_radius_m[0]) / length,
         np.abs(tilt).max() - problem.tilt_limit_rad,
-    ]  # fmt: skip
+    ]
     for contact, (toe, force) in zip(problem.contacts, point, strict=True):
         hip = com + contact.shoulder_m + np.cross(tilt, contact.shoulder_m)
         local = frames(contact).T @ force
@@ -123,10 +138,11 @@ def worst(problem: stancekit.Problem, com: Array, tilt: Array, point: list[tuple
         found += [
             (np.linalg.norm(toe - hip) - contact.reach_m) / length,
             np.hypot(local[1], local[2]) - contact.patch.friction * local[0],
-            np.max(contact.force_min - local), np.max(local - contact.force_max),
+            np.max(contact.force_min - local),
+            np.max(local - contact.force_max),
             abs(contact.patch.normal @ (toe - corners.mean(axis=0))) / length,
             np.max(np.einsum("ij,ij->i", outward, toe - corners)) / length,
-        ]  # fmt: skip
+        ]
     return float(max(found))
 
 
@@ -134,7 +150,9 @@ def _free(model: Any, middle: float, radius: float) -> Any:
     return model.addVar(lb=float(middle) - float(radius), ub=float(middle) + float(radius))
 
 
-def _contact(model: Any, contact: Any, com: list[Any], tilt: list[Any]) -> tuple[list[Any], list[Any]]:
+def _contact(
+    model: Any, contact: Any, com: list[Any], tilt: list[Any]
+) -> tuple[list[Any], list[Any]]:
     """Toe and force of one foot as expressions, with what binds them."""
     corners = contact.patch.vertices_m
     shares = [model.addVar(lb=0.0, ub=1.0) for _ in corners]
@@ -142,10 +160,17 @@ def _contact(model: Any, contact: Any, com: list[Any], tilt: list[Any]) -> tuple
     toe = []
     for axis in range(3):
         place = model.addVar(lb=float(corners[:, axis].min()), ub=float(corners[:, axis].max()))
-        model.addCons(place == quicksum(s * float(c) for s, c in zip(shares, corners[:, axis], strict=True)))
+        model.addCons(
+            place == quicksum(s * float(c) for s, c in zip(shares, corners[:, axis], strict=True))
+        )
         toe.append(place)
-    local = [model.addVar(lb=float(a), ub=float(b)) for a, b in zip(contact.force_min, contact.force_max, strict=True)]
-    model.addCons(local[1] * local[1] + local[2] * local[2] <= contact.patch.friction**2 * local[0] * local[0])
+    local = [
+        model.addVar(lb=float(a), ub=float(b))
+        for a, b in zip(contact.force_min, contact.force_max, strict=True)
+    ]
+    model.addCons(
+        local[1] * local[1] + local[2] * local[2] <= contact.patch.friction**2 * local[0] * local[0]
+    )
     model.addCons(local[0] >= 0.0)
     bound = float(np.abs(np.r_[contact.force_min, contact.force_max]).max()) * 2.0
     force = []
@@ -154,7 +179,11 @@ def _contact(model: Any, contact: Any, com: list[Any], tilt: list[Any]) -> tuple
         model.addCons(part == quicksum(float(r) * v for r, v in zip(row, local, strict=True)))
         force.append(part)
     s = contact.shoulder_m
-    turned = [tilt[1] * s[2] - tilt[2] * s[1], tilt[2] * s[0] - tilt[0] * s[2], tilt[0] * s[1] - tilt[1] * s[0]]
+    turned = [
+        tilt[1] * s[2] - tilt[2] * s[1],
+        tilt[2] * s[0] - tilt[0] * s[2],
+        tilt[0] * s[1] - tilt[1] * s[0],
+    ]
     legs = [t - c - float(a) - r for t, c, a, r in zip(toe, com, s, turned, strict=True)]
     model.addCons(quicksum(leg * leg for leg in legs) <= contact.reach_m**2)
     return toe, force
@@ -164,7 +193,9 @@ def main(options: Arguments) -> None:
     """Print the counts."""
     counts: Counter[str] = Counter()
     spent = [0.0, 0.0]
-    for done, problem in enumerate(stancekit.sample(options.problem, options.count, rng=options.seed), start=1):
+    for done, problem in enumerate(
+        stancekit.sample(options.problem, options.count, rng=options.seed), start=1
+    ):
         started = time.process_time()
         ours = str(stancekit.solve(problem).status.value)
         spent[0] += time.process_time() - started
@@ -181,7 +212,11 @@ def main(options: Arguments) -> None:
                     "done": done,
                     "contradictions": counts["contradictions"],
                 }
-                | {name: count for name, count in sorted(counts.items()) if name != "contradictions"}
+                | {
+                    name: count
+                    for name, count in sorted(counts.items())
+                    if name != "contradictions"
+                }
                 | {"exact_cpu_s": round(spent[0], 1), "second_cpu_s": round(spent[1], 1)}
             )
 

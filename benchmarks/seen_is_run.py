@@ -2,10 +2,11 @@
 
     python benchmarks/seen_is_run.py FILE... [--rate-hz 100]
 
-FILE: plans and walks that the verifier accepts, whose robots have legs. Each is run in MuJoCo, and each picture of its
-film is compared with what was sent at that time: body, feet, forces, footholds, joints, and where the picture draws the
-links. Films are drawn from 100 rows per second; a run at another rate sends nearly the same. Feet feel nothing here:
-those that do wait for the ground and press anew, which no plan knows before.
+FILE: plans and walks that the verifier accepts, whose robots have legs. Each is run in MuJoCo, and
+each picture of its film is compared with what was sent at that time: body, feet, forces, footholds,
+joints, and where the picture draws the links. Films are drawn from 100 rows per second; a run at
+another rate sends nearly the same. Feet feel nothing here: those that do wait for the ground and
+press anew, which no plan knows before.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ def main(options: SeenIsRun) -> None:
 
 def said(row: dict[str, Any]) -> str:
     """A row for people."""
-    values = {name: f"{value:.3g}" if isinstance(value, float) else value for name, value in row.items()}
+    values = {
+        name: f"{value:.3g}" if isinstance(value, float) else value for name, value in row.items()
+    }
     return "  ".join(f"{name} {value}" for name, value in values.items())
 
 

@@ -1,16 +1,18 @@
 """What a run bears: one thing at a time that is not as planned, robot by robot, in simulation.
 
-    python benchmarks/sensitivity.py [walls icy-walls go1:step anymal_c:ripple …] [--robots FOLDER] [--world bullet]
+    python benchmarks/sensitivity.py [walls icy-walls go1:step anymal_c:ripple …] [--robots FOLDER]
+    [--world bullet]
         [--only "as planned" "Kp - 30 %"] [--press-hz 0] [--folder FOLDER] [--keep FOLDER] [--json]
 
-A case is a course of the hexapod by its name, or a file of one; ROBOT:step, the step of ``robots.py --step`` for a
-robot of ``walks.py``; or ROBOT:TERRAIN, the walk of ``walks.py`` over it. --robots: example-robot-data's ``robots``.
-Plans are made once and kept in --keep; rows that are in --folder are not measured again. --press-hz: of
-``ContactFeedback``.
+A case is a course of the hexapod by its name, or a file of one; ROBOT:step, the step of ``robots.py
+--step`` for a robot of ``walks.py``; or ROBOT:TERRAIN, the walk of ``walks.py`` over it. --robots:
+example-robot-data's ``robots``. Plans are made once and kept in --keep; rows that are in --folder
+are not measured again. --press-hz: of ``ContactFeedback``.
 
-run: to the end, or where and why not. body: distance of its origin from where it should be, root mean square and worst
-[mm]. slip: of the worst foothold since it touched [mm]; slipped: footholds that slid more than 10 mm. joints: root mean
-square of what they are off the plan [rad]. Surfaces that are farther away are so but for where feet stand at first.
+run: to the end, or where and why not. body: distance of its origin from where it should be, root
+mean square and worst [mm]. slip: of the worst foothold since it touched [mm]; slipped: footholds
+that slid more than 10 mm. joints: root mean square of what they are off the plan [rad]. Surfaces
+that are farther away are so but for where feet stand at first.
 """
 
 from __future__ import annotations
@@ -54,7 +56,9 @@ WRONG = {
     "feet feel +- 5 N": Wrong(imperfections=Imperfections(felt_noise_n=5.0)),
     "a foot feels nothing": Wrong(imperfections=Imperfections(deaf=(0,))),
     "no foot feels anything": Wrong(imperfections=Imperfections(felt_share=0.0)),
-    "joints off by up to .5 deg": Wrong(imperfections=Imperfections(offset_rad=float(np.deg2rad(0.5)))),
+    "joints off by up to .5 deg": Wrong(
+        imperfections=Imperfections(offset_rad=float(np.deg2rad(0.5)))
+    ),
     "mass + 15 %": Wrong(imperfections=Imperfections(mass_share=1.15)),
     "friction x .8": Wrong(friction=0.8),
     "surfaces 10 mm farther": Wrong(farther_m=0.01),
@@ -67,7 +71,11 @@ ENDED, SLIP_M = "to the end", 0.01
 class Arguments(Options):
     """Which robots over what, and what of them is wrong."""
 
-    cases: Annotated[tuple[str, ...], tyro.conf.Positional] = ("walls", "go1:step", "anymal_c:ripple")
+    cases: Annotated[tuple[str, ...], tyro.conf.Positional] = (
+        "walls",
+        "go1:step",
+        "anymal_c:ripple",
+    )
     robots: Path | None = None
     world: str = "mujoco"
     only: tuple[str, ...] = tuple(WRONG)
@@ -82,25 +90,35 @@ def main(arguments: Arguments) -> None:
     for case in arguments.cases:
         found = accepted(case, arguments.robots, arguments.keep)
         for name in arguments.only:
-            if isinstance(found, str):
-                row = {"case": case, "run": f"not planned: {found}"}
-            else:
-                row = cell(case, found, name, arguments)
+            row = (
+                {"case": case, "run": f"not planned: {found}"}
+                if isinstance(found, str)
+                else cell(case, found, name, arguments)
+            )
             arguments.say(row, line)
             if isinstance(found, str):
                 break
 
 
-def cell(case: str, content: Accepted | AcceptedGait, name: str, arguments: Arguments) -> dict[str, Any]:
+def cell(
+    case: str, content: Accepted | AcceptedGait, name: str, arguments: Arguments
+) -> dict[str, Any]:
     """A row of the table, measured where it is not kept."""
 
     def measure() -> dict[str, Any]:
         report = ran(content, WRONG[name], arguments.world, arguments.press_hz)
-        return {"case": case, "wrong": name, "world": arguments.world, "press_hz": arguments.press_hz} | figures(report)
+        return {
+            "case": case,
+            "wrong": name,
+            "world": arguments.world,
+            "press_hz": arguments.press_hz,
+        } | figures(report)
 
     if arguments.folder is None:
         return measure()
-    stem = f"{Path(case).stem}-{list(WRONG).index(name)}-{arguments.world}-{arguments.press_hz:g}".replace(":", "-")
+    stem = f"{Path(case).stem}-{list(WRONG).index(name)}-{arguments.world}-{arguments.press_hz:g}".replace(
+        ":", "-"
+    )
     return kept(arguments.folder / f"{stem}.json", measure)
 
 
@@ -115,13 +133,18 @@ def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedG
         path = walk_file(name, robots, terrain, keep)
         return path if isinstance(path, str) else AcceptedGait.from_file(path)
     file = robot_file(ROBOTS[name], robots, keep / f"{name}.yaml")
-    return climb(build_course(spec_from(scene_course(named_robot(file), str(file)))), keep / f"{name}-step-plan.json")
+    return climb(
+        build_course(spec_from(scene_course(named_robot(file), str(file)))),
+        keep / f"{name}-step-plan.json",
+    )
 
 
 def climb(course: Problem, path: Path) -> Accepted | str:
     """The accepted plan of a course."""
     if not path.exists():
-        outcome = with_whole_body(plan_with_reserve(make_planner("two-stage", of="courses"), course))
+        outcome = with_whole_body(
+            plan_with_reserve(make_planner("two-stage", of="courses"), course)
+        )
         if outcome.solution is None:
             return outcome.message or outcome.status.value
         report = check_plan(outcome.solution, joints=True)
@@ -141,7 +164,9 @@ def ran(content: Accepted | AcceptedGait, wrong: Wrong, world: str, press_hz: fl
         made = make_world(world, robot, gravity_m_s2=gravity, imperfections=wrong.imperfections)
         return Runner(made, settings=settings).run(content, terrain)
     course = content.plan.problem
-    made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections)
+    made = make_world(
+        world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections
+    )
     return Runner(made, settings=settings).run(content, wrong.patches(content.plan))
 
 
@@ -152,10 +177,14 @@ def figures(report: RunReport) -> dict[str, Any]:
         return {"run": report.message}
     return {
         "run": ENDED if report.stopped_s is None and run.fallen_s is None else report.message,
-        "body_mm": [1e3 * run.body_rms_m, 1e3 * run.body_worst_m], "slip_mm": 1e3 * float(run.slip_m.max()),
-        "slipped": int(np.count_nonzero(run.slip_m > SLIP_M)), "footholds": len(run.slip_m),
-        "joint_rad": report.joint_rms_rad, "torque": float(run.torque_share.max()), "bump_s": run.bump_s,
-    }  # fmt: skip
+        "body_mm": [1e3 * run.body_rms_m, 1e3 * run.body_worst_m],
+        "slip_mm": 1e3 * float(run.slip_m.max()),
+        "slipped": int(np.count_nonzero(run.slip_m > SLIP_M)),
+        "footholds": len(run.slip_m),
+        "joint_rad": report.joint_rms_rad,
+        "torque": float(run.torque_share.max()),
+        "bump_s": run.bump_s,
+    }
 
 
 def line(row: dict[str, Any]) -> str:

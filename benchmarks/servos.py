@@ -1,15 +1,18 @@
-"""Courses planned within a torque, run with servos that have little more: how many run to the end, and what touches.
+"""Courses planned within a torque, run with servos that have little more: how many run to the end,
+and what touches.
 
-    python benchmarks/servos.py FILE.yaml ... [--worlds mujoco bullet] [--torque-nm 10] [--servo-nm 10.6]
+    python benchmarks/servos.py FILE.yaml ... [--worlds mujoco bullet] [--torque-nm 10] [--servo-nm
+    10.6]
         [--actuators XM540-W270] [--folder FOLDER] [--json]
 
-FILE: courses of the hexapod. Each is planned with a reserve of friction, bent until no joint takes more than
---torque-nm at rest, and where the verifier accepts it run with servos of --servo-nm, or with --actuators in place of
-them, by ``simulate``. FOLDER: plans and rows that are there are not made again.
+FILE: courses of the hexapod. Each is planned with a reserve of friction, bent until no joint takes
+more than --torque-nm at rest, and where the verifier accepts it run with servos of --servo-nm, or
+with --actuators in place of them, by ``simulate``. FOLDER: plans and rows that are there are not
+made again.
 
-run: to the end, or where and why not. body: root mean square, worst and last distance of its origin from where it
-should be [mm]. slip: of the worst foothold since it touched [mm]. torque: largest measured, and planned by the runner
-[Nm]. bumped: how long anything but feet was touched [s].
+run: to the end, or where and why not. body: root mean square, worst and last distance of its origin
+from where it should be [mm]. slip: of the worst foothold since it touched [mm]. torque: largest
+measured, and planned by the runner [Nm]. bumped: how long anything but feet was touched [s].
 """
 
 from __future__ import annotations
@@ -58,7 +61,9 @@ def main(arguments: Arguments) -> None:
     if not arguments.json:
         for world in arguments.worlds:
             runs = [row["run"] == ENDED for row in ran if row["world"] == world]
-            print(f"{world}: {sum(runs)} of {len(runs)} planned within {arguments.torque_nm:g} Nm run to the end")
+            print(
+                f"{world}: {sum(runs)} of {len(runs)} planned within {arguments.torque_nm:g} Nm run to the end"
+            )
 
 
 def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
@@ -117,9 +122,10 @@ def figures(report: RunReport) -> dict[str, Any]:
     return {
         "run": ENDED if report.succeeded else report.message,
         "body_mm": [1e3 * run.body_rms_m, 1e3 * run.body_worst_m, 1e3 * run.body_final_m],
-        "slip_mm": 1e3 * float(run.slip_m.max()), "torque_nm": [run.torque_worst_nm, run.planned_torque_nm],
+        "slip_mm": 1e3 * float(run.slip_m.max()),
+        "torque_nm": [run.torque_worst_nm, run.planned_torque_nm],
         "bump_s": run.bump_s,
-    }  # fmt: skip
+    }
 
 
 def line(row: dict[str, Any]) -> str:

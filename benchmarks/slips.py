@@ -1,11 +1,14 @@
-"""What happens when the ground lets go in simulation: a foot that slips, or friction that drops, at random times.
+"""What happens when the ground lets go in simulation: a foot that slips, or friction that drops, at
+random times.
 
-    python benchmarks/slips.py [--course walls] [--share 0.5] [--count 20] [--seed 0] [--ending hold] [--json]
+    python benchmarks/slips.py [--course walls] [--share 0.5] [--count 20] [--seed 0] [--ending
+    hold] [--json]
 
-One plan of a built-in course is run in MuJoCo by the runner (``tests/emulators/slipping.py``); at a random time one
-random foot is left with a friction of 0.02, or all patches with --share of theirs, for good. as planned: runs whose
-report is a success all the same. Those that stop are stopped by the runner's bounds on the body (0.1 m, 0.5 rad) or the
-joints; told: simulated time from the fault to the stop, median and worst.
+One plan of a built-in course is run in MuJoCo by the runner (``tests/emulators/slipping.py``); at a
+random time one random foot is left with a friction of 0.02, or all patches with --share of theirs,
+for good. as planned: runs whose report is a success all the same. Those that stop are stopped by
+the runner's bounds on the body (0.1 m, 0.5 rad) or the joints; told: simulated time from the fault
+to the stop, median and worst.
 """
 
 from __future__ import annotations
@@ -44,12 +47,19 @@ def main(arguments: Arguments) -> None:
     accepted = Accepted.verified(plan, arguments.course)
     for kind in FAULTS:
         rng = np.random.default_rng([arguments.seed, FAULTS.index(kind)])
-        runs = [tried(accepted, kind, rng, arguments.share, arguments.ending) for _ in range(arguments.count)]
-        record = {"course": arguments.course, "kind": kind, "ending": arguments.ending} | summary(runs)
+        runs = [
+            tried(accepted, kind, rng, arguments.share, arguments.ending)
+            for _ in range(arguments.count)
+        ]
+        record = {"course": arguments.course, "kind": kind, "ending": arguments.ending} | summary(
+            runs
+        )
         arguments.say(record, line)
 
 
-def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Ending) -> dict[str, Any]:
+def tried(
+    accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Ending
+) -> dict[str, Any]:
     """One run with one fault at a random time of the plan."""
     robot = accepted.plan.problem.robot
     world = SlippingWorld(robot, limb=int(rng.integers(len(robot.limbs))), share=share)
@@ -60,10 +70,13 @@ def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float,
     stop_s = float("nan") if runner.state is None else runner.state.time_s
     happened = bool(np.isfinite(world.happened_s))
     return {
-        "happened": happened, "good": report.succeeded, "told_s": stop_s - world.happened_s,
-        "stopped": runner.latch.tripped, "left": report.ended.left,
+        "happened": happened,
+        "good": report.succeeded,
+        "told_s": stop_s - world.happened_s,
+        "stopped": runner.latch.tripped,
+        "left": report.ended.left,
         "message": report.message,
-    }  # fmt: skip
+    }
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -71,11 +84,14 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     stopped = [run for run in runs if run["stopped"] and run["happened"]]
     message = [run["told_s"] for run in stopped] or [float("nan")]
     return {
-        "runs": len(runs), "as_planned": sum(run["good"] for run in runs), "stopped": len(stopped),
-        "told_s": float(np.median(message)), "told_worst_s": float(np.max(message)),
+        "runs": len(runs),
+        "as_planned": sum(run["good"] for run in runs),
+        "stopped": len(stopped),
+        "told_s": float(np.median(message)),
+        "told_worst_s": float(np.max(message)),
         "left": tally(run["left"] for run in runs),
         "message": next((run["message"] for run in runs if run["message"]), ""),
-    }  # fmt: skip
+    }
 
 
 def line(record: dict[str, Any]) -> str:

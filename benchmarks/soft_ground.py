@@ -1,15 +1,17 @@
 """Do braced climbs stand where the ground yields? With feet that feel, and open loop beside it.
 
-    python benchmarks/soft_ground.py --out FOLDER [--world bullet] [--stiffness 2e4 1e5] [--courses walls tube]
+    python benchmarks/soft_ground.py --out FOLDER [--world bullet] [--stiffness 2e4 1e5] [--courses
+    walls tube]
         [--modes feel open] [--hard] [--first 12] [--json]
 
-The hexapod between walls, over ice, in a tube and from the ground to a wall: soft/list.yaml has the names, the seed and
-how stiff the ground is; damping is what ``SoftContact`` takes by itself. Plans are made once, for hard ground, with
-the reserve of friction that ``stancekit plan`` keeps, and kept in the folder with a line per run; what is there is not
-made again.
+The hexapod between walls, over ice, in a tube and from the ground to a wall: soft/list.yaml has the
+names, the seed and how stiff the ground is; damping is what ``SoftContact`` takes by itself. Plans
+are made once, for hard ground, with the reserve of friction that ``stancekit plan`` keeps, and kept
+in the folder with a line per run; what is there is not made again.
 
-feel: as ``stancekit run`` does it. open: as ``stancekit run --blind``, joints alone are followed. --hard: on hard
-ground, too. stood: it did not fall, and was not stopped; ended: within the tolerance of ``RunSettings``, too.
+feel: as ``stancekit run`` does it. open: as ``stancekit run --blind``, joints alone are followed.
+--hard: on hard ground, too. stood: it did not fall, and was not stopped; ended: within the
+tolerance of ``RunSettings``, too.
 """
 
 from __future__ import annotations
@@ -100,7 +102,8 @@ def climbs(name: str, count: int, folder: Path, listed: dict[str, Any]) -> Itera
 
 
 def planned(course: Problem, file: Path) -> str:
-    """Write an accepted plan that can be run on hard ground; why there is none, empty where there is."""
+    """Write an accepted plan that can be run on hard ground; why there is none, empty where there
+    is."""
     outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), course))
     report = outcome.report
     if outcome.solution is None or report is None or not report.accepted:

@@ -1,29 +1,33 @@
-"""Do accepted plans stand? A fixed list of robots and grounds, planned, and played by a referee of its own.
+"""Do accepted plans stand? A fixed list of robots and grounds, planned, and played by a referee of
+its own.
 
-    python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--grounds gap] [--draws 0]
-    python benchmarks/stands.py play FOLDER [--no-world]
-    python benchmarks/stands.py play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15]
-    python benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40 --seed 0]
-    python benchmarks/stands.py table FOLDER
-    python benchmarks/stands.py layouts FOLDER [--robots ...] [--grounds ...] [--draws 1] [--limit-s 20] [--write]
+    python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--grounds gap]
+    [--draws 0] python benchmarks/stands.py play FOLDER [--no-world] python benchmarks/stands.py
+    play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15] python
+    benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40 --seed 0] python
+    benchmarks/stands.py table FOLDER python benchmarks/stands.py layouts FOLDER [--robots ...]
+    [--grounds ...] [--draws 1] [--limit-s 20] [--write]
 
-The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee, benchmarks/referee, imports
-nothing of the package, and its settings are in stands/referee.yaml. Robots of example-robot-data and pybullet_data need
-these packages; where one is not installed, its line says so.
+The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee,
+benchmarks/referee, imports nothing of the package, and its settings are in stands/referee.yaml.
+Robots of example-robot-data and pybullet_data need these packages; where one is not installed, its
+line says so.
 
-plan: every entry of the list by the package's own command ``plan``; the plan's file, and a line of plans.jsonl with
-what was said and how long it took. What is there is not made again, whatever ended the command before. Limits are of
-wall-clock time, as the command's own: on a busy computer a line says starved, and --starved plans it again.
-play: every accepted plan of a folder in the referee, with and without feedback of the body, and by the package's own
-command ``run`` in MuJoCo; or files, plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6
-rad off on the way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn
-from --seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft contacts.
-push: stances of plans drawn by seed, each pushed at the base in eight directions until it falls; what was held in the
-worst of them against what the verifier says that the stance bears.
-table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of those that stood in
-the referee with feedback and without, and in the package's own run (world; what it refuses does not stand there).
-layouts: entries that have no plan over the layout that is asked for, over each of the others alone; the table of
-successes that says in which order the package tries them, and --write puts it there.
+plan: every entry of the list by the package's own command ``plan``; the plan's file, and a line of
+plans.jsonl with what was said and how long it took. What is there is not made again, whatever ended
+the command before. Limits are of wall-clock time, as the command's own: on a busy computer a line
+says starved, and --starved plans it again. play: every accepted plan of a folder in the referee,
+with and without feedback of the body, and by the package's own command ``run`` in MuJoCo; or files,
+plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6 rad off on the
+way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn from
+--seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft
+contacts. push: stances of plans drawn by seed, each pushed at the base in eight directions until it
+falls; what was held in the worst of them against what the verifier says that the stance bears.
+table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of
+those that stood in the referee with feedback and without, and in the package's own run (world; what
+it refuses does not stand there). layouts: entries that have no plan over the layout that is asked
+for, over each of the others alone; the table of successes that says in which order the package
+tries them, and --write puts it there.
 """
 
 from __future__ import annotations
@@ -312,7 +316,8 @@ def main() -> None:
     """Do what is asked for."""
     with threadpool_limits(1):
         asked = tyro.extras.subcommand_cli_from_dict(
-            {"plan": Plan, "play": Play, "push": Pushes, "table": Table, "layouts": Layouts}, description=__doc__
+            {"plan": Plan, "play": Play, "push": Pushes, "table": Table, "layouts": Layouts},
+            description=__doc__,
         )
         asked.run()
 

@@ -1,8 +1,9 @@
 """Twenty start and goal pairs over five terrains, each planned from one line of ``stancekit plan``.
 
-Terrains are made here and written as the files that a user has: stairs as a mesh (.stl), rubble as a mesh (.obj), a
-grid of stepping stones (.npy), waves as a noisy point cloud with a hole (.npy), a ramp to a table as a mesh in
-millimetres whose y points up (.ply). The line is run as a user runs it; a plan counts where the command accepts it.
+Terrains are made here and written as the files that a user has: stairs as a mesh (.stl), rubble as
+a mesh (.obj), a grid of stepping stones (.npy), waves as a noisy point cloud with a hole (.npy), a
+ramp to a table as a mesh in millimetres whose y points up (.ply). The line is run as a user runs
+it; a plan counts where the command accepts it.
 
     python benchmarks/start_goal.py
 """
@@ -47,9 +48,21 @@ def main(options: PairOptions) -> None:
 
 def planned(path: Path, arguments: tuple[str, ...], start: str, goal: str, robot: str) -> Row:
     """What the line says."""
-    line = ["plan", str(path), f"--start={start}", f"--goal={goal}", "--robot", robot, *arguments, "--json"]
+    line = [
+        "plan",
+        str(path),
+        f"--start={start}",
+        f"--goal={goal}",
+        "--robot",
+        robot,
+        *arguments,
+        "--json",
+    ]
     done = subprocess.run(
-        [sys.executable, "-m", "stancekit.cli.main", *line], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "stancekit.cli.main", *line],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     row: Row = {"terrain": path.name, "start": start, "goal": goal, "code": done.returncode}
     if not done.stdout.strip():
@@ -57,12 +70,18 @@ def planned(path: Path, arguments: tuple[str, ...], start: str, goal: str, robot
     record = json.loads(done.stdout)
     accepted = record.get("verdict", {}).get("accepted", False)
     return row | {
-        "status": record["status"] if accepted or record["status"] != "feasible" else "not accepted",
-        "frames": record["frames"], "seconds": round(record["seconds"], 2), "message": record["message"][:120],
-    }  # fmt: skip
+        "status": record["status"]
+        if accepted or record["status"] != "feasible"
+        else "not accepted",
+        "frames": record["frames"],
+        "seconds": round(record["seconds"], 2),
+        "message": record["message"][:120],
+    }
 
 
-def terrains(folder: Path, rng: np.random.Generator) -> list[tuple[str, tuple[str, ...], list[tuple[str, str]]]]:
+def terrains(
+    folder: Path, rng: np.random.Generator
+) -> list[tuple[str, tuple[str, ...], list[tuple[str, str]]]]:
     """Files, the options that they are read with, and pairs of places."""
     folder.mkdir(parents=True, exist_ok=True)
     steps = [_box((-2.0, 0.6), (-1.0, 1.0), 0.0)]
@@ -79,29 +98,55 @@ def terrains(folder: Path, rng: np.random.Generator) -> list[tuple[str, tuple[st
             blocks.append(block.apply_transform(tilt))
     trimesh.util.concatenate(blocks).export(folder / "rubble.obj")
     x, y = np.meshgrid(*(0.02 * (np.arange(200) - 99.5),) * 2, indexing="ij")
-    stones = np.where((x % 0.32 < 0.24) & (y % 0.32 < 0.24), 0.06 * np.sin(1.3 * x) * np.cos(1.7 * y), -0.4)
+    stones = np.where(
+        (x % 0.32 < 0.24) & (y % 0.32 < 0.24), 0.06 * np.sin(1.3 * x) * np.cos(1.7 * y), -0.4
+    )
     np.save(folder / "stones.npy", np.where(np.hypot(x + 1.2, y) < 0.5, 0.0, stones))
     xy = rng.uniform(-2.0, 2.0, (120_000, 2))
-    z = 0.05 * np.sin(2.5 * xy[:, 0]) * np.cos(2.0 * xy[:, 1]) + 0.004 * rng.standard_normal(len(xy))
+    z = 0.05 * np.sin(2.5 * xy[:, 0]) * np.cos(2.0 * xy[:, 1]) + 0.004 * rng.standard_normal(
+        len(xy)
+    )
     seen = np.hypot(xy[:, 0] - 0.2, xy[:, 1] - 0.3) > 0.12
     np.save(folder / "waves.npy", np.column_stack([xy, z])[seen])
     ramp = trimesh.Trimesh(
-        [[0.4, -1, 0], [1.6, -1, 0.35], [1.6, 1, 0.35], [0.4, 1, 0],
-         [3.6, -1, 0.35], [3.6, 1, 0.35], [-2, -1, 0], [-2, 1, 0]],
-        [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2], [6, 0, 3], [6, 3, 7]], process=False,
-    )  # fmt: skip
+        [
+            [0.4, -1, 0],
+            [1.6, -1, 0.35],
+            [1.6, 1, 0.35],
+            [0.4, 1, 0],
+            [3.6, -1, 0.35],
+            [3.6, 1, 0.35],
+            [-2, -1, 0],
+            [-2, 1, 0],
+        ],
+        [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2], [6, 0, 3], [6, 3, 7]],
+        process=False,
+    )
     ramp.vertices = 1000.0 * ramp.vertices[:, [1, 2, 0]]
     ramp.export(folder / "ramp.ply")
     return [
-        ("stairs.stl", (), [("-1,0", "1.2,0"), ("0,0.3", "3,0.2"), ("3,0", "0,0"), ("-1,-0.3", "3,0.3")]),
+        (
+            "stairs.stl",
+            (),
+            [("-1,0", "1.2,0"), ("0,0.3", "3,0.2"), ("3,0", "0,0"), ("-1,-0.3", "3,0.3")],
+        ),
         ("rubble.obj", (), [("-2,0", "2,0"), ("-2,1", "1,-1"), ("0,0", "2,1"), ("2,-1", "-1,1")]),
-        ("stones.npy", ("--spacing-m", "0.02"),
-         [("-1.2,0", "0.8,0"), ("-1.2,0", "0,0.9"), ("-1.2,0", "0,-1"), ("-1.2,0", "1,1")]),
-        ("waves.npy", ("--kind", "cloud", *PLANE, "--roughness-m", "0.015"),
-         [("-1,-1", "1,1"), ("-1,0", "1,0.3"), ("1,-1", "-1,-1"), ("0,1.2", "0,-1.2")]),
-        ("ramp.ply", ("--unit-m", "0.001", "--up", "y"),
-         [("-1,0", "2.5,0"), ("-1,0.4", "1,0.2"), ("2.5,0", "0,0"), ("-1,-0.4", "3,0.4")]),
-    ]  # fmt: skip
+        (
+            "stones.npy",
+            ("--spacing-m", "0.02"),
+            [("-1.2,0", "0.8,0"), ("-1.2,0", "0,0.9"), ("-1.2,0", "0,-1"), ("-1.2,0", "1,1")],
+        ),
+        (
+            "waves.npy",
+            ("--kind", "cloud", *PLANE, "--roughness-m", "0.015"),
+            [("-1,-1", "1,1"), ("-1,0", "1,0.3"), ("1,-1", "-1,-1"), ("0,1.2", "0,-1.2")],
+        ),
+        (
+            "ramp.ply",
+            ("--unit-m", "0.001", "--up", "y"),
+            [("-1,0", "2.5,0"), ("-1,0.4", "1,0.2"), ("2.5,0", "0,0"), ("-1,-0.4", "3,0.4")],
+        ),
+    ]
 
 
 def _box(x: tuple[float, float], y: tuple[float, float], top: float) -> trimesh.Trimesh:

@@ -1,9 +1,11 @@
-"""Stops from another process, of ``faults``: the command ``stancekit run`` itself, on devices that are processes.
+"""Stops from another process, of ``faults``: the command ``stancekit run`` itself, on devices that
+are processes.
 
-The host is forked, runs the command's own entry, and says when it begins to arm. Half of the stops come while it arms,
-a quarter in the first second, a quarter in the first 2.5 s, at times drawn evenly; half of the runs end in hold, half
-in torque off. Times are CLOCK_MONOTONIC in all processes. The latch is the host's; where there is none to trip (a host
-that is killed or stands still, a cable that is pulled), it is the moment of that.
+The host is forked, runs the command's own entry, and says when it begins to arm. Half of the stops
+come while it arms, a quarter in the first second, a quarter in the first 2.5 s, at times drawn
+evenly; half of the runs end in hold, half in torque off. Times are CLOCK_MONOTONIC in all
+processes. The latch is the host's; where there is none to trip (a host that is killed or stands
+still, a cable that is pulled), it is the moment of that.
 """
 
 from __future__ import annotations
@@ -37,13 +39,27 @@ from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.bridge_process import BridgeProcess
 
-SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1")}
+SIGNALS = {
+    name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1")
+}
 TERMINAL = ("key", "closed terminal", "lost line")
 TOPIC = ("stop topic", "stop topic lost")
 ON_BUS = (
-    *SIGNALS, "two signals", "stop file", *TERMINAL, "output closed", *TOPIC, "exception", "full disk", "host killed",
-    "host frozen", "cable unplugged", "servo unplugged", "monitor killed", "monitor frozen",
-)  # fmt: skip
+    *SIGNALS,
+    "two signals",
+    "stop file",
+    *TERMINAL,
+    "output closed",
+    *TOPIC,
+    "exception",
+    "full disk",
+    "host killed",
+    "host frozen",
+    "cable unplugged",
+    "servo unplugged",
+    "monitor killed",
+    "monitor frozen",
+)
 BY_ROS = ("ros SIGTERM", "ros e-stop", "ros exception", "ros host killed", "ros host frozen")
 STOPS = (*ON_BUS, *BY_ROS)
 CYCLE_S = 0.02
@@ -56,7 +72,8 @@ Device = BusProcess | BridgeProcess
 
 @dataclass
 class Host:
-    """A forked process that runs the command. told: what it says of itself; terminal, output: the other ends."""
+    """A forked process that runs the command. told: what it says of itself; terminal, output: the
+    other ends."""
 
     pid: int
     told: int
@@ -103,10 +120,14 @@ def forked(kind: str, arguments: list[str], errors: Path) -> Host:
                 os.close(stream)
         os.setsid()
         if kind == "key" or kind == "closed terminal":
-            os.close(os.open(os.ttyname(inner), os.O_RDWR))  # a session's first terminal is the one that hangs it up
+            os.close(
+                os.open(os.ttyname(inner), os.O_RDWR)
+            )  # a session's first terminal is the one that hangs it up
         shown = inner if kind in ("closed terminal", "lost line") else writes
         given = inner if inner >= 0 else os.open(os.devnull, os.O_RDONLY)
-        wrong = inner if kind == "closed terminal" else os.open(errors, os.O_WRONLY | os.O_CREAT, 0o600)
+        wrong = (
+            inner if kind == "closed terminal" else os.open(errors, os.O_WRONLY | os.O_CREAT, 0o600)
+        )
         for number, stream in enumerate((given, shown, wrong)):
             os.dup2(stream, number)
         host_main(arguments, says)
@@ -143,7 +164,9 @@ def host_main(arguments: list[str], says: int) -> None:
         for kind in (DynamixelWorld, RosWorld):
             on_progress(kind)
         for number in SIGNALS.values():
-            signal.signal(number, signal.SIG_DFL)  # a benchmark in the background may have inherited others
+            signal.signal(
+                number, signal.SIG_DFL
+            )  # a benchmark in the background may have inherited others
         signal.signal(signal.SIGUSR2, burst)
         command(arguments)
     except SystemExit as end:
@@ -153,31 +176,55 @@ def host_main(arguments: list[str], says: int) -> None:
     finally:
         for latch in latches[:1]:
             words = {
-                "time_s": latch.time_s if latch.tripped else None, "reason": latch.reason, "after": latch.after,
-                "after_s": latch.after_s, "code": code,
-            }  # fmt: skip
+                "time_s": latch.time_s if latch.tripped else None,
+                "reason": latch.reason,
+                "after": latch.after,
+                "after_s": latch.after_s,
+                "code": code,
+            }
             os.write(says, f"latch {json.dumps(words)}\n".encode())
         os._exit(code)
 
 
-def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Generator) -> dict[str, Any]:
+def stopped(
+    kind: str, path: Path, start: Array, index: int, rng: np.random.Generator
+) -> dict[str, Any]:
     """One stop. start: joint angles at the plan's beginning."""
     ending, joints = ("hold", "torque-off")[index // 4 % 2], joint_names(hexapod())
     most_s = (ARMING_S, ARMING_S, FIRST_S, LATEST_S)[index % 4]
     ros = kind in BY_ROS
-    with tempfile.TemporaryDirectory() as name, (BridgeProcess(path) if ros else BusProcess(start.tolist())) as device:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        BridgeProcess(path) if ros else BusProcess(start.tolist()) as device,
+    ):
         folder = Path(name)
         arguments = [
-            "run", str(path), "--world", "ros" if ros else "dynamixel", "--setup", str(folder / "setup.yaml"), "--arm",
-            "--hung", "--ending", ending, "--log", str(folder / "run.mcap"), "--stop-file", str(folder / "stop"),
-        ]  # fmt: skip
+            "run",
+            str(path),
+            "--world",
+            "ros" if ros else "dynamixel",
+            "--setup",
+            str(folder / "setup.yaml"),
+            "--arm",
+            "--hung",
+            "--ending",
+            ending,
+            "--log",
+            str(folder / "run.mcap"),
+            "--stop-file",
+            str(folder / "stop"),
+        ]
         topic = BridgeProcess(path) if kind in TOPIC else None
         if topic is not None:
             arguments += ["--stop-topic", f"127.0.0.1:{topic.port}/e_stop"]
         if isinstance(device, BridgeProcess):
-            setup = same_names(joints, port=device.port, estop="/e_stop", controller_manager="/controller_manager")
+            setup = same_names(
+                joints, port=device.port, estop="/e_stop", controller_manager="/controller_manager"
+            )
             setup.write(folder / "setup.yaml")
-            device.inject("controller off")  # as it is found, so that an interrupted arming must leave it
+            device.inject(
+                "controller off"
+            )  # as it is found, so that an interrupted arming must leave it
         else:
             resting(joints, start, device.path).write(folder / "setup.yaml")
         host = forked(kind, arguments, folder / "errors")
@@ -196,7 +243,14 @@ def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Gene
         return judged(kind, ending, device.state(), words, (begun_s, armed_s, did_s))
 
 
-def inject(kind: str, host: Host, device: Device, topic: Device | None, folder: Path, rng: np.random.Generator) -> None:
+def inject(
+    kind: str,
+    host: Host,
+    device: Device,
+    topic: Device | None,
+    folder: Path,
+    rng: np.random.Generator,
+) -> None:
     """What is done to it, from here."""
     what = kind.removeprefix("ros ")
     acts: dict[str, Callable[[], Any]] = {
@@ -247,9 +301,14 @@ def monitor(pid: int) -> int:
 
 
 def judged(
-    kind: str, ending: str, state: dict[str, Any], words: dict[str, Any], times: tuple[float, float, float]
+    kind: str,
+    ending: str,
+    state: dict[str, Any],
+    words: dict[str, Any],
+    times: tuple[float, float, float],
 ) -> dict[str, Any]:
-    """What came of it. times: when arming began and ended (NaN where it did not), and when the stop was injected."""
+    """What came of it. times: when arming began and ended (NaN where it did not), and when the stop
+    was injected."""
     begun_s, armed_s, did_s = times
     what = kind.removeprefix("ros ")
     outside = what in ("host killed", "host frozen", "cable unplugged")
@@ -273,14 +332,26 @@ def judged(
         right = on <= spare
     else:
         right = on >= len(torque) - spare
-    late_s = max([when - from_s for when in moved_s], default=-np.inf) if from_s is not None else np.inf
+    late_s = (
+        max([when - from_s for when in moved_s], default=-np.inf) if from_s is not None else np.inf
+    )
     return {
-        "stopped": from_s is not None, "moved": armed_s == armed_s, "ending": ending,
-        "phase": "arming" if arming else "first second" if from_s is not None and from_s < begun_s + 1.0 else "later",
-        "message": words.get("reason", ""), "stop_s": None if latched is None or outside else latched - did_s,
+        "stopped": from_s is not None,
+        "moved": armed_s == armed_s,
+        "ending": ending,
+        "phase": "arming"
+        if arming
+        else "first second"
+        if from_s is not None and from_s < begun_s + 1.0
+        else "later",
+        "message": words.get("reason", ""),
+        "stop_s": None if latched is None or outside else latched - did_s,
         "after": 0 if from_s is None else sum(when > from_s + CYCLE_S for when in moved_s),
-        "late_s": float(np.clip(late_s, 0.0, 1e3)), "written": words.get("after", 0),
-        "written_s": words.get("after_s", 0.0), "as_asked": bool(right and not moving),
-        "left": f"{'arming, ' if arming else ''}{ending}", "state": f"{on} of {len(torque)} on"
-        + (", MOVING" if moving else ""), "code": words.get("code"),
-    }  # fmt: skip
+        "late_s": float(np.clip(late_s, 0.0, 1e3)),
+        "written": words.get("after", 0),
+        "written_s": words.get("after_s", 0.0),
+        "as_asked": bool(right and not moving),
+        "left": f"{'arming, ' if arming else ''}{ending}",
+        "state": f"{on} of {len(torque)} on" + (", MOVING" if moving else ""),
+        "code": words.get("code"),
+    }

@@ -1,11 +1,13 @@
-"""Threads that call one function at a time each get, to the last bit, what one alone gets; a forked child, too.
+"""Threads that call one function at a time each get, to the last bit, what one alone gets; a forked
+child, too.
 
     python benchmarks/threads.py [--calls 50] [--folder out/threads] [--only NAME …]
 
-A row a function: calls of four threads together, and how many of their answers differ from those of one thread alone;
-then a child is forked off while the threads run, which answers the first calls again. Functions and what is compared
-of an answer, which is all but times, are those of tests/threads.py. With --folder a row that is there is not measured
-again. Exit code 1 where anything differs, or where a child does not answer.
+A row a function: calls of four threads together, and how many of their answers differ from those of
+one thread alone; then a child is forked off while the threads run, which answers the first calls
+again. Functions and what is compared of an answer, which is all but times, are those of
+tests/threads.py. With --folder a row that is there is not measured again. Exit code 1 where
+anything differs, or where a child does not answer.
 """
 
 from __future__ import annotations
@@ -69,10 +71,16 @@ def measured(name: str, call: Call, count: int) -> Row:
         together = [answer.result() for answer in answers]
     differ = sum(answer != alone[k % PERIOD] for k, answer in enumerate(together))
     return {
-        "function": name, "calls": asked, "differ": differ, "raised": sum(a.startswith("!") for a in together),
-        "kinds": len(set(alone)), "children": FORKS, "children wrong": sum(not right for right in children),
-        "seconds": round(time.perf_counter() - begin, 1), "example": next((a for a in together if a[0] == "!"), ""),
-    }  # fmt: skip
+        "function": name,
+        "calls": asked,
+        "differ": differ,
+        "raised": sum(a.startswith("!") for a in together),
+        "kinds": len(set(alone)),
+        "children": FORKS,
+        "children wrong": sum(not right for right in children),
+        "seconds": round(time.perf_counter() - begin, 1),
+        "example": next((a for a in together if a[0] == "!"), ""),
+    }
 
 
 def said(call: Call, number: int) -> str:

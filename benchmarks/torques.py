@@ -1,15 +1,18 @@
-"""Plans of the whole body: the largest torque and the deepest collision of a plan, before and after they are mended.
+"""Plans of the whole body: the largest torque and the deepest collision of a plan, before and after
+they are mended.
 
-    python benchmarks/torques.py [--courses FOLDER] [--torque-nm 10] [--torque-share .9] [--only walls,icy] [--json]
-    python benchmarks/torques.py --robots FOLDER [--weaker .5]     # quadrupeds over a step, within their own limits
+    python benchmarks/torques.py [--courses FOLDER] [--torque-nm 10] [--torque-share .9] [--only
+    walls,icy] [--json] python benchmarks/torques.py --robots FOLDER [--weaker .5]     # quadrupeds
+    over a step, within their own limits
 
-The hexapod on the built-in courses and on those of a folder. torque: in the joint with the largest share of its limit,
-of the plan as the planner has it and of the one with joints; steps: of the whole plan, 0 where other forces do or
-nothing has to. plan: the planner; joints: inverse kinematics; stage: all that comes after it, checks included, in
-seconds of this process's CPU; a limit of 0 is none but the joints' own: what bodies alone take. depth: of the deepest
-collision all along the motion [mm]. judged: contacts, joints, torque, bodies and motion by the verifier, in seconds,
-and its verdict under this limit. --weaker: of robots with files, this share of the largest torque that each needs as it
-comes is what it is given.
+The hexapod on the built-in courses and on those of a folder. torque: in the joint with the largest
+share of its limit, of the plan as the planner has it and of the one with joints; steps: of the
+whole plan, 0 where other forces do or nothing has to. plan: the planner; joints: inverse
+kinematics; stage: all that comes after it, checks included, in seconds of this process's CPU; a
+limit of 0 is none but the joints' own: what bodies alone take. depth: of the deepest collision all
+along the motion [mm]. judged: contacts, joints, torque, bodies and motion by the verifier, in
+seconds, and its verdict under this limit. --weaker: of robots with files, this share of the largest
+torque that each needs as it comes is what it is given.
 """
 
 from __future__ import annotations
@@ -65,7 +68,11 @@ def main(options: Torques) -> None:
     for name, course in courses(options):
         if wanted and not any(part in name for part in wanted):
             continue
-        found = {"name": name, "refused": course} if isinstance(course, str) else measured(name, course, options)
+        found = (
+            {"name": name, "refused": course}
+            if isinstance(course, str)
+            else measured(name, course, options)
+        )
         options.say(found, line)
         rows.append(found)
     bent = [row for row in rows if row.get("share_before", 0.0) > 1.0]
@@ -74,9 +81,13 @@ def main(options: Torques) -> None:
     clear = [row for row in deep if row["accepted"]]
     planned = [row for row in rows if "stage_s" in row]
     if not options.json and planned:
-        print(f"{sum(row['accepted'] for row in planned)} of {len(planned)} plans are accepted, motion included")
+        print(
+            f"{sum(row['accepted'] for row in planned)} of {len(planned)} plans are accepted, motion included"
+        )
         print(f"{len(within)} of {len(bent)} that are above the limit come to it")
-        print(f"{len(clear)} of {len(deep)} that collide are planned clear: {', '.join(row['name'] for row in clear)}")
+        print(
+            f"{len(clear)} of {len(deep)} that collide are planned clear: {', '.join(row['name'] for row in clear)}"
+        )
         for title, chosen in (("all", planned), ("above the limit", within), ("colliding", clear)):
             if chosen:
                 print(f"stage, s of CPU, {title}: {spread([row['stage_s'] for row in chosen])}")
@@ -96,7 +107,10 @@ def courses(options: Torques) -> Iterator[tuple[str, Problem | str]]:
                 continue
             for scene in options.scenes.split(",") if len(model.legs) == 4 else ():
                 try:
-                    yield f"{name} {scene}", build_course(spec_from(scene_course(model, file, scene)))
+                    yield (
+                        f"{name} {scene}",
+                        build_course(spec_from(scene_course(model, file, scene))),
+                    )
                 except InvalidInput as error:
                     yield f"{name} {scene}", str(error)
         return
@@ -125,14 +139,23 @@ def measured(name: str, course: Problem, options: Torques) -> Row:
     report = check_plan(bent.plan, joints=True)
     judged_s = time.process_time() - begin
     return row | {
-        "judged_s": judged_s, "depth_mm": [1e3 * bent.before.depth_m, 1e3 * bent.after.depth_m],
-        "status": outcome.status.value, "joints_s": joints_s, "stage_s": bent_s - joints_s, "steps": bent.steps,
-        "before_nm": bent.before.torque_nm, "after_nm": bent.after.torque_nm,
-        "share_before": bent.before.share, "share": bent.after.share,
-        "accepted": report.accepted, "message": report.failures or report.message,
-        "goal_mm": [1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.solution, bent.plan)],
+        "judged_s": judged_s,
+        "depth_mm": [1e3 * bent.before.depth_m, 1e3 * bent.after.depth_m],
+        "status": outcome.status.value,
+        "joints_s": joints_s,
+        "stage_s": bent_s - joints_s,
+        "steps": bent.steps,
+        "before_nm": bent.before.torque_nm,
+        "after_nm": bent.after.torque_nm,
+        "share_before": bent.before.share,
+        "share": bent.after.share,
+        "accepted": report.accepted,
+        "message": report.failures or report.message,
+        "goal_mm": [
+            1e3 * check_plan(plan).figures["goal_m"] for plan in (outcome.solution, bent.plan)
+        ],
         "friction_share": bent.plan.provenance.get("friction_share"),
-    }  # fmt: skip
+    }
 
 
 def limit(plan: Plan, options: Torques) -> float | None:
@@ -151,12 +174,20 @@ def line(row: Row) -> str:
     head = f"{row['name']:20} {row['frames']:3} frames, plan {row['plan_s']:.2f} s"
     if "after_nm" not in row:
         return f"{head}: {row['status']}"
-    goals, depths = (" → ".join(f"{value:.0f}" for value in row[name]) for name in ("goal_mm", "depth_mm"))
-    seconds = f"joints {row['joints_s']:.2f}, stage {row['stage_s']:.2f}, judged {row['judged_s']:.2f}"
-    torque = f"{row['before_nm']:.1f} → {row['after_nm']:.1f} Nm ({row['share']:.0%}) in {row['steps']}"
+    goals, depths = (
+        " → ".join(f"{value:.0f}" for value in row[name]) for name in ("goal_mm", "depth_mm")
+    )
+    seconds = (
+        f"joints {row['joints_s']:.2f}, stage {row['stage_s']:.2f}, judged {row['judged_s']:.2f}"
+    )
+    torque = (
+        f"{row['before_nm']:.1f} → {row['after_nm']:.1f} Nm ({row['share']:.0%}) in {row['steps']}"
+    )
     verdict = "accepted" if row["accepted"] else f"{row['message']:.60}"
     friction = f"friction {row['friction_share']:.0%}"
-    return f"{head}, {seconds} | {torque}, {depths} mm deep | goal {goals} mm, {friction} | {verdict}"
+    return (
+        f"{head}, {seconds} | {torque}, {depths} mm deep | goal {goals} mm, {friction} | {verdict}"
+    )
 
 
 if __name__ == "__main__":

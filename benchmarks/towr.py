@@ -1,16 +1,19 @@
-"""Leaps over heights: TOWR, whose footholds are free, beside the finder, which chooses among candidates.
+"""Leaps over heights: TOWR, whose footholds are free, beside the finder, which chooses among
+candidates.
 
     python benchmarks/towr.py FOLDER --scenes 50 --out towr.jsonl
 
-FOLDER has the sources of TOWR and ifopt, as ``git clone https://github.com/ethz-adrl/towr`` and ``.../ifopt`` leave
-them; they are compiled there once, against IPOPT and Eigen in casadi's wheel, with ``benchmarks/towr/leap.cc``. Scenes
-are of classes over families of terrain; a run that is stopped goes on.
+FOLDER has the sources of TOWR and ifopt, as ``git clone https://github.com/ethz-adrl/towr`` and
+``.../ifopt`` leave them; they are compiled there once, against IPOPT and Eigen in casadi's wheel,
+with ``benchmarks/towr/leap.cc``. Scenes are of classes over families of terrain; a run that is
+stopped goes on.
 
-Both have one body, one timing and one ground. TOWR begins on the candidates that are nearest to the nominal toes, lands
-where it likes, and has a box for each foot that is as wide as the ball of reach at the nominal place: wider than the
-ball at its corners. It has *converged* where all its constraints hold to 1e-3, which are asked for at every .1 s; it
-knows no speed, power or momentum limit and no borders of surfaces. The finder chooses both stances; its leaps are
-accepted by the verifier.
+Both have one body, one timing and one ground. TOWR begins on the candidates that are nearest to the
+nominal toes, lands where it likes, and has a box for each foot that is as wide as the ball of reach
+at the nominal place: wider than the ball at its corners. It has *converged* where all its
+constraints hold to 1e-3, which are asked for at every .1 s; it knows no speed, power or momentum
+limit and no borders of surfaces. The finder chooses both stances; its leaps are accepted by the
+verifier.
 """
 
 from __future__ import annotations

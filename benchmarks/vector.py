@@ -1,16 +1,20 @@
-"""The batched environment against a bare planner loop, Gymnasium's own vector environments, and itself on two cores.
+"""The batched environment against a bare planner loop, Gymnasium's own vector environments, and
+itself on two cores.
 
-    python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--pool FOLDER]
+    python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--pool
+    FOLDER]
 
-The bare loop labels the very problems that the environment drew (those that balancing threw away, too) and puts the
-same scenes and actions through P1, fix-p and the verifier; both decide one problem after the other
-(`benchmarks/environment.py` has what drawing in blocks saves). Sampling these problems, which a loop over given scenes
-would not have to do, is timed apart. All take turns in one process; processor times are compared. Then all ways of
-batching take turns, with the same seeds and actions: wall clock, which says little where others compute, too, and
-processor time, of the process that steps and of its children. "two cores": time of one process ÷ what two idle cores
-would take: of ours in two, of which one is the process that steps, what the busier one does; of Gymnasium's
-asynchronous ones, which only wait for each other, what the one that steps does and half of what its children do.
---pool: a folder of `stancekit label` that all of these draw from; the bare loop is left out.
+The bare loop labels the very problems that the environment drew (those that balancing threw away,
+too) and puts the same scenes and actions through P1, fix-p and the verifier; both decide one
+problem after the other (`benchmarks/environment.py` has what drawing in blocks saves). Sampling
+these problems, which a loop over given scenes would not have to do, is timed apart. All take turns
+in one process; processor times are compared. Then all ways of batching take turns, with the same
+seeds and actions: wall clock, which says little where others compute, too, and processor time, of
+the process that steps and of its children. "two cores": time of one process ÷ what two idle cores
+would take: of ours in two, of which one is the process that steps, what the busier one does; of
+Gymnasium's asynchronous ones, which only wait for each other, what the one that steps does and half
+of what its children do. --pool: a folder of `stancekit label` that all of these draw from; the bare
+loop is left out.
 """
 
 from __future__ import annotations
@@ -100,7 +104,8 @@ class RecordedScenes(OneByOne):
 
 
 def overhead(arguments: Arguments) -> dict[str, float]:
-    """Processor time of environment and bare loop on the same problems, scenes and actions, in turns."""
+    """Processor time of environment and bare loop on the same problems, scenes and actions, in
+    turns."""
     plain = distribution(arguments.problem)
     names = ("name", "terrain", "legs", "friction", "robot")
     recorded = RecordedDistribution(**{name: getattr(plain, name) for name in names})
@@ -115,14 +120,20 @@ def overhead(arguments: Arguments) -> dict[str, float]:
     for _ in range(arguments.rounds):
         recorded.drawn.clear()
         recorded.seconds.clear()
-        scenes.kept[:] = scenes.kept[-arguments.envs :]  # drawn by the last step, judged by the next
+        scenes.kept[:] = scenes.kept[
+            -arguments.envs :
+        ]  # drawn by the last step, judged by the next
         begin = time.process_time()
         for _ in range(arguments.steps):
             env.step(actions)
         middle = time.process_time()
         bare.run(recorded.drawn, scenes.kept[: -arguments.envs], actions[0])
         end = time.process_time()
-        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + arguments.steps * arguments.envs
+        ours, theirs, steps = (
+            ours + middle - begin,
+            theirs + end - middle,
+            steps + arguments.steps * arguments.envs,
+        )
         sampling += sum(recorded.seconds)
     return {
         "bare planner loop [ms a step, processor]": 1e3 * theirs / steps,
@@ -153,19 +164,23 @@ class BareLoop:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
                     claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
-                    self._acceptance.answer(scene.problem, claim, method="fix-p", clock=Clock.start())
+                    self._acceptance.answer(
+                        scene.problem, claim, method="fix-p", clock=Clock.start()
+                    )
 
 
 def rates(arguments: Arguments) -> dict[str, float]:
-    """Steps a second and a CPU-second, a step being one of one sub-environment; the ways take turns."""
+    """Steps a second and a CPU-second, a step being one of one sub-environment; the ways take
+    turns."""
     given: dict[str, Any] = {"problem": arguments.problem, "num_envs": arguments.envs}
     given |= {} if arguments.pool is None else {"scenes": str(arguments.pool)}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
     ways: dict[str, dict[str, Any]] = {
         "Gymnasium Sync": {"vectorization_mode": "sync", "vector_kwargs": same},
         "Gymnasium Async": {"vectorization_mode": "async", "vector_kwargs": same},
-        ONE: {}, "ours, 2 processes": {"workers": 2},
-    }  # fmt: skip
+        ONE: {},
+        "ours, 2 processes": {"workers": 2},
+    }
     actions, known = actions_for(arguments.problem, arguments.envs), set[int | None]()
     turns: dict[str, Turns] = {}
     for name, options in ways.items():
@@ -192,7 +207,8 @@ def rates(arguments: Arguments) -> dict[str, float]:
 
 @dataclass
 class Turns:
-    """One way, and what its turns took: wall clock each, and processor time in all, of its own and of its children."""
+    """One way, and what its turns took: wall clock each, and processor time in all, of its own and
+    of its children."""
 
     env: VectorEnv
     children: Sequence[int | None] = ()

@@ -1,7 +1,7 @@
 """How much of every limit walks need: the largest share a group, of the walk files that are named.
 
-``python benchmarks/verifier_room.py walk.json …``. Only walks that the verifier accepts count; those that it refuses
-are named with their groups. No walk is planned here.
+``python benchmarks/verifier_room.py walk.json …``. Only walks that the verifier accepts count;
+those that it refuses are named with their groups. No walk is planned here.
 """
 
 from __future__ import annotations

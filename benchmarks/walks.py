@@ -1,21 +1,24 @@
-"""Walks of robots from files, planned, verified and then run in simulation: do they stand, how well, how do feet hold?
+"""Walks of robots from files, planned, verified and then run in simulation: do they stand, how
+well, how do feet hold?
 
-    python benchmarks/walks.py --robots FOLDER [--only go1 solo12] [--terrains ripple rough:0.5:7] [--count 20]
-        [--first 0] [--planned-friction .75] [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15]
-        [--stiffness .7 --friction .8] [--no-fits] [--keep FOLDER] [--folder FOLDER] [--json]
+    python benchmarks/walks.py --robots FOLDER [--only go1 solo12] [--terrains ripple rough:0.5:7]
+    [--count 20]
+        [--first 0] [--planned-friction .75] [--world bullet] [--offset-deg .5 --delay-ms 15 --mass
+        1.15] [--stiffness .7 --friction .8] [--no-fits] [--keep FOLDER] [--folder FOLDER] [--json]
 
-FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
-3.6 times the robot's height, at μ = .6 or --planned-friction, is planned once and kept in --keep; with --count others
-follow, each with a heading and a length of its own, up to that, drawn from --seed; --first: the number of the first, 1
-for drawn ones alone. It is run as it is, whatever the joints' limits; why the runner would have refused it else is said
-at the end of its row, unless --no-fits. Rows that are in --folder are not measured again.
-Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own; ``_grounds.py`` writes some. On
-the cone, whose slope is .6, μ = .6 leaves feedback nothing, and ANYmal B falls: Pan et al. have .75 there.
+FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of
+ten seconds over 3.6 times the robot's height, at μ = .6 or --planned-friction, is planned once and
+kept in --keep; with --count others follow, each with a heading and a length of its own, up to that,
+drawn from --seed; --first: the number of the first, 1 for drawn ones alone. It is run as it is,
+whatever the joints' limits; why the runner would have refused it else is said at the end of its
+row, unless --no-fits. Rows that are in --folder are not measured again. Terrains: any name or file
+that ``stancekit gait`` takes, so also a map of one's own; ``_grounds.py`` writes some. On the cone,
+whose slope is .6, μ = .6 leaves feedback nothing, and ANYmal B falls: Pan et al. have .75 there.
 
-body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
-worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot
-touched [ms]. torque: the largest of any joint in units of its own limit. The options make the robot, or its terrain,
-other than planned.
+body: distance of the body's origin from where it should be, root mean square, worst, and at the end
+[mm]. slip: of the worst stance since its foot touched, and stances with more than 10 mm. late: how
+long after it should have the last foot touched [ms]. torque: the largest of any joint in units of
+its own limit. The options make the robot, or its terrain, other than planned.
 """
 
 from __future__ import annotations
@@ -50,8 +53,8 @@ TERRAINS = ("ripple", "rough:0.3:7", "rough:0.5:7", "rough:0.8:3")
 
 @dataclass(frozen=True)
 class Example:
-    """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind where ``mirrored``),
-    and what its file says wrongly of its joints."""
+    """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind
+    where ``mirrored``), and what its file says wrongly of its joints."""
 
     urdf: str
     srdf: str
@@ -65,11 +68,19 @@ B, C = (f"anymal_{kind}_simple_description" for kind in "bc")
 ROBOTS = {
     "anymal_b": Example(f"{B}/robots/anymal.urdf", f"{B}/srdf/anymal.srdf", 0.75, -1.3, True),
     "anymal_c": Example(f"{C}/urdf/anymal.urdf", f"{C}/srdf/anymal.srdf", 0.75, -1.3, True),
-    "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
+    "go1": Example(
+        "go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False
+    ),
     "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
-    "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
-                      {"torque_nm": 2.7, "velocity_rad_s": 40.0}),
-}  # fmt: skip
+    "solo12": Example(
+        "solo_description/robots/solo12.urdf",
+        "solo_description/srdf/solo.srdf",
+        0.8,
+        -1.5,
+        True,
+        {"torque_nm": 2.7, "velocity_rad_s": 40.0},
+    ),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +114,9 @@ def main(arguments: Arguments) -> None:
             continue
         rows = [
             measured(name, terrain, index, arguments, wrong)
-            for terrain in arguments.terrains for index in range(arguments.first, arguments.first + arguments.count)
-        ]  # fmt: skip
+            for terrain in arguments.terrains
+            for index in range(arguments.first, arguments.first + arguments.count)
+        ]
         ran = [row for row in rows if "rms_mm" in row]
         if not arguments.json and ran:
             stood = sum(row["outcome"] == "stood" for row in ran)
@@ -116,21 +128,40 @@ def main(arguments: Arguments) -> None:
             )
 
 
-def measured(name: str, terrain: str, index: int, arguments: Arguments, wrong: Wrong) -> dict[str, Any]:
+def measured(
+    name: str, terrain: str, index: int, arguments: Arguments, wrong: Wrong
+) -> dict[str, Any]:
     """One walk's row, printed; measured where it is not kept."""
     rng = np.random.default_rng([arguments.seed, index])
-    heading, share = (HEADING_RAD, 1.0) if index == 0 else (rng.uniform(-np.pi, np.pi), rng.uniform(SHORTEST, 1.0))
+    heading, share = (
+        (HEADING_RAD, 1.0)
+        if index == 0
+        else (rng.uniform(-np.pi, np.pi), rng.uniform(SHORTEST, 1.0))
+    )
 
     def measure() -> dict[str, Any]:
         path = planned(
-            name, arguments.robots, terrain, arguments.keep, (float(heading), float(share)), arguments.planned_friction
+            name,
+            arguments.robots,
+            terrain,
+            arguments.keep,
+            (float(heading), float(share)),
+            arguments.planned_friction,
         )
         found = row(path, arguments.world, wrong, fits=arguments.fits)
         return {"robot": name, "terrain": terrain, "walk": index} | found
 
-    said = (arguments.offset_deg, arguments.delay_ms, arguments.mass, arguments.stiffness, arguments.friction)
+    said = (
+        arguments.offset_deg,
+        arguments.delay_ms,
+        arguments.mass,
+        arguments.stiffness,
+        arguments.friction,
+    )
     said += (f"mu-{arguments.planned_friction:g}",) * (arguments.planned_friction != FRICTION)
-    stem = "-".join([name, terrain, str(arguments.seed), str(index), arguments.world, *map(str, said)])
+    stem = "-".join(
+        [name, terrain, str(arguments.seed), str(index), arguments.world, *map(str, said)]
+    )
     file = None if arguments.folder is None else arguments.folder / f"{as_file_name(stem)}.json"
     found = measure() if file is None else kept(file, measure)
     arguments.say(found, line)
@@ -145,12 +176,17 @@ def as_file_name(text: str) -> str:
 def robot_file(example: Example, folder: Path, path: Path) -> Path:
     """A file, written to this path, of the robot in the posture that it walks from."""
     urdf, srdf = folder / example.urdf, folder / example.srdf
-    behind = {leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0 for leg in named_robot(urdf).legs}
+    behind = {
+        leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0
+        for leg in named_robot(urdf).legs
+    }
     posture = {
         joint: angle
         for leg in named_robot(urdf).legs
         for joint, angle in zip(
-            leg.joint_names, (0.0, behind[leg.name] * example.hip_rad, behind[leg.name] * example.knee_rad), strict=True
+            leg.joint_names,
+            (0.0, behind[leg.name] * example.hip_rad, behind[leg.name] * example.knee_rad),
+            strict=True,
         )
     }
     keys = {"urdf": str(urdf.resolve()), "posture_rad": posture}
@@ -168,8 +204,8 @@ def planned(
     way: tuple[float, float] = (HEADING_RAD, 1.0),
     friction: float = FRICTION,
 ) -> Path | str:
-    """The file of a walk, planned where it is not there; or why there is none. way: its heading [rad], and its length
-    as a share of the longest. friction: μ."""
+    """The file of a walk, planned where it is not there; or why there is none. way: its heading
+    [rad], and its length as a share of the longest. friction: μ."""
     end = "" if way == (HEADING_RAD, 1.0) else f"-{way[0]:.3f}-{way[1]:.3f}"
     end += "" if friction == FRICTION else f"-mu-{friction:g}"
     path = keep / f"{as_file_name(f'{name}-{terrain}')}{end}.json"
@@ -193,7 +229,9 @@ def row(path: Path | str, world: str, wrong: Wrong, *, fits: bool = True) -> dic
     if isinstance(path, str):
         return {"outcome": f"not planned: {path}"}
     accepted = AcceptedGait.from_file(path)
-    settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
+    settings = RunSettings(
+        check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M)
+    )
     with make_world(world, accepted.robot, imperfections=wrong.imperfections) as made:
         refused = ""
         try:
@@ -205,17 +243,25 @@ def row(path: Path | str, world: str, wrong: Wrong, *, fits: bool = True) -> dic
     run = report.execution
     if run is None:
         return {"outcome": report.message}
-    return {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, refused)
+    return {
+        "outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"
+    } | figures(run, refused)
 
 
 def figures(run: Execution, fits: str) -> dict[str, object]:
     """Of a run."""
     return {
-        "rms_mm": 1e3 * run.body_rms_m, "worst_mm": 1e3 * run.body_worst_m, "end_mm": 1e3 * run.body_final_m,
-        "slip_mm": 1e3 * float(run.slip_m.max()), "slipped": int(np.count_nonzero(run.slip_m > SLIP_M)),
-        "stances": len(run.slip_m), "late_ms": 1e3 * float(run.late_s.max()),
-        "torque": float(run.torque_share.max()), "bump_s": run.bump_s, "fits": fits,
-    }  # fmt: skip
+        "rms_mm": 1e3 * run.body_rms_m,
+        "worst_mm": 1e3 * run.body_worst_m,
+        "end_mm": 1e3 * run.body_final_m,
+        "slip_mm": 1e3 * float(run.slip_m.max()),
+        "slipped": int(np.count_nonzero(run.slip_m > SLIP_M)),
+        "stances": len(run.slip_m),
+        "late_ms": 1e3 * float(run.late_s.max()),
+        "torque": float(run.torque_share.max()),
+        "bump_s": run.bump_s,
+        "fits": fits,
+    }
 
 
 def line(found: dict[str, Any]) -> str:

@@ -1,11 +1,14 @@
-"""Warp maps: the published methods beside ours, on the reference terrains (Pan et al. §IV-B, Figs. 4 and 5).
+"""Warp maps: the published methods beside ours, on the reference terrains (Pan et al. §IV-B, Figs.
+4 and 5).
 
-    python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture NAME.png] [--json]
+    python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture
+    NAME.png] [--json]
 
-local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly and have no snap.
-accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and Anderson acceleration; fast is what
-the product uses. CPU seconds include the checks: min det J on lines three times as dense as the quadrature, the match
-between the terrain's nodes, conformal errors. --picture writes one convergence chart a terrain, NAME-terrain.png.
+local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly
+and have no snap. accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and
+Anderson acceleration; fast is what the product uses. CPU seconds include the checks: min det J on
+lines three times as dense as the quadrature, the match between the terrain's nodes, conformal
+errors. --picture writes one convergence chart a terrain, NAME-terrain.png.
 """
 
 from __future__ import annotations
@@ -45,7 +48,10 @@ def main(arguments: Arguments) -> None:
         for fit in fits:
             arguments.say(fit.report.to_json(), line)
         if arguments.picture is not None:
-            save(draw_map_convergence([fit.report for fit in fits]), named(arguments.picture, fits[0].report))
+            save(
+                draw_map_convergence([fit.report for fit in fits]),
+                named(arguments.picture, fits[0].report),
+            )
 
 
 def line(record: dict[str, Any]) -> str:

@@ -1,21 +1,22 @@
-"""The way round: thirty terrains of 4 to 20 m, planned, judged by points of every link, and compared.
+"""The way round: thirty terrains of 4 to 20 m, planned, judged by points of every link, and
+compared.
 
-    nice -n 15 python benchmarks/ways.py plan FOLDER [--scenes block-4 ...] [--limit-s 60] [--walks] [--anew]
-    python benchmarks/ways.py judge FOLDER
-    python benchmarks/ways.py run FOLDER --scenes block-20 ...
-    python benchmarks/ways.py table FOLDER [--against FOLDER]
+    nice -n 15 python benchmarks/ways.py plan FOLDER [--scenes block-4 ...] [--limit-s 60] [--walks]
+    [--anew] python benchmarks/ways.py judge FOLDER python benchmarks/ways.py run FOLDER --scenes
+    block-20 ... python benchmarks/ways.py table FOLDER [--against FOLDER]
 
-The terrains are in ways/scenes.yaml: 24 have a way for a disc as wide as the hexapod and its feet, which is known since
-it was drawn first, and 6 have none. They were drawn before anything was planned over them.
+The terrains are in ways/scenes.yaml: 24 have a way for a disc as wide as the hexapod and its feet,
+which is known since it was drawn first, and 6 have none. They were drawn before anything was
+planned over them.
 
-plan: every scene by the package's own command, ``plan`` or with --walks ``gait``, one process at a time; a line of
-plans.jsonl with what was said, CPU time, memory, and the length of the body's way. Scenes that have a line are not
-planned again without --anew.
-judge: points of every link of the file's URDF, at moments of the motion half as far apart as the verifier's, against
-the boxes of the scene: angles are those of the motion that is run, kinematics and geometry are written here.
-A link that is more than 3 mm inside of a solid goes through it.
-run: plans in the package's MuJoCo.
-table: by length: scenes planned, CPU-s per metre of the body's way, memory, and the ways against the known ones.
+plan: every scene by the package's own command, ``plan`` or with --walks ``gait``, one process at a
+time; a line of plans.jsonl with what was said, CPU time, memory, and the length of the body's way.
+Scenes that have a line are not planned again without --anew. judge: points of every link of the
+file's URDF, at moments of the motion half as far apart as the verifier's, against the boxes of the
+scene: angles are those of the motion that is run, kinematics and geometry are written here. A link
+that is more than 3 mm inside of a solid goes through it. run: plans in the package's MuJoCo. table:
+by length: scenes planned, CPU-s per metre of the body's way, memory, and the ways against the known
+ones.
 """
 
 from __future__ import annotations
@@ -43,12 +44,14 @@ from numpy.typing import NDArray
 SCENES = ROOT / "benchmarks" / "ways" / "scenes.yaml"
 THICK_M = 0.2
 THROUGH_M = 0.003
-"""A point this deep in a solid is through its surface: feet touch, and terrain is known to a millimetre."""
+"""A point this deep in a solid is through its surface: feet touch, and terrain is known to a
+millimetre."""
 PATIENCE = 6.0
 APART_M = 0.015
 """Between the points of a link [m]."""
 FINER = 2.0
-"""Moments of the motion are so many times nearer to each other than those that the verifier judges."""
+"""Moments of the motion are so many times nearer to each other than those that the verifier
+judges."""
 LONGER = 1.3
 WALK_S_M = 4.0
 """Walks have so long for a metre of the known way."""
@@ -57,8 +60,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One terrain. boxes_m: its solids, each x, y and z from and to, the floor's parts first, shape (B, 6); floors: how
-    many of them are floor; way_m: of a disc, shape (K, 2), None where there is none."""
+    """One terrain. boxes_m: its solids, each x, y and z from and to, the floor's parts first, shape
+    (B, 6); floors: how many of them are floor; way_m: of a disc, shape (K, 2), None where there is
+    none."""
 
     name: str
     kind: str
@@ -99,19 +103,33 @@ class Scene:
         for x0, x1, y0, y1, z0, z1 in self.boxes_m.tolist():
             corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)]
             lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in corners]
-            faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+            faces = (
+                (0, 1, 3, 2),
+                (4, 6, 7, 5),
+                (0, 4, 5, 1),
+                (2, 3, 7, 6),
+                (0, 2, 6, 4),
+                (1, 5, 7, 3),
+            )
             for a, b, c, d in faces:
-                lines += [f"f {first + a} {first + b} {first + c}", f"f {first + a} {first + c} {first + d}"]
+                lines += [
+                    f"f {first + a} {first + b} {first + c}",
+                    f"f {first + a} {first + c} {first + d}",
+                ]
             first += 8
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def scenes(names: Sequence[str] = ()) -> list[Scene]:
     """The list, or some of it in its order."""
-    every = [Scene.of(keys) for keys in yaml.safe_load(SCENES.read_text(encoding="utf-8"))["scenes"]]
+    every = [
+        Scene.of(keys) for keys in yaml.safe_load(SCENES.read_text(encoding="utf-8"))["scenes"]
+    ]
     unknown = set(names) - {each.name for each in every}
     if unknown:
-        raise SystemExit(f"--scenes: expected some of {', '.join(each.name for each in every)}, got {unknown}")
+        raise SystemExit(
+            f"--scenes: expected some of {', '.join(each.name for each in every)}, got {unknown}"
+        )
     return [each for each in every if not names or each.name in names]
 
 
@@ -136,17 +154,25 @@ def _around(floor: Sequence[float], holes: Sequence[Sequence[float]]) -> list[li
     return parts
 
 
-# ------------------------------------------------------------------------------------------------------ planning
+# ------------------------------------------------------------------------------------------------------
+# planning
 
 
-def command(arguments: Sequence[str], patience_s: float, environment: Mapping[str, str]) -> dict[str, Any]:
-    """Run ``stancekit`` with ``--json``: exit code, the object printed, the last line of errors, time and memory."""
+def command(
+    arguments: Sequence[str], patience_s: float, environment: Mapping[str, str]
+) -> dict[str, Any]:
+    """Run ``stancekit`` with ``--json``: exit code, the object printed, the last line of errors,
+    time and memory."""
     began = time.monotonic()
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "stancekit.cli.main", *arguments, "--json"], stdin=subprocess.DEVNULL, stdout=out,
-            stderr=errors, start_new_session=True, env={**os.environ, **environment},
-        )  # fmt: skip
+            [sys.executable, "-m", "stancekit.cli.main", *arguments, "--json"],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=errors,
+            start_new_session=True,
+            env={**os.environ, **environment},
+        )
         while True:
             pid, status, used = os.wait4(process.pid, os.WNOHANG)
             if pid:
@@ -160,22 +186,40 @@ def command(arguments: Sequence[str], patience_s: float, environment: Mapping[st
         errors.seek(0)
         lines, said = out.read().strip().splitlines(), errors.read().strip().splitlines()
     return {
-        "code": code, "said": json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {},
-        "error": (said or [""])[-1][:300], "cpu_s": round(used.ru_utime + used.ru_stime, 2),
-        "wall_s": round(time.monotonic() - began, 1), "memory_mb": round(used.ru_maxrss / 1024),
-    }  # fmt: skip
+        "code": code,
+        "said": json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {},
+        "error": (said or [""])[-1][:300],
+        "cpu_s": round(used.ru_utime + used.ru_stime, 2),
+        "wall_s": round(time.monotonic() - began, 1),
+        "memory_mb": round(used.ru_maxrss / 1024),
+    }
 
 
-def planned(scene: Scene, folder: Path, limit_s: float, *, walk: bool, package: Path | None) -> dict[str, Any]:
+def planned(
+    scene: Scene, folder: Path, limit_s: float, *, walk: bool, package: Path | None
+) -> dict[str, Any]:
     """Plan one scene; the file stays in the folder."""
     mesh, out = folder / "terrains" / f"{scene.name}.obj", folder / "plans" / f"{scene.name}.json"
     scene.write(mesh)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.unlink(missing_ok=True)
-    places = [f"--start={scene.start[0]:g},{scene.start[1]:g}", f"--goal={scene.goal[0]:g},{scene.goal[1]:g}"]
+    places = [
+        f"--start={scene.start[0]:g},{scene.start[1]:g}",
+        f"--goal={scene.goal[0]:g},{scene.goal[1]:g}",
+    ]
     seconds = f"{round(WALK_S_M * (20.0 if scene.way_m is None else scene.known_m)):d}"
     urdf = str(ROOT / "configs" / "robots" / "hexapod.urdf")
-    verb = ["gait", str(mesh), *places, "--robot", urdf, "--smooth-m", "0.12", "--duration-s", seconds]
+    verb = [
+        "gait",
+        str(mesh),
+        *places,
+        "--robot",
+        urdf,
+        "--smooth-m",
+        "0.12",
+        "--duration-s",
+        seconds,
+    ]
     verb += ["--total-s", str(limit_s)]
     if not walk:
         verb = ["plan", str(mesh), *places, "--time-limit-s", str(limit_s)]
@@ -186,9 +230,13 @@ def planned(scene: Scene, folder: Path, limit_s: float, *, walk: bool, package: 
     accepted = done["code"] == 0 and out.exists()
     message = verdict.get("message") or said.get("message") or done["error"]
     row = {
-        "scene": scene.name, "accepted": accepted, "status": said.get("status", ""), "message": str(message)[:300],
-        "known_m": round(scene.known_m, 2), **done,
-    }  # fmt: skip
+        "scene": scene.name,
+        "accepted": accepted,
+        "status": said.get("status", ""),
+        "message": str(message)[:300],
+        "known_m": round(scene.known_m, 2),
+        **done,
+    }
     if accepted:
         path = np.asarray(_read(out).torso_m if walk else _read(out).com_m)
         row |= {"frames": len(path), "way_m": round(length_of(path), 3)}
@@ -211,7 +259,11 @@ class Lines:
         """By scene."""
         if not self.path.exists():
             return {}
-        rows = [json.loads(line) for line in self.path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+        rows = [
+            json.loads(line)
+            for line in self.path.read_text(encoding="utf-8").splitlines()
+            if line.endswith("}")
+        ]
         return {row["scene"]: row for row in rows}
 
     def add(self, row: Mapping[str, Any]) -> None:
@@ -221,12 +273,14 @@ class Lines:
             file.write(json.dumps(row) + "\n")
 
 
-# ------------------------------------------------------------------------------------------------------- judging
+# -------------------------------------------------------------------------------------------------------
+# judging
 
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Points of a link in its own frame, shape (P, 3), each the middle of a ball of this radius [m]."""
+    """Points of a link in its own frame, shape (P, 3), each the middle of a ball of this radius
+    [m]."""
 
     name: str
     points_m: Array
@@ -255,7 +309,9 @@ class Robot:
             names = [_get(joint.find(end), "link") for end in ("parent", "child")]
             self.joints.append((joint.get("name"), joint.get("type"), *names, origin, axis))
         children = {child for _, _, _, child, _, _ in self.joints}
-        self.base = next(link.get("name") for link in root.findall("link") if link.get("name") not in children)
+        self.base = next(
+            link.get("name") for link in root.findall("link") if link.get("name") not in children
+        )
         self.links = [each for link in root.findall("link") for each in _points(link)]
         self.middles_m = [link.middle_m for link in self.links]
         self.reaches_m = np.array([link.reach_m for link in self.links])
@@ -310,11 +366,17 @@ def _points(link: Any) -> Iterator[Link]:
         elif shape.tag == "cylinder":
             half_m, radius_m, radius = 0.5 * float(shape.get("length")), radius, 0.0
             along = np.linspace(-half_m, half_m, max(2, int(np.ceil(2 * half_m / APART_M)) + 1))
-            turn = np.linspace(0.0, 2 * np.pi, max(8, int(np.ceil(2 * np.pi * radius_m / APART_M))), endpoint=False)
+            turn = np.linspace(
+                0.0, 2 * np.pi, max(8, int(np.ceil(2 * np.pi * radius_m / APART_M))), endpoint=False
+            )
             around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
             out = np.linspace(0.0, radius_m, max(2, int(np.ceil(radius_m / APART_M)) + 1))
             mantle = [np.column_stack([radius_m * around, np.full(len(turn), z)]) for z in along]
-            ends = [np.column_stack([r * around, np.full(len(turn), z)]) for r in out for z in (-half_m, half_m)]
+            ends = [
+                np.column_stack([r * around, np.full(len(turn), z)])
+                for r in out
+                for z in (-half_m, half_m)
+            ]
             points = np.vstack(mantle + ends)
         elif shape.tag == "capsule":
             half_m = 0.5 * float(shape.get("length"))
@@ -322,11 +384,14 @@ def _points(link: Any) -> Iterator[Link]:
             points = np.column_stack([0 * along, 0 * along, along])
         else:
             points = np.zeros((1, 3))
-        yield Link(name=link.get("name"), points_m=points @ frame[:3, :3].T + frame[:3, 3], radius_m=radius)
+        yield Link(
+            name=link.get("name"), points_m=points @ frame[:3, :3].T + frame[:3, 3], radius_m=radius
+        )
 
 
 def depth_in(points: Array, boxes: Array) -> Array:
-    """How deep each point is inside of the box it is deepest in, shape (P,); negative: how far from all of them [m]."""
+    """How deep each point is inside of the box it is deepest in, shape (P,); negative: how far from
+    all of them [m]."""
     low, high = boxes[:, None, ::2], boxes[:, None, 1::2]
     inside = np.minimum(points - low, high - points)  # (B, P, 3)
     outside = np.linalg.norm(np.maximum(-inside, 0.0), axis=2)
@@ -349,25 +414,40 @@ def judged(scene: Scene, path: Path) -> dict[str, Any]:
         base = np.eye(4)
         base[:3, :3], base[:3, 3] = postures.rotations[number], postures.origins_m[number]
         frames = robot.placed(base, dict(zip(known.joints, angles, strict=True)))
-        about = boxes[np.all((boxes[:, ::2] < base[:3, 3] + 1.5) & (boxes[:, 1::2] > base[:3, 3] - 1.5), axis=1)]
+        about = boxes[
+            np.all(
+                (boxes[:, ::2] < base[:3, 3] + 1.5) & (boxes[:, 1::2] > base[:3, 3] - 1.5), axis=1
+            )
+        ]
         placed = [frames[link.name] for link in robot.links]
-        middles = np.array([
-            frame[:3, :3] @ middle + frame[:3, 3] for frame, middle in zip(placed, robot.middles_m, strict=True)
-        ])  # fmt: skip
+        middles = np.array(
+            [
+                frame[:3, :3] @ middle + frame[:3, 3]
+                for frame, middle in zip(placed, robot.middles_m, strict=True)
+            ]
+        )
         most = depth_in(middles, about) + robot.reaches_m
         for k in np.flatnonzero(most > worst[0]):  # depths change no faster than places
             link, frame = robot.links[k], placed[k]
-            depth = float(depth_in(link.points_m @ frame[:3, :3].T + frame[:3, 3], about).max()) + link.radius_m
+            depth = (
+                float(depth_in(link.points_m @ frame[:3, :3].T + frame[:3, 3], about).max())
+                + link.radius_m
+            )
             if depth > worst[0]:
                 before, after = moments.before[number], moments.after[number]
                 worst = depth, link.name, float(before + moments.share[number] * (after - before))
     return {
-        "scene": scene.name, "depth_mm": round(1e3 * worst[0], 2), "link": worst[1], "frame": round(worst[2], 2),
-        "moments": len(postures.angles), "through": bool(worst[0] > THROUGH_M),
-    }  # fmt: skip
+        "scene": scene.name,
+        "depth_mm": round(1e3 * worst[0], 2),
+        "link": worst[1],
+        "frame": round(worst[2], 2),
+        "moments": len(postures.angles),
+        "through": bool(worst[0] > THROUGH_M),
+    }
 
 
-# ------------------------------------------------------------------------------------------------------- options
+# -------------------------------------------------------------------------------------------------------
+# options
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,14 +479,18 @@ def main(asked: Asked) -> None:
     if asked.what == "plan":
         for scene in some:
             if asked.anew or scene.name not in lines.all():
-                row = planned(scene, asked.folder, asked.limit_s, walk=asked.walks, package=asked.package)
+                row = planned(
+                    scene, asked.folder, asked.limit_s, walk=asked.walks, package=asked.package
+                )
                 lines.add(row)
                 asked.say(row)
     elif asked.what in ("judge", "run"):
         results = Lines(asked.folder / f"{asked.what}.jsonl")
         for scene in some:
             path = asked.folder / "plans" / f"{scene.name}.json"
-            if lines.all().get(scene.name, {}).get("accepted") and (asked.anew or scene.name not in results.all()):
+            if lines.all().get(scene.name, {}).get("accepted") and (
+                asked.anew or scene.name not in results.all()
+            ):
                 row = judged(scene, path) if asked.what == "judge" else _ran(scene, path)
                 results.add(row)
                 asked.say(row)
@@ -437,29 +521,44 @@ def _table(asked: Asked, some: Sequence[Scene]) -> None:
         good = [row for row in its if _good(row)]
         if good:
             metre = [row["cpu_s"] / row["way_m"] for row in good]
-            asked.say({
-                "start to goal": f"{apart_m:g} m", "planned": f"{len(good)} of {len(its)}",
-                "CPU-s per metre": f"{np.median(metre):.2f} ({min(metre):.2f} to {max(metre):.2f})",
-                "memory": f"{max(row['memory_mb'] for row in good)} MB",
-            })  # fmt: skip
+            asked.say(
+                {
+                    "start to goal": f"{apart_m:g} m",
+                    "planned": f"{len(good)} of {len(its)}",
+                    "CPU-s per metre": f"{np.median(metre):.2f} ({min(metre):.2f} to {max(metre):.2f})",
+                    "memory": f"{max(row['memory_mb'] for row in good)} MB",
+                }
+            )
     without = [row for scene, row in done if scene.way_m is None]
-    asked.say({
-        "planned": sum(_good(row) for scene, row in done if scene.way_m is not None),
-        "without a way, and planned": sum(row["accepted"] for row in without),
-        "through solids": sum(row["through"] for row in depths.values()), "judged": len(depths),
-    })  # fmt: skip
+    asked.say(
+        {
+            "planned": sum(_good(row) for scene, row in done if scene.way_m is not None),
+            "without a way, and planned": sum(row["accepted"] for row in without),
+            "through solids": sum(row["through"] for row in depths.values()),
+            "judged": len(depths),
+        }
+    )
 
 
 def _good(row: Mapping[str, Any]) -> bool:
-    """Whether a scene with a way counts as planned: accepted, in 60 CPU-s, by a way 1.3 times the known one at most."""
+    """Whether a scene with a way counts as planned: accepted, in 60 CPU-s, by a way 1.3 times the
+    known one at most."""
     return row["accepted"] and row["cpu_s"] <= 60.0 and row["way_m"] <= LONGER * row["known_m"]
 
 
-def _line(row: Mapping[str, Any], old: Mapping[str, Any] | None, depth: Mapping[str, Any] | None) -> str:
+def _line(
+    row: Mapping[str, Any], old: Mapping[str, Any] | None, depth: Mapping[str, Any] | None
+) -> str:
     took = f"{row['cpu_s']:6.1f} CPU-s {row['memory_mb']:4} MB"
-    was = "" if old is None else f"  before: {'plan' if old['accepted'] else 'none'} {old['cpu_s']:.1f} CPU-s"
+    was = (
+        ""
+        if old is None
+        else f"  before: {'plan' if old['accepted'] else 'none'} {old['cpu_s']:.1f} CPU-s"
+    )
     deep = "" if depth is None else f"  deepest {depth['depth_mm']:.1f} mm"
-    said = f"{row['way_m']:.2f} m of {row['known_m']:g} m" if row["accepted"] else row["message"][:90]
+    said = (
+        f"{row['way_m']:.2f} m of {row['known_m']:g} m" if row["accepted"] else row["message"][:90]
+    )
     return f"{row['scene']:14} {'plan' if row['accepted'] else 'none'} {took}  {said}{deep}{was}"
 
 

@@ -1,12 +1,15 @@
-"""The trained selectors that ship: made, or made again and compared with those that are here, bit for bit.
+"""The trained selectors that ship: made, or made again and compared with those that are here, bit
+for bit.
 
     python benchmarks/zoo.py --write [--out out/zoo]     # into learners/zoo, with their cards
     python benchmarks/zoo.py [--out out/zoo]             # makes them, and says which bits differ
-    python benchmarks/zoo.py --cards                     # the table of docs/cards.md, from the cards
+    python benchmarks/zoo.py --cards                     # the table of docs/cards.md, from the
+    cards
 
-They are the selectors of configs/zoo.yaml, `stancekit bench envelopes --config configs/zoo.yaml --out out/zoo`, with
-their weights rounded to half precision, in which they are evaluated, too. A run that was stopped goes on. Bits are the
-same with the versions that the cards name, on one kind of CPU.
+They are the selectors of configs/zoo.yaml, `stancekit bench envelopes --config configs/zoo.yaml
+--out out/zoo`, with their weights rounded to half precision, in which they are evaluated, too. A
+run that was stopped goes on. Bits are the same with the versions that the cards name, on one kind
+of CPU.
 """
 
 from __future__ import annotations
@@ -85,23 +88,41 @@ def rounded(path: Path, to: Path) -> None:
 def scored(path: Path, test: Dataset, experiment: Experiment) -> Score:
     """What the file is good for, on the test rows."""
     scenes, projections = scenes_of(test), experiment.projections
-    return evaluate(path.stem, load_selector(path), scenes, problem_class=test.problem_class, projections=projections)
+    return evaluate(
+        path.stem,
+        load_selector(path),
+        scenes,
+        problem_class=test.problem_class,
+        projections=projections,
+    )
 
 
-def described(method: str, content: bytes, result: ClassResult, experiment: Experiment, score: Score) -> Card:
+def described(
+    method: str, content: bytes, result: ClassResult, experiment: Experiment, score: Score
+) -> Card:
     """The card of a selector that was made."""
     calibration = experiment.calibration
     assert calibration is not None
     lift = next(each for each in result.scores if each.selector == "lift")
-    rows = (Quotas(feasible=q.feasible, infeasible=q.infeasible, seed=q.seed)
-            for q in (experiment.train, calibration, experiment.test))  # fmt: skip
+    rows = (
+        Quotas(feasible=q.feasible, infeasible=q.infeasible, seed=q.seed)
+        for q in (experiment.train, calibration, experiment.test)
+    )
     train, held, test = rows
     return Card(
-        method=method, problem_class=result.problem_class, legs=list(result.test.header.legs),
-        sha256=hashlib.sha256(content).hexdigest(), seed=experiment.fit.seed, train=train, calibration=held, test=test,
-        figures=figures(score), lift=figures(lift), limits=list(LIMITS),
+        method=method,
+        problem_class=result.problem_class,
+        legs=list(result.test.header.legs),
+        sha256=hashlib.sha256(content).hexdigest(),
+        seed=experiment.fit.seed,
+        train=train,
+        calibration=held,
+        test=test,
+        figures=figures(score),
+        lift=figures(lift),
+        limits=list(LIMITS),
         software=software() | {"torch": torch_version},
-    )  # fmt: skip
+    )
 
 
 def figures(score: Score) -> dict[str, Figure]:
@@ -109,12 +130,14 @@ def figures(score: Score) -> dict[str, Figure]:
     shares = {"p1_feasible": score.p1_feasible, "p1_infeasible": score.p1_infeasible}
     shares |= {f"project_{way.replace('-', '_')}": share for way, share in score.projected.items()}
     return {
-        name: Figure(share=share.value, low=share.interval[0], high=share.interval[1]) for name, share in shares.items()
+        name: Figure(share=share.value, low=share.interval[0], high=share.interval[1])
+        for name, share in shares.items()
     }
 
 
 def table() -> Iterator[str]:
-    """Markdown: a row a selector; % of the test rows with 95 % intervals, and the lift's in brackets."""
+    """Markdown: a row a selector; % of the test rows with 95 % intervals, and the lift's in
+    brackets."""
     yield "| name | rows to learn from | P1 feasible | P1 infeasible | fix-p | kB |"
     yield "|---|---|---|---|---|---|"
     for name, path in shipped().items():

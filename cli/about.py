@@ -8,16 +8,19 @@ from typing import Any
 from .console import emit, out, progress
 
 DOCUMENTED_S = 5.9
-"""CPU time of 1,000 cold solves on the computer that measured the figures of the documentation [s]."""
+"""CPU time of 1,000 cold solves on the computer that measured the figures of the documentation
+[s]."""
 
 
 @dataclass
 class About:
-    """Say what is installed and how fast this computer is: for a report of a bug, and before figures are compared.
+    """Say what is installed and how fast this computer is: for a report of a bug, and before
+    figures are compared.
 
-    Prints the version, Python, every extra with the versions of its packages and the command that installs a missing
-    one, the library that draws films, the number of cores, the CPU time of 1,000 cold solves of one cone program beside
-    that of the documentation's computer, and whether an emulated bus of 24 servos keeps up here.
+    Prints the version, Python, every extra with the versions of its packages and the command that
+    installs a missing one, the library that draws films, the number of cores, the CPU time of 1,000
+    cold solves of one cone program beside that of the documentation's computer, and whether an
+    emulated bus of 24 servos keeps up here.
 
       stancekit about
       stancekit about --json
@@ -33,11 +36,11 @@ class About:
         from stancekit.runner.computer import about
 
         with progress("about") as bar:
-            found = about(measure=self.measure, progress=bar)
+            record = about(measure=self.measure, progress=bar)
         if self.json:
-            emit(found | {"documented_s": DOCUMENTED_S})
+            emit(record | {"documented_s": DOCUMENTED_S})
             return 0
-        for line in _lines(found):
+        for line in _lines(record):
             out.print(line, highlight=False)
         return 0
 
@@ -50,7 +53,11 @@ def _lines(found: dict[str, Any]) -> list[str]:
     ]
     for extra, packages in found["extras"].items():
         missing = [name for name, version in packages.items() if version is None]
-        text = f"pip install 'stancekit[{extra}]'  (without {', '.join(missing)})" if missing else _versions(packages)
+        text = (
+            f"pip install 'stancekit[{extra}]'  (without {', '.join(missing)})"
+            if missing
+            else _versions(packages)
+        )
         lines.append(f"{extra:<10} {text}")
     gl = found["gl"]
     lines.append(f"GL         {gl or 'none: no films; apt-get install libegl1 libgl1'}")
@@ -62,7 +69,11 @@ def _lines(found: dict[str, Any]) -> list[str]:
             f"{DOCUMENTED_S:g} of the documentation's computer"
         )
     if (bus := found["bus"]) is not None:
-        verdict = "keeps up" if bus["keeps_up"] else "does NOT keep up: stop other work before a run on it"
+        verdict = (
+            "keeps up"
+            if bus["keeps_up"]
+            else "does NOT keep up: stop other work before a run on it"
+        )
         lines.append(
             f"servo bus  emulated at {bus['time_share']:.0%} of its pace; answers in {1e3 * bus['usual_s']:.1f} ms, "
             f"{1e3 * bus['worst_s']:.1f} at most, with a period of {1e3 * bus['period_s']:g}: {verdict}"

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 
 def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
-    """Judge every walk of a folder, and write against.json where the cells are; exit code 0 whatever the verdicts."""
+    """Judge every walk of a folder, and write against.json where the cells are; exit code 0
+    whatever the verdicts."""
     from rich.console import Console
 
     from stancekit.learners.evaluation import gait_against
@@ -39,33 +40,43 @@ def walk_table(rows: list[dict[str, Any]]) -> Table:
     """A line a walk, and what the verifier says of it."""
     from rich.table import Table
 
-    found = Table(title="walks")
+    grid = Table(title="walks")
     for name in ("walk", "program", "terrain", "verified", "CPU s", "solver s", "verifier"):
-        found.add_column(name, justify="right" if name.endswith(" s") else "left", overflow="fold")
+        grid.add_column(name, justify="right" if name.endswith(" s") else "left", overflow="fold")
     for row in rows:
-        found.add_row(
-            row["walk"], row["program"], row["terrain"], "yes" if row["verified"] else "no",
-            _figure(row["cpu_process_s"]), _figure(row["cpu_solver_s"]), row["message"],
-        )  # fmt: skip
-    return found
+        grid.add_row(
+            row["walk"],
+            row["program"],
+            row["terrain"],
+            "yes" if row["verified"] else "no",
+            _figure(row["cpu_process_s"]),
+            _figure(row["cpu_solver_s"]),
+            row["message"],
+        )
+    return grid
 
 
 def program_table(sums: list[dict[str, Any]]) -> Table:
     """A line a program."""
     from rich.table import Table
 
-    found = Table(title="programs", caption="medians of the walks that are verified")
+    grid = Table(title="programs", caption="medians of the walks that are verified")
     names = {
-        "walks": "walks", "verified": "verified", "cpu_process_s": "CPU s", "cpu_solver_s": "solver s",
-        "peak_acceleration_g": "peak g", "force_rms": "force rms m·g", "friction_needed": "friction needed",
+        "walks": "walks",
+        "verified": "verified",
+        "cpu_process_s": "CPU s",
+        "cpu_solver_s": "solver s",
+        "peak_acceleration_g": "peak g",
+        "force_rms": "force rms m·g",
+        "friction_needed": "friction needed",
         "outside_cone": "outside cone",
-    }  # fmt: skip
-    found.add_column("program")
+    }
+    grid.add_column("program")
     for name in names.values():
-        found.add_column(name, justify="right")
+        grid.add_column(name, justify="right")
     for one in sums:
-        found.add_row(one["program"], *(_figure(one[name]) for name in names))
-    return found
+        grid.add_row(one["program"], *(_figure(one[name]) for name in names))
+    return grid
 
 
 def _figure(value: float | None) -> str:

@@ -23,11 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class BenchEnvelopes:
-    """Lin et al.'s Table I, every method on held-out terrains, with 95 % intervals and the paper's own rows.
+    """Lin et al.'s Table I, every method on held-out terrains, with 95 % intervals and the paper's
+    own rows.
 
-    Labels training, calibration and test terrains, learns a selector by every method of the configuration, and rolls
-    all of them out on the same test terrains. Data sets, selectors, rows and pictures are kept in a folder: a run that
-    is stopped goes on where it was, and what follows from the same settings is used again.
+    Labels training, calibration and test terrains, learns a selector by every method of the
+    configuration, and rolls all of them out on the same test terrains. Data sets, selectors, rows
+    and pictures are kept in a folder: a run that is stopped goes on where it was, and what follows
+    from the same settings is used again.
     """
 
     config: OptionalPath = None
@@ -37,7 +39,8 @@ class BenchEnvelopes:
     problem: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """Classes of problems, instead of the file's."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names one."""
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names
+    one."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that scenes are cut from, instead of the file's."""
     out: OptionalPath = None
@@ -60,14 +63,16 @@ class BenchEnvelopes:
         from stancekit.planners.files.writing import write_text
         from stancekit.views.sheet import save
 
-        given = {
-            "problems": list(self.problem) or None, "robot": self.robot,
+        arguments = {
+            "problems": list(self.problem) or None,
+            "robot": self.robot,
             "terrain": None if self.terrain is None else str(self.terrain),
-        }  # fmt: skip
+        }
         experiment = Experiment.from_yaml(
-            self.config or config_path("bench-envelopes.yaml"), quick=self.quick,
-            overrides={name: value for name, value in given.items() if value is not None},
-        )  # fmt: skip
+            self.config or config_path("bench-envelopes.yaml"),
+            quick=self.quick,
+            overrides={name: value for name, value in arguments.items() if value is not None},
+        )
         where = executor(self.executor, workers=self.workers, address=self.address)
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)
@@ -92,7 +97,11 @@ def rows(result: ClassResult) -> list[dict[str, Any]]:
     records = []
     for score in result.scores:
         paper = paper_row(result.problem_class, score.selector)
-        record = {"problem_class": result.problem_class, **score.to_json(), "balanced": score.balanced}
+        record = {
+            "problem_class": result.problem_class,
+            **score.to_json(),
+            "balanced": score.balanced,
+        }
         records.append(record if paper is None else {**record, "paper": paper})
     return records
 
@@ -112,7 +121,11 @@ def comparison_figure(result: ClassResult) -> Figure:
     from stancekit.learners.evaluation.evaluate import paper_row
     from stancekit.views.comparison import ComparisonBar, draw_comparison
 
-    names = {"p1_feasible": "P1 feasible", "p1_infeasible": "P1 infeasible", "project_fix_p": "→ fix-p"}
+    names = {
+        "p1_feasible": "P1 feasible",
+        "p1_infeasible": "P1 infeasible",
+        "project_fix_p": "→ fix-p",
+    }
     names |= {"project_nlp": "→ nlp"}
     bars = []
     for score in result.scores:
@@ -122,5 +135,8 @@ def comparison_figure(result: ClassResult) -> Figure:
         paper = paper_row(result.problem_class, score.selector) or {}
         shown = {names[key]: value for key, value in paper.items() if names.get(key) in values}
         bars.append(ComparisonBar(selector=score.selector, values=values, paper=shown))
-    return draw_comparison(bars, caption=f"{result.problem_class}: {bars and result.scores[0].p1_feasible.of} feasible "
-                           f"and {result.scores[0].p1_infeasible.of} infeasible held-out terrains")  # fmt: skip
+    return draw_comparison(
+        bars,
+        caption=f"{result.problem_class}: {bars and result.scores[0].p1_feasible.of} feasible "
+        f"and {result.scores[0].p1_infeasible.of} infeasible held-out terrains",
+    )

@@ -1,4 +1,5 @@
-"""``stancekit bench gait``: Pan et al.'s four benchmarks, its Table I, every chart and the product beside them."""
+"""``stancekit bench gait``: Pan et al.'s four benchmarks, its Table I, every chart and the product
+beside them."""
 
 from __future__ import annotations
 
@@ -29,10 +30,12 @@ WIDTH = 180
 
 @dataclass
 class BenchGait:
-    """Pan et al.'s benchmarks: 24 directions on ripple and cone, 15 targets on hill and pit, by every chart.
+    """Pan et al.'s benchmarks: 24 directions on ripple and cone, 15 targets on hill and pit, by
+    every chart.
 
-    Success is the paper's: a largest violation below 1e-4 within 200 iterations; verified success: the verifier accepts
-    what the motion does between the knots. Each task from the terrain-following guess and from perturbed ones.
+    Success is the paper's: a largest violation below 1e-4 within 200 iterations; verified success:
+    the verifier accepts what the motion does between the knots. Each task from the
+    terrain-following guess and from perturbed ones.
 
     All of it takes hours on one core. A run that is stopped goes on with the next cell.
     """
@@ -40,9 +43,11 @@ class BenchGait:
     quick: bool = False
     """One task a terrain by four methods: a few minutes on one core."""
     terrain: Annotated[str, tyro.conf.arg(metavar="NAMES")] = ""
-    """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; the paper's four where there is none."""
+    """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; the paper's four where there is
+    none."""
     chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
-    """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where there is none."""
+    """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where
+    there is none."""
     tasks: OptionalInt = None
     """Every so-manieth task of a terrain: 1 is all of them, 4 every fourth."""
     seeds: OptionalInt = None
@@ -52,10 +57,11 @@ class BenchGait:
     workers: int = 1
     """Processes."""
     out: OptionalPath = None
-    """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is none."""
+    """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is
+    none."""
     against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
-    """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure nothing, judge these by
-    the same check, beside the cells that --out has of the same tasks."""
+    """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure
+    nothing, judge these by the same check, beside the cells that --out has of the same tasks."""
     kept: bool = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
@@ -78,11 +84,17 @@ class BenchGait:
         if not self.kept:
             make_folder(folder)
         elif not folder.is_dir():
-            raise InvalidInput(f"{folder}: expected an existing folder with --kept, found none there")
+            raise InvalidInput(
+                f"{folder}: expected an existing folder with --kept, found none there"
+            )
         rows: list[dict[str, Any]] = []
         with stages("bench gait") as on_progress:
             known = gait_bench.kept(settings, folder) if self.kept else None
-            for row in gait_bench.run(settings, folder, on_progress, self.workers) if known is None else known:
+            for row in (
+                gait_bench.run(settings, folder, on_progress, self.workers)
+                if known is None
+                else known
+            ):
                 rows.append(row)
                 if self.json:
                     emit(row)
@@ -96,10 +108,12 @@ class BenchGait:
                 wide.print(made)
             for line in (*comparisons(rows), *products(records)):
                 out.print(line, highlight=False)
-        drawn = gait_drawings.draw(rows, folder)
+        drawings = gait_drawings.draw(rows, folder)
         if not self.json:
-            names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawn}))
-            out.print(f"{folder}: cells, table.json" + (f", pictures ({names})" if drawn else ""))
+            names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawings}))
+            out.print(
+                f"{folder}: cells, table.json" + (f", pictures ({names})" if drawings else "")
+            )
         return 0
 
     def _settings(self) -> GaitBenchSettings:
@@ -108,11 +122,11 @@ class BenchGait:
         from stancekit.learners.evaluation.gait_bench import GaitBenchSettings
 
         settings = GaitBenchSettings.quick() if self.quick else GaitBenchSettings()
-        asked: dict[str, Any] = {"every": self.tasks, "seeds": self.seeds, "cap_s": self.cap}
-        asked |= {"terrains": _names(self.terrain), "methods": _names(self.chart)}
-        given = {name: value for name, value in asked.items() if value not in (None, ())}
+        options: dict[str, Any] = {"every": self.tasks, "seeds": self.seeds, "cap_s": self.cap}
+        options |= {"terrains": _names(self.terrain), "methods": _names(self.chart)}
+        arguments = {name: value for name, value in options.items() if value not in (None, ())}
         try:
-            return replace(settings, **given)
+            return replace(settings, **arguments)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")
             raise InvalidInput(f"--{OPTIONS.get(name, name)}{colon}{rest}") from None
@@ -127,18 +141,18 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     from rich.table import Table
 
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
-    found = Table(
+    grid = Table(
         title="Table I",
         caption="success % / verified %, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
-    found.add_column("method", no_wrap=True)
+    grid.add_column("method", no_wrap=True)
     for terrain in terrains:
-        found.add_column(terrain, justify="right")
+        grid.add_column(terrain, justify="right")
     cells = {(record["label"], record["terrain"]): record for record in records}
     for label in dict.fromkeys(record["label"] for record in records):
-        found.add_row(label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
-    return found
+        grid.add_row(label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
+    return grid
 
 
 def _rates(record: dict[str, Any] | None) -> str:
@@ -156,7 +170,12 @@ def speed_table(records: list[dict[str, Any]]) -> Table:
         "Iterations and CPU time",
         "of cells that succeeded: median, lower and upper quartile; solver: share of the CPU time in IPOPT and MUMPS, "
         "the rest is evaluation; a portfolio's time is of all its phases",
-        {"iterations": "iterations", "cpu_s": "CPU s", "iteration_s": "s / iteration", "linear_share": "solver"},
+        {
+            "iterations": "iterations",
+            "cpu_s": "CPU s",
+            "iteration_s": "s / iteration",
+            "linear_share": "solver",
+        },
         digits=3,
     )
 
@@ -169,24 +188,35 @@ def motion_table(records: list[dict[str, Any]]) -> Table:
         "of cells that succeeded: median, lower and upper quartile; left cone: cells with standing samples outside the "
         "true cone; outside: their share; before: a portfolio's first feasible point",
         {
-            "left_cone": "left cone", "outside_cone": "outside", "force_rms": "force rms m·g", "reach_mm": "reach mm",
-            "penetration_mm": "depth mm", "peak_before_g": "before g", "peak_g": "peak g",
+            "left_cone": "left cone",
+            "outside_cone": "outside",
+            "force_rms": "force rms m·g",
+            "reach_mm": "reach mm",
+            "penetration_mm": "depth mm",
+            "peak_before_g": "before g",
+            "peak_g": "peak g",
         },
         digits=2,
-    )  # fmt: skip
+    )
 
 
-def _table(records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str], digits: int) -> Table:
+def _table(
+    records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str], digits: int
+) -> Table:
     from rich.table import Table
 
-    found = Table(title=title, caption=caption)
+    grid = Table(title=title, caption=caption)
     for name in ("method", "terrain"):
-        found.add_column(name, no_wrap=True)
+        grid.add_column(name, no_wrap=True)
     for name in columns.values():
-        found.add_column(name, justify="right", overflow="fold")
+        grid.add_column(name, justify="right", overflow="fold")
     for record in records:
-        found.add_row(record["label"], record["terrain"], *(_quartiles(record[name], digits) for name in columns))
-    return found
+        grid.add_row(
+            record["label"],
+            record["terrain"],
+            *(_quartiles(record[name], digits) for name in columns),
+        )
+    return grid
 
 
 def _quartiles(values: list[float] | float | None, digits: int) -> str:
@@ -204,7 +234,7 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
     from stancekit.learners.evaluation.gait_bench import METHODS
     from stancekit.learners.evaluation.gait_figures import BASELINE, ratios
 
-    found = []
+    lines = []
     for method in dict.fromkeys(row["method"] for row in rows):
         if method == BASELINE or METHODS[method].portfolio:
             continue
@@ -214,8 +244,10 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
             for terrain in shares["iterations"]
         ]
         if message:
-            found.append(f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(message))
-    return found
+            lines.append(
+                f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(message)
+            )
+    return lines
 
 
 def products(records: list[dict[str, Any]]) -> list[str]:
@@ -223,18 +255,28 @@ def products(records: list[dict[str, Any]]) -> list[str]:
     below success."""
     from stancekit.learners.evaluation.gait_bench import METHODS
 
-    found = []
+    lines = []
     for method in dict.fromkeys(record["method"] for record in records):
-        own = [record for record in records if record["method"] == method and record["success"]]
-        below = [f"{one['terrain']} {100 * (one['success'] - one['verified']):.0f}" for one in own]
+        successes = [
+            record for record in records if record["method"] == method and record["success"]
+        ]
+        below = [
+            f"{one['terrain']} {100 * (one['success'] - one['verified']):.0f}" for one in successes
+        ]
         if below:
-            found.append(f"{METHODS[method].label}, verified below success: " + ", ".join(below) + " points")
+            lines.append(
+                f"{METHODS[method].label}, verified below success: " + ", ".join(below) + " points"
+            )
         if METHODS[method].portfolio:
             message = [
                 f"{one['terrain']} {one['verified_cpu_s'][1]:.1f} CPU-s, peak {one['peak_before_g'][1]:.2f} → "
                 f"{one['peak_g'][1]:.2f} g"
-                for one in own
+                for one in successes
                 if one["verified_cpu_s"] and one["peak_before_g"]
             ]
-            found += [f"{METHODS[method].label}, medians of a verified walk: " + "; ".join(message)] if message else []
-    return found
+            lines += (
+                [f"{METHODS[method].label}, medians of a verified walk: " + "; ".join(message)]
+                if message
+                else []
+            )
+    return lines

@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class BenchLeaps:
-    """Planners of leaps on scenes of a class: how many each finds within 12 and 25 convex problems, and in what time.
+    """Planners of leaps on scenes of a class: how many each finds within 12 and 25 convex problems,
+    and in what time.
 
-    Methods: random; noise, the rule with noise, and single changes; rule, the hand rule as first written; rule-tuned,
-    its constants chosen on training scenes; farkas, with cuts that prove; finder, with cuts that guide, too; ipopt, a
-    nonlinear program on the tuned rule's choices. Of scenes that nobody solves a proof is sought. Rows are kept in a
-    folder: a run that is stopped goes on where it was, and more scenes or methods are measured beside them.
+    Methods: random; noise, the rule with noise, and single changes; rule, the hand rule as first
+    written; rule-tuned, its constants chosen on training scenes; farkas, with cuts that prove;
+    finder, with cuts that guide, too; ipopt, a nonlinear program on the tuned rule's choices. Of
+    scenes that nobody solves a proof is sought. Rows are kept in a folder: a run that is stopped
+    goes on where it was, and more scenes or methods are measured beside them.
     """
 
     distribution: str = "leap-hard"
@@ -33,9 +35,10 @@ class BenchLeaps:
     seed: int = 4400
     """Seed of the scenes."""
     method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
-    """Some of random, noise, rule, rule-tuned, farkas, finder, ipopt; all where there is none. noise-again draws with
-    another seed; finder-tuned has constants of its own for leap-hard; a file of `stancekit fit` from labelled tries, or
-    the name of one that ships, is the finder with learned scores."""
+    """Some of random, noise, rule, rule-tuned, farkas, finder, ipopt; all where there is none.
+    noise-again draws with another seed; finder-tuned has constants of its own for leap-hard; a file
+    of `stancekit fit` from labelled tries, or the name of one that ships, is the finder with
+    learned scores."""
     solves: int = 50
     """Convex problems at most per method and scene."""
     ipopt_s: float = 4.0
@@ -86,7 +89,7 @@ def _table(lines: list[dict[str, Any]], distribution: str) -> Table:
 
     most = max((line["scenes"] for line in lines), default=0)
     caption = "shares of all scenes in percent, with 95 % intervals; of union: within 25 solves, of the scenes that "
-    found = Table(
+    grid = Table(
         title=f"{distribution}, {most} scenes", caption=caption + "anybody solves", box=None
     )
     for name in (
@@ -98,11 +101,11 @@ def _table(lines: list[dict[str, Any]], distribution: str) -> Table:
         "of union",
         "CPU s",
     ):
-        found.add_column(name, justify="left" if name == "method" else "right")
+        grid.add_column(name, justify="left" if name == "method" else "right")
     for line in lines:
         cpu_s = "–" if line["cpu_s"] is None else f"{line['cpu_s']:.3f}"
-        found.add_row(line["method"], *(_share(line[name]) for name in COLUMNS), cpu_s)
-    return found
+        grid.add_row(line["method"], *(_share(line[name]) for name in COLUMNS), cpu_s)
+    return grid
 
 
 def _share(value: tuple[float, float, float] | None) -> str:

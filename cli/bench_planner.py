@@ -1,4 +1,5 @@
-"""``stancekit bench planner``: Lin et al.'s Table II, solve times and sizes of the planners of courses."""
+"""``stancekit bench planner``: Lin et al.'s Table II, solve times and sizes of the planners of
+courses."""
 
 from __future__ import annotations
 
@@ -17,15 +18,18 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH = 150
-"""Of the table, in letters, also where a terminal is narrower: it folds lines, and a file keeps them."""
+"""Of the table, in letters, also where a terminal is narrower: it folds lines, and a file keeps
+them."""
 
 
 @dataclass
 class BenchPlanner:
-    """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs are.
+    """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs
+    are.
 
-    One run and one thread each: the two-stage planners with compiling and re-solving apart, and MICP without and with
-    an envelope under a time limit, the paper's own times beside them. A run that is stopped goes on with the next cell.
+    One run and one thread each: the two-stage planners with compiling and re-solving apart, and
+    MICP without and with an envelope under a time limit, the paper's own times beside them. A run
+    that is stopped goes on with the next cell.
     """
 
     quick: bool = False
@@ -35,7 +39,8 @@ class BenchPlanner:
     cap: OptionalFloat = None
     """Time limit of a mixed-integer program [s]; 120, or 20 with --quick, where there is none."""
     out: OptionalPath = None
-    """Folder for the cells and the table; out/bench-planner, or out/bench-planner-quick, where there is none."""
+    """Folder for the cells and the table; out/bench-planner, or out/bench-planner-quick, where
+    there is none."""
     json: bool = False
     """One JSON object a cell."""
 
@@ -47,7 +52,11 @@ class BenchPlanner:
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.files.writing import write_text
 
-        settings = planner_bench.PlannerBenchSettings.quick() if self.quick else planner_bench.PlannerBenchSettings()
+        settings = (
+            planner_bench.PlannerBenchSettings.quick()
+            if self.quick
+            else planner_bench.PlannerBenchSettings()
+        )
         settings = replace(settings, solver=self.solver)
         if self.cap is not None:
             settings = replace(settings, cap_s=checked(self.cap, "cap", above=0.0))
@@ -74,28 +83,50 @@ def table(rows: list[dict[str, Any]]) -> Table:
     """The rows as a table."""
     from rich.table import Table
 
-    found = Table(
+    grid = Table(
         title="Table II",
         caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
         "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point leaves of them",
     )
     names = (
-        "method", "M", "columns", "binary", "rows", "compile s", "solve s", "CPU s", "/ solver", "|m-pf|", "moments",
+        "method",
+        "M",
+        "columns",
+        "binary",
+        "rows",
+        "compile s",
+        "solve s",
+        "CPU s",
+        "/ solver",
+        "|m-pf|",
+        "moments",
         "answer",
-    )  # fmt: skip
+    )
     for name in (*names, "paper s"):
-        found.add_column(name, justify="left" if name in ("method", "answer") else "right", no_wrap=True)
+        grid.add_column(
+            name, justify="left" if name in ("method", "answer") else "right", no_wrap=True
+        )
     for row in rows:
         paper = row.get("paper", {})
-        theirs = f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds"))
-        found.add_row(
-            row["method"] + (" *" if row["optimised"] else ""), str(row["frames"]), str(row["variables"]),
-            str(row["binaries"]), str(row["constraints"]), _figure(row["compile_s"]),
-            ("> " if row.get("capped") else "") + _figure(row["seconds"]), _figure(row["cpu_s"]),
+        theirs = (
+            f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds"))
+        )
+        grid.add_row(
+            row["method"] + (" *" if row["optimised"] else ""),
+            str(row["frames"]),
+            str(row["variables"]),
+            str(row["binaries"]),
+            str(row["constraints"]),
+            _figure(row["compile_s"]),
+            ("> " if row.get("capped") else "") + _figure(row["seconds"]),
+            _figure(row["cpu_s"]),
             _figure(row.get("over_solver")),
-            _figure(row.get("cell_error")), _figure(row.get("claimed_residual")), row["status"], theirs,
-        )  # fmt: skip
-    return found
+            _figure(row.get("cell_error")),
+            _figure(row.get("claimed_residual")),
+            row["status"],
+            theirs,
+        )
+    return grid
 
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
@@ -104,16 +135,20 @@ def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
     from stancekit.learners.evaluation.planner_bench import FORMS
 
     by_cell = {(row["method"], row["frames"], row["optimised"]): row for row in rows}
-    found = []
+    lines = []
     for (method, frames, optimised), row in by_cell.items():
         plain = by_cell.get((method.rpartition(", ")[0], frames, optimised))
         if plain is None or plain["method"] not in (FORMS["unit-4"], FORMS["unit-2"]):
             continue
-        sign = {(False, False): "", (True, False): "≥ ", (False, True): "≤ "}.get((plain["capped"], row["capped"]))
+        sign = {(False, False): "", (True, False): "≥ ", (False, True): "≤ "}.get(
+            (plain["capped"], row["capped"])
+        )
         if sign is not None:
             message = " *" if optimised else ""
-            found.append(f"{method}{message}, M = {frames}: {sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×")
-    return found
+            lines.append(
+                f"{method}{message}, M = {frames}: {sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×"
+            )
+    return lines
 
 
 def _figure(value: float | None) -> str:

@@ -22,12 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class BenchScenes:
-    """The scenes of loco-3d/sl1m, planned by planners that know of forces and by planners that do not.
+    """The scenes of loco-3d/sl1m, planned by planners that know of forces and by planners that do
+    not.
 
-    l1 and mip-highs, mip-scip are sl1m's, written here as published: kinematics alone. What they plan is judged as any
-    plan is: as planned, their body where they put it, and verified, where any body and forces will do at their feet.
-    two-stage, exact and decoupled plan forces, too. Cells, plans, table and page are kept in a folder: a run that is
-    stopped goes on where it was.
+    l1 and mip-highs, mip-scip are sl1m's, written here as published: kinematics alone. What they
+    plan is judged as any plan is: as planned, their body where they put it, and verified, where any
+    body and forces will do at their feet. two-stage, exact and decoupled plan forces, too. Cells,
+    plans, table and page are kept in a folder: a run that is stopped goes on where it was.
     """
 
     scene: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
@@ -35,8 +36,8 @@ class BenchScenes:
     method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """Some of l1, mip-highs, mip-scip, two-stage, exact, decoupled; all where there is none."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
-    """A robot in place of the published polytopes: anymal (boxes of reach), a .urdf file, or a .yaml file that names
-    one (extra kin)."""
+    """A robot in place of the published polytopes: anymal (boxes of reach), a .urdf file, or a
+    .yaml file that names one (extra kin)."""
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Reach polytopes in place of the scene's own."""
     time_limit_s: float = 60.0
@@ -54,11 +55,16 @@ class BenchScenes:
         from stancekit.planners.files.writing import write_text
 
         if self.reach is not None and not self.reach.is_dir():
-            raise InvalidInput(f"--reach: expected a folder of reach polytopes, found none at {self.reach}")
+            raise InvalidInput(
+                f"--reach: expected a folder of reach polytopes, found none at {self.reach}"
+            )
         settings = scene_bench.SceneBenchSettings(
-            scenes=self.scene, methods=self.method or scene_bench.METHODS, robot=self.robot,
-            reach=None if self.reach is None else str(self.reach), time_limit_s=self.time_limit_s,
-        )  # fmt: skip
+            scenes=self.scene,
+            methods=self.method or scene_bench.METHODS,
+            robot=self.robot,
+            reach=None if self.reach is None else str(self.reach),
+            time_limit_s=self.time_limit_s,
+        )
         make_folder(self.out)
         rows: list[dict[str, Any]] = []
         with stages("bench scenes") as on_progress:
@@ -80,16 +86,26 @@ def table(rows: list[dict[str, Any]]) -> Table:
     """The rows as a table."""
     from rich.table import Table
 
-    found = Table(title="scenes", caption="as planned: with the planner's own body; verified: at its feet")
+    grid = Table(
+        title="scenes", caption="as planned: with the planner's own body; verified: at its feet"
+    )
     for name in ("scene", "method", "plan", "as planned", "verified", "status", "CPU s", "says"):
-        found.add_column(name, justify="right" if name == "CPU s" else "left", no_wrap=name != "says")
+        grid.add_column(
+            name, justify="right" if name == "CPU s" else "left", no_wrap=name != "says"
+        )
     words = {True: "yes", False: "no", None: ""}
     for row in rows:
-        found.add_row(
-            row["scene"], row["method"], words[row["success"]], words[row.get("as_planned")], words[row["verified"]],
-            row["status"], f"{row['cpu_s']:.2f}" if "cpu_s" in row else "", row.get("message", "")[:60],
-        )  # fmt: skip
-    return found
+        grid.add_row(
+            row["scene"],
+            row["method"],
+            words[row["success"]],
+            words[row.get("as_planned")],
+            words[row["verified"]],
+            row["status"],
+            f"{row['cpu_s']:.2f}" if "cpu_s" in row else "",
+            row.get("message", "")[:60],
+        )
+    return grid
 
 
 def draw(rows: list[dict[str, Any]], folder: Path) -> None:

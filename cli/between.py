@@ -30,15 +30,18 @@ class Between:
     """From where to where."""
 
     start: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
-    """On a terrain's file or name: where the robot begins [m]. Frames, gait and candidates are laid out from there to
-    the goal, the robot facing along x."""
+    """On a terrain's file or name: where the robot begins [m]. Frames, gait and candidates are laid
+    out from there to the goal, the robot facing along x."""
     goal: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
     """On a terrain's file or name: where its centre of mass is to end [m]."""
     friction: OptionalFloat = None
-    """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its file."""
+    """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its
+    file."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
-    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
+    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=FootholdOptions
+    )
     """What counts as a foothold."""
 
     def question(
@@ -52,17 +55,25 @@ class Between:
         suffix = Path(name).suffix.lower()
         if self.start is None and self.goal is None:
             if suffix in SUFFIXES:
-                raise InvalidInput(f"--start: expected --start X,Y and --goal X,Y with the terrain {name}, got none")
+                raise InvalidInput(
+                    f"--start: expected --start X,Y and --goal X,Y with the terrain {name}, got none"
+                )
             self._check_unused(name)
             return name if reach is None else read_course(name, frames, robot, reach=reach)
         if self.start is None or self.goal is None:
-            raise InvalidInput("--start: expected --start X,Y and --goal X,Y together, got one of them")
+            raise InvalidInput(
+                "--start: expected --start X,Y and --goal X,Y together, got one of them"
+            )
         if suffix not in SUFFIXES:
-            from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
+            from stancekit.planners.terrain.reference import (
+                names_ground,
+            )  # splines are slow to import
 
             if not names_ground(name):
                 known = f"{', '.join(SUFFIXES)}, or a ground by its name"
-                raise InvalidInput(f"--start: expected a terrain's file with it, {known}, got {name}")
+                raise InvalidInput(
+                    f"--start: expected a terrain's file with it, {known}, got {name}"
+                )
         return self.found(name, robot)
 
     def asked(self, frames: int | None, robot: str | None, reach: Path | None) -> dict[str, Any]:
@@ -80,7 +91,8 @@ class Between:
         return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
-        """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
+        """The course of a file or a name, or over a terrain's file from start to goal. Raises
+        InvalidInput."""
         from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
@@ -91,7 +103,9 @@ class Between:
             if not isinstance(question, Footholds):
                 return read_course(name, frames, robot)
             start, goal = (place.tolist() for place in self.places())
-            return laid_between(question, start, goal, robot=robot, frames=frames)("inner", AS_ASKED)
+            return laid_between(question, start, goal, robot=robot, frames=frames)(
+                "inner", AS_ASKED
+            )
 
     @contextmanager
     def in_options(self) -> Iterator[None]:
@@ -103,16 +117,28 @@ class Between:
                 text = str(error)
                 text = f"--{text}" if text.startswith("frames:") else text
                 for name in ("start", "goal"):
-                    text = text.replace(f"{name}_xy_m:", f"--{name}:") if text.startswith(name) else text
+                    text = (
+                        text.replace(f"{name}_xy_m:", f"--{name}:")
+                        if text.startswith(name)
+                        else text
+                    )
                 raise InvalidInput(text) from None
 
     def _check_unused(self, name: str) -> None:
         """Raise InvalidInput for what only a terrain's file has a use for."""
-        for of, plain in ((self, Between()), (self.file, TerrainFile()), (self.footholds, FootholdOptions())):
+        for of, plain in (
+            (self, Between()),
+            (self.file, TerrainFile()),
+            (self.footholds, FootholdOptions()),
+        ):
             for key, value in vars(plain).items():
                 if not hasattr(value, "__dataclass_fields__") and getattr(of, key) != value:
-                    said = f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}"
-                    raise InvalidInput(said + (_where_friction_is(name) if key == "friction" else ""))
+                    message = (
+                        f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}"
+                    )
+                    raise InvalidInput(
+                        message + (_where_friction_is(name) if key == "friction" else "")
+                    )
 
     def places(self) -> tuple[Array, Array]:
         """Start and goal, shape (2,) [m]. Raises InvalidInput."""
@@ -122,7 +148,9 @@ class Between:
         assert self.goal is not None
         start, goal = place(self.start, "--start"), place(self.goal, "--goal")
         if not (np.all(np.isfinite(start)) and np.all(np.isfinite(goal))):
-            raise InvalidInput(f"--start, --goal: expected finite places, got {self.start} and {self.goal}")
+            raise InvalidInput(
+                f"--start, --goal: expected finite places, got {self.start} and {self.goal}"
+            )
         return start, goal
 
     def found(self, name: str, robot: str | None) -> Footholds:
@@ -131,10 +159,13 @@ class Between:
 
         friction, limits = self._friction(), self._limits(robot)
         with in_options():
-            return terrain(Path(name), friction=friction, limits=limits, **vars(self.file.options()))
+            return terrain(
+                Path(name), friction=friction, limits=limits, **vars(self.file.options())
+            )
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
-        """The terrain's file as a description, whose footholds are found when they are asked for."""
+        """The terrain's file as a description, whose footholds are found when they are asked
+        for."""
         from stancekit.planners.problem.file_terrain import FileTerrain
 
         keys = vars(self.file.options())

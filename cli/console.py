@@ -12,8 +12,22 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, Protocol, TextIO, TypeVar
 
-from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.console import (
+    Console,
+    ConsoleOptions,
+    ConsoleRenderable,
+    RenderableType,
+    RenderHook,
+    RenderResult,
+)
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.segment import Segment
 
 from stancekit.planners.errors import InvalidInput
@@ -22,7 +36,8 @@ Item = TypeVar("Item")
 
 
 class _Plain:
-    """Shows anything without the letters that a terminal takes for orders; those that rich itself sends stay."""
+    """Shows anything without the letters that a terminal takes for orders; those that rich itself
+    sends stay."""
 
     def __init__(self, shown: RenderableType) -> None:
         self._shown = shown
@@ -57,7 +72,8 @@ err = _console(stderr=True, highlight=False)
 
 
 class _Aside(io.TextIOBase):
-    """Stands for standard output while only results may go there: what is written to it goes to standard error."""
+    """Stands for standard output while only results may go there: what is written to it goes to
+    standard error."""
 
     def __init__(self, results: TextIO) -> None:
         self.results = results
@@ -71,7 +87,8 @@ class _Aside(io.TextIOBase):
 
 @contextmanager
 def results_alone() -> Iterator[None]:
-    """Whatever code prints, also that of files of one's own, goes to standard error; what is emitted does not."""
+    """Whatever code prints, also that of files of one's own, goes to standard error; what is
+    emitted does not."""
     if sys.stdout is None:
         yield
         return
@@ -88,7 +105,9 @@ def emit(record: Mapping[str, Any]) -> None:
 def complain(message: str) -> None:
     """Print one plain line on standard error, cut where it is longer than anybody reads."""
     cut = message[:LONGEST_COMPLAINT] + (" …" if len(message) > LONGEST_COMPLAINT else "")
-    plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut)
+    plain = "".join(
+        letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut
+    )
     with suppress(OSError):  # nobody is there to read it; the exit code says it, too
         err.print(" ".join(plain.split()))
 
@@ -110,7 +129,8 @@ def text_of(name: str | Path) -> str:
 
 @contextmanager
 def as_options(*names: str) -> Iterator[None]:
-    """Let an InvalidInput that names a setting name the option that gave it. names: of settings, all where none."""
+    """Let an InvalidInput that names a setting name the option that gave it. names: of settings,
+    all where none."""
     try:
         yield
     except InvalidInput as error:
@@ -135,7 +155,9 @@ class Lines:
         if self._asks and now_s - self._said_s >= EVERY_S:
             self._said_s = now_s
             with suppress(OSError, ValueError):  # nobody is there to read it, or not any more
-                err.print(f"{self._title}: {', '.join(filter(None, (where, f'{now_s - self._began_s:.0f} s')))}")
+                err.print(
+                    f"{self._title}: {', '.join(filter(None, (where, f'{now_s - self._began_s:.0f} s')))}"
+                )
 
 
 class Show(Protocol):
@@ -148,9 +170,11 @@ class Show(Protocol):
 
 @contextmanager
 def progress(title: str) -> Iterator[Show]:
-    """A progress bar on standard error; call it with (done, total), and what is being done where that says more.
+    """A progress bar on standard error; call it with (done, total), and what is being done where
+    that says more.
 
-    Where standard error is no terminal, lines: now and then, whether it was called meanwhile or not.
+    Where standard error is no terminal, lines: now and then, whether it was called meanwhile or
+    not.
     """
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -164,7 +188,12 @@ def progress(title: str) -> Iterator[Show]:
         where = [""]
 
         def show(done: int, total: int, stage: str = "", /) -> None:
-            bar.update(task, completed=done, total=total, description=f"{title}: {stage}" if stage else title)
+            bar.update(
+                task,
+                completed=done,
+                total=total,
+                description=f"{title}: {stage}" if stage else title,
+            )
             where[0] = stage or f"{done} of {total}"
             lines.say(where[0])
 
@@ -213,4 +242,6 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
+        raise InvalidInput(
+            f"{folder}: expected a folder or room for one, got {error.strerror}"
+        ) from None

@@ -19,10 +19,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def converse(
     where: dict[str, Any], inject: Callable[[str], None], state: Callable[[], dict[str, Any]]
 ) -> int:
-    """Say where the device is, then take faults and tell its state, line by line, until somebody ends it; 0.
+    """Say where the device is, then take faults and tell its state, line by line, until somebody
+    ends it; 0.
 
-    On a terminal a state is short. A background process of a terminal, which may not read from it, and one with nothing
-    to read are ended by a signal.
+    On a terminal a state is short. A background process of a terminal, which may not read from it,
+    and one with nothing to read are ended by a signal.
     """
     for number in SIGNALS:
         signal.signal(number, _end)
@@ -46,7 +47,8 @@ def _end(number: int, frame: object) -> None:
 
 
 def _lines() -> Iterator[str]:
-    """Lines of standard input while there are any; then, where that is no pipe, nothing until a signal."""
+    """Lines of standard input while there are any; then, where that is no pipe, nothing until a
+    signal."""
     if sys.stdin is not None and not (sys.stdin.isatty() and os.tcgetpgrp(0) != os.getpgrp()):
         yield from sys.stdin
         if stat.S_ISFIFO(os.fstat(sys.stdin.fileno()).st_mode) or sys.stdin.isatty():
@@ -56,7 +58,8 @@ def _lines() -> Iterator[str]:
 
 
 def short(value: Any) -> Any:
-    """A value as people read it: numbers to three digits after the point, and long lists as their length."""
+    """A value as people read it: numbers to three digits after the point, and long lists as their
+    length."""
     if isinstance(value, dict):
         return {key: short(each) for key, each in value.items()}
     if isinstance(value, list):

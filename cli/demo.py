@@ -16,10 +16,12 @@ GOAL = "1,0"
 
 @dataclass
 class Demo:
-    """Plan, judge and simulate a robot with six legs over stepping stones; before that, a posture and its refusal.
+    """Plan, judge and simulate a robot with six legs over stepping stones; before that, a posture
+    and its refusal.
 
-    Runs the commands that it shows, and writes their files to a folder: pictures, a plan, and a page that a browser
-    opens. Robot and terrain are files in configs/demo. Needs the extras kin, mujoco, terrain and viz.
+    Runs the commands that it shows, and writes their files to a folder: pictures, a plan, and a
+    page that a browser opens. Robot and terrain are files in configs/demo. Needs the extras kin,
+    mujoco, terrain and viz.
 
       stancekit demo
     """
@@ -67,13 +69,31 @@ class Demo:
         def at(name: str) -> str:
             return str(self.out / name)
 
-        terrain, robot = (_short(config_path(f"demo/{name}").resolve()) for name in ("stones.obj", "ant.yaml"))
-        drawn = ("--count", "1", "--seed", str(SEED), "--out", at("posture.jsonl"))
-        yield "draw three toes on two leaning walls", ("sample", "wall-3", *drawn)
-        yield "decide, with a proof", ("solve", at("posture.jsonl"), "--certificate", "--out", at("answer.jsonl"))
-        yield "check the proof without a solver", ("verify", at("posture.jsonl"), at("answer.jsonl"), "--explain")
-        yield "draw why it cannot be held", ("picture", at("posture.jsonl"), "--out", at("posture.png"))
-        files = ("--out", at("climb.json"), "--picture", at("climb.png"), "--html", at("climb.html"))
+        terrain, robot = (
+            _short(config_path(f"demo/{name}").resolve()) for name in ("stones.obj", "ant.yaml")
+        )
+        draw = ("--count", "1", "--seed", str(SEED), "--out", at("posture.jsonl"))
+        yield "draw three toes on two leaning walls", ("sample", "wall-3", *draw)
+        yield (
+            "decide, with a proof",
+            ("solve", at("posture.jsonl"), "--certificate", "--out", at("answer.jsonl")),
+        )
+        yield (
+            "check the proof without a solver",
+            ("verify", at("posture.jsonl"), at("answer.jsonl"), "--explain"),
+        )
+        yield (
+            "draw why it cannot be held",
+            ("picture", at("posture.jsonl"), "--out", at("posture.png")),
+        )
+        files = (
+            "--out",
+            at("climb.json"),
+            "--picture",
+            at("climb.png"),
+            "--html",
+            at("climb.html"),
+        )
         way = ("--start", "0,0", "--goal", GOAL)
         yield "plan a robot over stepping stones", ("plan", terrain, "--robot", robot, *way, *files)
         yield "judge the plan, by other code", ("verify", at("climb.json"))

@@ -1,9 +1,10 @@
-"""SciPy without what commands do not need of it: its docstrings stay as they are written, NumPy is not loaded whole.
+"""SciPy without what commands do not need of it: its docstrings stay as they are written, NumPy is
+not loaded whole.
 
-SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew with a table of array
-libraries in it, which takes longer than the rest of the import. Beside that it copies all names of NumPy, and so loads
-the modules that NumPy loads only when somebody asks for them, a compiler for Fortran and helpers of tests among them.
-What SciPy computes is the same.
+SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew
+with a table of array libraries in it, which takes longer than the rest of the import. Beside that
+it copies all names of NumPy, and so loads the modules that NumPy loads only when somebody asks for
+them, a compiler for Fortran and helpers of tests among them. What SciPy computes is the same.
 """
 
 from __future__ import annotations
@@ -34,24 +35,33 @@ class Unparsed(defaultdict[str, list[Any]]):
 
 
 def names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
-    """Copy the public names that a module has already into a namespace, which asks the module for others; their names.
+    """Copy the public names that a module has already into a namespace, which asks the module for
+    others; their names.
 
-    In place of SciPy's ``clone_module``, which loads whatever the module would load for a name that is asked for.
+    In place of SciPy's ``clone_module``, which loads whatever the module would load for a name that
+    is asked for.
     """
     module = import_module(name)
     public = set(getattr(module, "__all__", ()))
-    found = {each: value for each, value in vars(module).items() if each in public or not each.startswith("_")}
+    objects = {
+        each: value
+        for each, value in vars(module).items()
+        if each in public or not each.startswith("_")
+    }
 
     def asked(each: str) -> Any:
         if each.startswith("_"):
             raise AttributeError(f"module {namespace['__name__']!r} has no attribute {each!r}")
         return getattr(module, each)
 
-    namespace.update(found, __getattr__=asked)
-    return list(found)
+    namespace.update(objects, __getattr__=asked)
+    return list(objects)
 
 
-INSTEAD: dict[str, tuple[str, Any]] = {PARSER: ("FunctionDoc", Unparsed), COPIES: ("clone_module", names_at_hand)}
+INSTEAD: dict[str, tuple[str, Any]] = {
+    PARSER: ("FunctionDoc", Unparsed),
+    COPIES: ("clone_module", names_at_hand),
+}
 """By module of SciPy, the name in it that is replaced, and by what."""
 
 
@@ -61,12 +71,18 @@ class AsWritten(MetaPathFinder, Loader):
     def __init__(self) -> None:
         self._loaders: dict[str, Loader] = {}
 
-    def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: Any, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         """The module's, loaded by this; none for any other module."""
-        if fullname not in INSTEAD or (found := PathFinder.find_spec(fullname, path)) is None or found.loader is None:
+        if (
+            fullname not in INSTEAD
+            or (spec := PathFinder.find_spec(fullname, path)) is None
+            or spec.loader is None
+        ):
             return None
-        self._loaders[fullname] = found.loader
-        return ModuleSpec(fullname, self, origin=found.origin)
+        self._loaders[fullname] = spec.loader
+        return ModuleSpec(fullname, self, origin=spec.origin)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         """Nothing but the usual one."""
@@ -81,6 +97,9 @@ class AsWritten(MetaPathFinder, Loader):
 
 
 def keep_as_written() -> None:
-    """Have modules of SciPy that are not imported yet leave their docstrings as they are, and NumPy's modules alone."""
-    if not INSTEAD.keys() & sys.modules.keys() and not any(isinstance(each, AsWritten) for each in sys.meta_path):
+    """Have modules of SciPy that are not imported yet leave their docstrings as they are, and
+    NumPy's modules alone."""
+    if not INSTEAD.keys() & sys.modules.keys() and not any(
+        isinstance(each, AsWritten) for each in sys.meta_path
+    ):
         sys.meta_path.insert(0, AsWritten())

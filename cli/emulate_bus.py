@@ -1,4 +1,5 @@
-"""``stancekit emulate bus``: servos on a pseudo-terminal, as a calibration file says, and their faults."""
+"""``stancekit emulate bus``: servos on a pseudo-terminal, as a calibration file says, and their
+faults."""
 
 from __future__ import annotations
 
@@ -13,11 +14,12 @@ from .options import OptionalPath, OptionalText
 
 @dataclass
 class EmulateBus:
-    """Emulate the servos of a calibration file on a serial bus, which the real SDK of their maker talks to.
+    """Emulate the servos of a calibration file on a serial bus, which the real SDK of their maker
+    talks to.
 
-    Ids, model, baud rate and directions are those of the file, and its port becomes a link to the emulated one. Shafts
-    stand as the plan begins, and carry nothing. Where this computer is too slow for them their time is slower, too, and
-    the state says how much (time_share).
+    Ids, model, baud rate and directions are those of the file, and its port becomes a link to the
+    emulated one. Shafts stand as the plan begins, and carry nothing. Where this computer is too
+    slow for them their time is slower, too, and the state says how much (time_share).
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
@@ -29,7 +31,8 @@ class EmulateBus:
     firmware: int = 45
     """Firmware of all servos: before 45 they have no Fast Sync Read, before 38 no bus watchdog."""
     fault: OptionalText = None
-    """A fault to happen, by its name, e.g. "silent servo 4"; an unknown name is answered with all that there are."""
+    """A fault to happen, by its name, e.g. "silent servo 4"; an unknown name is answered with all
+    that there are."""
     at_s: float = 0.0
     """Seconds after the start at which it does."""
     seed: int = 0

@@ -1,4 +1,5 @@
-"""``stancekit emulate rosbridge``: a robot with a joint trajectory controller behind a rosbridge, and its faults."""
+"""``stancekit emulate rosbridge``: a robot with a joint trajectory controller behind a rosbridge,
+and its faults."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from .options import OptionalText
 
 @dataclass
 class EmulateRosbridge:
-    """A robot with a joint trajectory controller behind a rosbridge of ROS 1 or 2, on this machine."""
+    """A robot with a joint trajectory controller behind a rosbridge of ROS 1 or 2, on this
+    machine."""
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
     """Plan file: the robot has its joints, and stands as it begins."""

@@ -1,4 +1,5 @@
-"""``stancekit evaluate``: how well P1 answers with learned envelopes, and how often P2 gets back."""
+"""``stancekit evaluate``: how well P1 answers with learned envelopes, and how often P2 gets
+back."""
 
 from __future__ import annotations
 
@@ -28,11 +29,12 @@ LONGEST_NAME = 16
 
 @dataclass
 class Evaluate:
-    """Compare selectors on a labelled data set: the shares of Lin et al.'s Table I, with 95 % intervals.
+    """Compare selectors on a labelled data set: the shares of Lin et al.'s Table I, with 95 %
+    intervals.
 
-    P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation answers right. Each
-    projection: share of the feasible problems for which P1 and then P2 end in a verified posture. Rows that a selector
-    was trained or calibrated on are refused.
+    P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation
+    answers right. Each projection: share of the feasible problems for which P1 and then P2 end in a
+    verified posture. Rows that a selector was trained or calibrated on are refused.
     """
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
@@ -46,12 +48,14 @@ class Evaluate:
     envelope: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
     """Envelope files to compare."""
     selector: Annotated[
-        tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|NAME|FILE.py:NAME")
+        tuple[str, ...],
+        named("stancekit.learners.selectors.own:SELECTORS", "FILE|NAME|FILE.py:NAME"),
     ] = ()
-    """Selectors to compare: files of envelopes, neural selectors, choosers, policies; names of those that ship, as
-    neural-wall-3; or your own."""
+    """Selectors to compare: files of envelopes, neural selectors, choosers, policies; names of
+    those that ship, as neural-wall-3; or your own."""
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
-    """Leave out the lift, which needs no envelope and is compared with the others unless told so."""
+    """Leave out the lift, which needs no envelope and is compared with the others unless told
+    so."""
     projection: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1
@@ -74,20 +78,34 @@ class Evaluate:
         for name in self.projection:
             PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
-            raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
+            raise InvalidInput(
+                "--envelope, --selector: expected one or more files to compare, or the lift, got none"
+            )
         rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
-        asked: list[tuple[str, EnvelopeSet | str]] = [(str(path), read_envelopes(path)) for path in self.envelope]
-        asked += [(name, name) for name in self.selector]
+        selectors: list[tuple[str, EnvelopeSet | str]] = [
+            (str(path), read_envelopes(path)) for path in self.envelope
+        ]
+        selectors += [(name, name) for name in self.selector]
         compared: list[tuple[str, Learned | str]] = [
-            (Path(where).stem if ".py:" not in where else where.rpartition(":")[2], selector_for(rows, selector, where))
-            for where, selector in asked
+            (
+                Path(where).stem if ".py:" not in where else where.rpartition(":")[2],
+                selector_for(rows, selector, where),
+            )
+            for where, selector in selectors
         ]
         compared += [(LIFT, LIFT)] if self.lift else []
         workers, scores = executor(self.executor, workers=self.workers, address=self.address), []
         for name, learned in compared:
             with progress(f"evaluate {name}") as bar:
                 scores.append(
-                    evaluate(learned, rows, projections=self.projection, name=name, workers=workers, progress=bar)
+                    evaluate(
+                        learned,
+                        rows,
+                        projections=self.projection,
+                        name=name,
+                        workers=workers,
+                        progress=bar,
+                    )
                 )
         if self.json:
             for score in scores:
@@ -103,10 +121,19 @@ def score_table(problem_class: str, scores: list[Score]) -> Table:
     from stancekit.learners.evaluation.leaderboard import title_of
 
     ways = list(scores[0].projected) if scores else []
-    counts = f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible" if scores else "no"
+    counts = (
+        f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible"
+        if scores
+        else "no"
+    )
     title = f"{title_of(problem_class)}: % of {counts} postures\n± half the 95 % interval"
     table = Table(
-        title=title, title_justify="left", header_style="bold", box=None, padding=(0, 1, 0, 0), pad_edge=False
+        title=title,
+        title_justify="left",
+        header_style="bold",
+        box=None,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
     )
     table.add_column("selector", overflow="fold", max_width=LONGEST_NAME)
     for name in ("P1\nfeasible", "P1\ninfeas.", *(f"P2\n{way}" for way in ways)):
@@ -117,8 +144,14 @@ def score_table(problem_class: str, scores: list[Score]) -> Table:
     for name, row in TABLE_I.get(problem_class, {}).items():
         by_way = {"fix-p": row[2], "nlp": row[3]}
         figures = (row[0], row[1], *(by_way.get(way) for way in ways))
-        table.add_row(f"paper: {name}", *("    –" if x is None else f"{100.0 * x:5.1f}" for x in figures), style="dim")
-    table.width = Console(width=1000).measure(table).maximum  # a narrow terminal may break lines, but nothing is lost
+        table.add_row(
+            f"paper: {name}",
+            *("    –" if x is None else f"{100.0 * x:5.1f}" for x in figures),
+            style="dim",
+        )
+    table.width = (
+        Console(width=1000).measure(table).maximum
+    )  # a narrow terminal may break lines, but nothing is lost
     return table
 
 

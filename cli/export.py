@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class Export:
     """Write a motion in the format of another program, or a labelled data set as expert data.
 
-    The motion is the one that `stancekit run` streams: time, angles, rates and torques of joints, contacts, forces and
-    body, with names.
+    The motion is the one that `stancekit run` streams: time, angles, rates and torques of joints,
+    contacts, forces and body, with names.
 
       csv, npz         a table
       jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
@@ -42,14 +42,16 @@ class Export:
     subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="X")]
     """File of a plan, a walk or a leap; FAMILY:LEVEL with --count; or the folder of a data set."""
     to: Annotated[OptionalText, tyro.conf.arg(metavar="FORMAT")] = None
-    """Which format; what the ending of --out says where it is missing, and minari for a data set."""
+    """Which format; what the ending of --out says where it is missing, and minari for a data
+    set."""
     out: OptionalPath = None
-    """File, or the folder of drawn motions or of a data set; a name beside X where it is missing."""
+    """File, or the folder of drawn motions or of a data set; a name beside X where it is
+    missing."""
     rate_hz: float = 100.0
     """Rows per second."""
     count: OptionalInt = None
-    """So many accepted walks over grounds of FAMILY:LEVEL with seeds 0, 1, ...; a folder that has some is gone on
-    with."""
+    """So many accepted walks over grounds of FAMILY:LEVEL with seeds 0, 1, ...; a folder that has
+    some is gone on with."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """Who walks there."""
     room: float = 0.02
@@ -63,21 +65,38 @@ class Export:
 
         with as_options("to", "out", "rate_hz", "count", "room"), progress("export") as bar:
             done = export(
-                self.subject, self.out, to=self.to, rate_hz=self.rate_hz, count=self.count, robot=self.robot,
-                room=self.room, progress=bar,
-            )  # fmt: skip
+                self.subject,
+                self.out,
+                to=self.to,
+                rate_hz=self.rate_hz,
+                count=self.count,
+                robot=self.robot,
+                room=self.room,
+                progress=bar,
+            )
         return self._motions(done) if isinstance(done, ExportedMotions) else self._rows(done)
 
     def _motions(self, done: ExportedMotions) -> int:
-        lost, drawn = sum(done.refused.values()), len(done.paths) + sum(done.refused.values())
+        lost, total = sum(done.refused.values()), len(done.paths) + sum(done.refused.values())
         if self.json:
-            emit({"files": [str(path) for path in done.paths], "refused": dict(done.refused), "without": done.without})
+            emit(
+                {
+                    "files": [str(path) for path in done.paths],
+                    "refused": dict(done.refused),
+                    "without": done.without,
+                }
+            )
         elif self.count is None:
-            out.print(f"wrote {done.paths[0]}" + (f" without joints: {done.without}" if done.without else ""))
+            out.print(
+                f"wrote {done.paths[0]}"
+                + (f" without joints: {done.without}" if done.without else "")
+            )
         else:
             why = "; ".join(f"{reason}: {count}" for reason, count in done.refused.items())
-            said = f", {lost} refused ({lost / drawn:.0%}){': ' if why else ''}{why}"
-            out.print(f"{len(done.paths)} motions of {drawn} grounds{said}; in {done.paths[0].parent}")
+            remark = f", {lost} refused ({lost / total:.0%}){': ' if why else ''}{why}"
+            out.print(
+                f"{len(done.paths)} motions of {total} grounds{remark}; in {done.paths[0].parent}"
+            )
         return 0
 
     def _rows(self, done: Exported) -> int:

@@ -38,12 +38,16 @@ class Fit:
     `stancekit plan --policy`, from the labelled tries of a class of leaps.
     """
 
-    dataset: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")]
-    """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts them."""
+    dataset: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")
+    ]
+    """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts
+    them."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
     part: Literal["all", "train", "test"] = "all"
-    """Of the rows: all, or a part of the split by hash; what is fitted to "train" can be evaluated on "test"."""
+    """Of the rows: all, or a part of the split by hash; what is fitted to "train" can be evaluated
+    on "test"."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
@@ -65,14 +69,16 @@ class Fit:
     seed: int = 0
     """Seed of mixture and descent."""
     config: OptionalPath = None
-    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic), or with those of
-    additive and set."""
+    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic),
+    or with those of additive and set."""
     calibration: OptionalPath = None
-    """Data set folder to calibrate a neural selector on; without it a part of the data set is kept for that."""
+    """Data set folder to calibrate a neural selector on; without it a part of the data set is kept
+    for that."""
     checkpoint: OptionalPath = None
     """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
     workers: int = 1
-    """Processes of ga, which tests a generation on all of them; the result does not depend on them."""
+    """Processes of ga, which tests a generation on all of them; the result does not depend on
+    them."""
     executor: Literal["processes", "ray"] = "processes"
     """Where ga tests a generation: on this machine, or on a Ray cluster."""
     address: OptionalText = None
@@ -121,8 +127,14 @@ class Fit:
         from stancekit.selectors import fit
 
         if len(self.dataset) > 1:
-            raise InvalidInput(f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}")
-        settings = {"seed": self.seed, "part": self.part, **({} if self.config is None else read_yaml(self.config))}
+            raise InvalidInput(
+                f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
+            )
+        settings = {
+            "seed": self.seed,
+            "part": self.part,
+            **({} if self.config is None else read_yaml(self.config)),
+        }
         with progress(f"fit {self.method}") as bar:
             scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
         scorer.write(self.out)
@@ -135,13 +147,23 @@ class Fit:
 
     def _said(self, problem_class: str, what: str, fitted: EnvelopeSet | None) -> int:
         """Say what was written: boxes, or a network."""
-        record: dict[str, Any] = {"out": str(self.out), "method": self.method, "problem_class": problem_class}
+        record: dict[str, Any] = {
+            "out": str(self.out),
+            "method": self.method,
+            "problem_class": problem_class,
+        }
         line = f"{self.out}: a network for {problem_class}"
         if fitted is not None:
             widths = [float((envelope.high - envelope.low).mean()) for envelope in fitted.envelopes]
-            record |= {what: len(widths), "mean_width": widths, "provenance": dict(fitted.provenance)}
+            record |= {
+                what: len(widths),
+                "mean_width": widths,
+                "provenance": dict(fitted.provenance),
+            }
             shown = ", ".join(f"{width:.3f}" for width in widths)
-            line = f"{self.out}: {len(widths)} {what[:-1]}(s) for {problem_class}, mean width {shown}"
+            line = (
+                f"{self.out}: {len(widths)} {what[:-1]}(s) for {problem_class}, mean width {shown}"
+            )
         if self.json:
             emit(record)
         else:
@@ -153,10 +175,16 @@ class Fit:
         another wish there."""
         from stancekit.selectors import SPREAD, executor
 
-        given = {"workers": self.workers != 1, "executor": self.executor != "processes", "address": self.address}
-        for name, wanted in given.items():
+        options = {
+            "workers": self.workers != 1,
+            "executor": self.executor != "processes",
+            "address": self.address,
+        }
+        for name, wanted in options.items():
             if wanted and self.method not in SPREAD:
-                raise InvalidInput(f"--{name}: expected with --method {' or '.join(SPREAD)}, got {self.method}")
+                raise InvalidInput(
+                    f"--{name}: expected with --method {' or '.join(SPREAD)}, got {self.method}"
+                )
         if self.method not in SPREAD:
             return 1
         with as_options():
@@ -171,6 +199,10 @@ class Fit:
         if not 0.0 <= self.threshold < 1.0:
             raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
         if not self.time_limit_s > 0.0:
-            raise InvalidInput(f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}")
+            raise InvalidInput(
+                f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}"
+            )
         with as_options(*SETTINGS):
-            return settings_of(self.method, {name: getattr(self, name) for name in SETTINGS}, self.config)
+            return settings_of(
+                self.method, {name: getattr(self, name) for name in SETTINGS}, self.config
+            )

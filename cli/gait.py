@@ -26,15 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass
 class PlanGait:
-    """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
+    """Plan a walk over a terrain and verify it between the knots; write it only if the verifier
+    accepts.
 
-    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, stairs:0.1:7, rough:0.5:7, …; between
-    walls nobody walks), a function of x and y as FILE.py:NAME, or a file of heights or of a mesh. A place is written
-    x,y in metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, stairs:0.1:7,
+    rough:0.5:7, …; between walls nobody walks), a function of x and y as FILE.py:NAME, or a file of
+    heights or of a mesh. A place is written x,y in metres; before a negative one the sign = is the
+    safe way to write it, as in --start=-2.6,0.
 
-      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png
-      stancekit gait heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json
-      stancekit verify go1.json
+      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png stancekit gait
+      heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json stancekit
+      verify go1.json
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 
@@ -49,16 +51,17 @@ class PlanGait:
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"
     """Where it begins, at rest."""
     heading: Annotated[str, tyro.conf.arg(metavar="RAD|goal")] = "0"
-    """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of a pit it has to
-    face its goal, for the feet that stick are in front."""
+    """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of
+    a pit it has to face its goal, for the feet that stick are in front."""
     heading_end: Annotated[OptionalText, tyro.conf.arg(metavar="RAD|goal")] = None
-    """Which way it faces at the end; as at the start, and not asked for, where there is none. It turns by the
-    difference, on the spot where --goal is --start."""
+    """Which way it faces at the end; as at the start, and not asked for, where there is none. It
+    turns by the difference, on the spot where --goal is --start."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
-    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's numbers."""
+    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's
+    numbers."""
     chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
-    """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of your own; portfolio
-    tries one after another until the verifier accepts."""
+    """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of
+    your own; portfolio tries one after another until the verifier accepts."""
     timings: Literal["fixed", "optimised"] = "fixed"
     """Whether the phases keep the gait's timing, or are optimised with the rest."""
     gait: Annotated[
@@ -67,8 +70,8 @@ class PlanGait:
     ] = None
     """Order of steps; trot on four feet, tripod on six."""
     cycle_s: OptionalFloat = None
-    """How long a cycle of it lasts; where there is none its own, shorter for a low robot that balances on two feet
-    [s]."""
+    """How long a cycle of it lasts; where there is none its own, shorter for a low robot that
+    balances on two feet [s]."""
     dynamics: Literal["centred", "printed", "newton-euler"] = "centred"
     """How forces balance: the centred discrete model, the paper's, or Newton-Euler's equations."""
     hessian: Literal["exact", "lbfgs"] = "exact"
@@ -78,13 +81,14 @@ class PlanGait:
     friction: float = 0.75
     """Friction coefficient of the terrain."""
     footing: OptionalFloat = None
-    """The steepest ground within 15 mm of where a foot stands, as a share of the slope on which friction holds; 0 for
-    no such limit. Without it 0.6 where the ground on the way has such places."""
+    """The steepest ground within 15 mm of where a foot stands, as a share of the slope on which
+    friction holds; 0 for no such limit. Without it 0.6 where the ground on the way has such
+    places."""
     adhesive: Annotated[str, tyro.conf.arg(metavar="FEET")] = ""
     """Feet that stick, e.g. LF,RF: they may pull."""
     suction_n: OptionalFloat = None
-    """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the weight where there is
-    none [N]."""
+    """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the
+    weight where there is none [N]."""
     seeds: int = 1
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
@@ -92,9 +96,11 @@ class PlanGait:
     max_iterations: OptionalInt = None
     """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
     total_s: float = 240.0
-    """CPU time of solves and of verdicts between them; the best walk until then is the answer [s]."""
+    """CPU time of solves and of verdicts between them; the best walk until then is the answer
+    [s]."""
     raw: bool = False
-    """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
+    """The first feasible point as it is: no second phase that smooths it, no rows added where the
+    verifier refuses."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Where to write the trajectory."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
@@ -125,11 +131,20 @@ class PlanGait:
         plan = self._plan(task, settings, replace(caps, in_subprocess=True), attempts, checkpoint)
         best = plan.best
         if best is None:
-            hint = "" if plan.failures or checkpoint.path is None else f"; remove {checkpoint.path} to try anew"
+            hint = (
+                ""
+                if plan.failures or checkpoint.path is None
+                else f"; remove {checkpoint.path} to try anew"
+            )
             raise PlanningFailed(plan.message + hint)
         written = self._write(best)
         gait_answer.draw(
-            best, plan, picture=self.picture, convergence=self.convergence, video=self.video, html=self.html
+            best,
+            plan,
+            picture=self.picture,
+            convergence=self.convergence,
+            video=self.video,
+            html=self.html,
         )
         if written or not best.solution.success:
             checkpoint.remove()
@@ -141,10 +156,12 @@ class PlanGait:
             gait_answer.advise(best)
         return 0 if best.verified else 1
 
-    # ------------------------------------------------------------------------------------------------- input
+    # -------------------------------------------------------------------------------------------------
+    # input
 
     def _check(self) -> None:
-        """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
+        """Raise InvalidInput for what cannot be written, and for counts out of range, before any
+        work."""
         from stancekit.planners.formats.trajectory_file import check_name
         from stancekit.planners.gait.charts import CHARTS
 
@@ -154,10 +171,16 @@ class PlanGait:
             check_name(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
-        files = [path for path in (self.picture, self.convergence, self.video, self.html) if path is not None]
+        files = [
+            path
+            for path in (self.picture, self.convergence, self.video, self.html)
+            if path is not None
+        ]
         twice = [path for path in files if files.count(path) > 1]
         if twice:
-            raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
+            raise InvalidInput(
+                f"{twice[0]}: expected a file of its own for each picture, got it twice"
+            )
         check_pictures(self.picture, self.convergence)
         check_drawn(video=self.video, html=self.html)
         if self.chart != "portfolio":
@@ -168,26 +191,33 @@ class PlanGait:
         """Task, settings, limits and attempts. Raises InvalidInput in the names of the options."""
         from stancekit.walks import Walk, search_of
 
-        start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
+        start, goal = (
+            gait_options.place(self.start, "--start"),
+            gait_options.place(self.goal, "--goal"),
+        )
         end = self.heading_end
         try:
-            asked = Walk.over(
+            task = Walk.over(
                 self.file.read(self.terrain),
                 goal,
                 start_xy_m=start,
                 robot=self.robot,
                 start_yaw_rad=gait_options.heading(self.heading, goal - start),
-                end_yaw_rad=None if end is None else gait_options.heading(end, goal - start, "--heading-end"),
+                end_yaw_rad=None
+                if end is None
+                else gait_options.heading(end, goal - start, "--heading-end"),
                 duration_s=self.duration_s,
                 friction=self.friction,
-                adhesive=[name.strip() for name in self.adhesive.split(",")] if self.adhesive else [],
+                adhesive=[name.strip() for name in self.adhesive.split(",")]
+                if self.adhesive
+                else [],
                 suction_n=self.suction_n,
                 gait=self.gait,
                 cycle_s=self.cycle_s,
                 timings=self.timings,
             )
-            return asked, *search_of(
-                asked,
+            return task, *search_of(
+                task,
                 chart=self.chart,
                 time_limit_s=self.total_s,
                 max_iterations=self.max_iterations,
@@ -201,20 +231,37 @@ class PlanGait:
         except InvalidInput as error:
             raise InvalidInput(gait_options.in_options(str(error))) from None
 
-    # -------------------------------------------------------------------------------------------------- work
+    # --------------------------------------------------------------------------------------------------
+    # work
 
     def _plan(
-        self, task: Walk, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
+        self,
+        task: Walk,
+        settings: GaitSettings,
+        caps: Caps,
+        attempts: list[Attempt],
+        checkpoint: Checkpoint,
     ) -> Attempts:
-        """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
+        """Attempts in their order, up to the chart that the verifier accepts. Raises
+        KeyboardInterrupt when stopped."""
         from stancekit.walks import walked
 
         if checkpoint.begun:
-            err.print(f"{checkpoint.path}: goes on from what an interrupted run of this command kept")
+            err.print(
+                f"{checkpoint.path}: goes on from what an interrupted run of this command kept"
+            )
         signals = (signal.SIGINT, signal.SIGTERM)
         try:
             with watching(self.terrain) as show:
-                return walked(task, settings, caps, attempts, progress=show, checkpoint=checkpoint, signals=signals)
+                return walked(
+                    task,
+                    settings,
+                    caps,
+                    attempts,
+                    progress=show,
+                    checkpoint=checkpoint,
+                    signals=signals,
+                )
         except InvalidInput as error:
             raise InvalidInput(gait_options.in_options(str(error))) from None
         except KeyboardInterrupt:
@@ -222,7 +269,8 @@ class PlanGait:
                 err.print(f"{checkpoint.path}: kept; the same command goes on from there")
             raise
 
-    # ------------------------------------------------------------------------------------------------ output
+    # ------------------------------------------------------------------------------------------------
+    # output
 
     def _write(self, best: Attempted) -> bool:
         from stancekit.planners.formats.trajectory_file import write_trajectory
@@ -237,11 +285,11 @@ class PlanGait:
 
         for line in words(plan):
             out.print(line, highlight=False)
-        if (found := joints(best)) is not None:
+        if (loads := joints(best)) is not None:
             parts = [
                 f"{name} {each['value']:.2g}{'' if each['unit'] == '1' else ' ' + each['unit']}"
                 f"{' of ' + each['where'] if name in ('torque', 'joint_speed') else ''}"
-                for name, each in found.items()
+                for name, each in loads.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
         if best.solution.success and best.report.margin_message:
@@ -252,5 +300,7 @@ class PlanGait:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")
         elif self.out is not None:
-            kept = ", from what this run found" if best.solution.success else ""
-            out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}")
+            remark = ", from what this run found" if best.solution.success else ""
+            out.print(
+                f"{self.out}: not written; --unverified writes what the verifier refuses{remark}"
+            )

@@ -29,10 +29,16 @@ def check_pictures(*paths: Path | None) -> None:
 
 
 def draw(
-    best: Attempted, plan: Attempts, *, picture: Path | None, convergence: Path | None, video: Path | None,
+    best: Attempted,
+    plan: Attempts,
+    *,
+    picture: Path | None,
+    convergence: Path | None,
+    video: Path | None,
     html: Path | None,
-) -> None:  # fmt: skip
-    """Write the pictures, the film and the page that were asked for; the map's grid is drawn where there is one."""
+) -> None:
+    """Write the pictures, the film and the page that were asked for; the map's grid is drawn where
+    there is one."""
     if picture is not None:
         from stancekit.views.gaits import draw_motion
         from stancekit.views.sheet import save
@@ -47,7 +53,10 @@ def draw(
             for one in plan.attempts
             if len(one.history)
         ]
-        save(draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"), convergence)
+        save(
+            draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"),
+            convergence,
+        )
     if html is not None:
         from stancekit.views.gaits import GaitView
         from stancekit.views.page import write_page
@@ -58,7 +67,9 @@ def draw(
         from stancekit.views.video import write_video
 
         frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)
-        write_video(video, counted(frames, round(FPS * best.trajectory.duration_s), f"film {video}"), FPS)
+        write_video(
+            video, counted(frames, round(FPS * best.trajectory.duration_s), f"film {video}"), FPS
+        )
 
 
 def _map(one: Attempted) -> Callable[[Array], Array] | None:
@@ -127,7 +138,10 @@ def _peaks(plan: Attempts, index: int) -> tuple[float | None, float | None]:
     before = plan.feasible[index]
     if before is None:
         return None, None
-    return tuple(report.figures.get("peak_acceleration_g") for report in (before, plan.attempts[index].report))  # type: ignore[return-value]
+    return tuple(
+        report.figures.get("peak_acceleration_g")
+        for report in (before, plan.attempts[index].report)
+    )  # type: ignore[return-value]
 
 
 def words(plan: Attempts) -> list[str]:
@@ -140,7 +154,9 @@ def words(plan: Attempts) -> list[str]:
             if phases[phase]["solves"]:
                 parts.append(f"{name} in {phases[phase]['cpu_seconds']:.1f} s")
         if before is not None and after is not None:
-            parts.append(f"peak {before:.2f} g" + (f" → {after:.2f} g" if round(after - before, 2) else ""))
+            parts.append(
+                f"peak {before:.2f} g" + (f" → {after:.2f} g" if round(after - before, 2) else "")
+            )
         lines.append(f"{one.attempt.name}: {'; '.join([*parts, verdict(one)])}")
     return [*lines, *plan.failures]
 
@@ -150,12 +166,12 @@ def joints(one: Attempted) -> dict[str, Any] | None:
     value, unit, and where; None without legs."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
-    found = {
+    groups = {
         group.name: {"value": group.value, "unit": group.unit, "where": group.where}
         for group in one.report.groups
         if group.name in WHOLE_BODY and group.verdict != "not checked"
     }
-    return found or None
+    return groups or None
 
 
 def verdict(one: Attempted) -> str:
@@ -166,12 +182,14 @@ def verdict(one: Attempted) -> str:
 
 
 def doubt(task: Walk, total_s: float) -> None:
-    """Say, before any work, that the ground on the way is steeper than friction holds, and how long the search for a
-    walk takes at most."""
+    """Say, before any work, that the ground on the way is steeper than friction holds, and how long
+    the search for a walk takes at most."""
     import numpy as np
 
     steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / WAY_M) + 2)
-    way = task.start_xy_m + np.linspace(0.0, 1.0, steps)[:, None] * (task.goal_xy_m - task.start_xy_m)
+    way = task.start_xy_m + np.linspace(0.0, 1.0, steps)[:, None] * (
+        task.goal_xy_m - task.start_xy_m
+    )
     low, high = np.transpose(task.terrain.domain_m)
     feet = [np.clip(task.stance_m(xy)[:, :2], low, high) for xy in way]
     slope = float(np.linalg.norm(task.terrain.gradient(np.concatenate(feet)), axis=1).max())
@@ -180,12 +198,13 @@ def doubt(task: Walk, total_s: float) -> None:
         err.print(
             f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the way, and friction "
             f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be no walk. The "
-            f"search ends after {total_s:g} s of CPU time; feet that stick may help: --adhesive {names}",
+            f"search ends after {total_s:g} s of CPU time; feet that stick may help: --adhesive {names}"
         )
 
 
 def advise(one: Attempted) -> None:
-    """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to stand sure."""
+    """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to
+    stand sure."""
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}

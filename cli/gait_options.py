@@ -34,22 +34,38 @@ def heading(text: str, way: Array, option: str = "--heading") -> float:
     try:
         return float(text)
     except ValueError:
-        raise InvalidInput(f"{option}: expected an angle in rad, or goal, got {shown(text)}") from None
+        raise InvalidInput(
+            f"{option}: expected an angle in rad, or goal, got {shown(text)}"
+        ) from None
 
 
 def in_options(message: str) -> str:
     """A task's message with the names of its fields as the options that gave them."""
     names = {
-        "time_limit_s": "total_s", "start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading",
+        "time_limit_s": "total_s",
+        "start_xy_m": "start",
+        "goal_xy_m": "goal",
+        "start_yaw_rad": "heading",
         "end_yaw_rad": "heading_end",
-    }  # fmt: skip
+    }
     parts = []
     for part in message.split("; "):
         name, colon, rest = part.partition(":")
         same = (
-            "duration_s", "friction", "gait", "cycle_s", "timings", "adhesive", "footing", "robot", "seeds", "seed",
-            "max_iterations", "dynamics", "hessian",
-        )  # fmt: skip
+            "duration_s",
+            "friction",
+            "gait",
+            "cycle_s",
+            "timings",
+            "adhesive",
+            "footing",
+            "robot",
+            "seeds",
+            "seed",
+            "max_iterations",
+            "dynamics",
+            "hessian",
+        )
         known = names.get(name, name if name in same else "")
         parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
     return "; ".join(parts)

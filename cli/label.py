@@ -1,4 +1,5 @@
-"""``stancekit label``: make a data set of exactly labelled posture problems, or of tries of leaps."""
+"""``stancekit label``: make a data set of exactly labelled posture problems, or of tries of
+leaps."""
 
 from __future__ import annotations
 
@@ -43,24 +44,27 @@ OF_LEAPS = ("scenes", "tries")
 class LabelPostures:
     """Sample terrains and label them exactly (Lin et al., Algorithm 1) into a data set folder.
 
-    Half of the default rows are feasible, each with a verified posture; half are infeasible, each with a re-checked
-    proof. What is infeasible even without its moment balance is counted apart. A run that is stopped, however hard,
-    goes on where it was when it is started again; the rows do not depend on the number of workers.
+    Half of the default rows are feasible, each with a verified posture; half are infeasible, each
+    with a re-checked proof. What is infeasible even without its moment balance is counted apart. A
+    run that is stopped, however hard, goes on where it was when it is started again; the rows do
+    not depend on the number of workers.
 
-    Of a class of leaps, `stancekit label leap-hard data/leaps --scenes 1000`, choices of contacts are tried in every
-    scene: each try is solved, with toes and forces; refuted, with multipliers that prove it; or unsolved, which claims
-    nothing.
+    Of a class of leaps, `stancekit label leap-hard data/leaps --scenes 1000`, choices of contacts
+    are tried in every scene: each try is solved, with toes and forces; refuted, with multipliers
+    that prove it; or unsolved, which claims nothing.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
-    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
-    or FILE.py:NAME; or a class of leaps, as leap-hard."""
+    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package
+    brings, a YAML file, or FILE.py:NAME; or a class of leaps, as leap-hard."""
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the
+    default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
-    """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as stairs:0.5:7."""
+    """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as
+    stairs:0.5:7."""
     feasible: OptionalInt = None
     """Feasible rows, of postures: 500 where nothing is said."""
     infeasible: OptionalInt = None
@@ -70,17 +74,20 @@ class LabelPostures:
     scenes: OptionalInt = None
     """Scenes, of leaps: 100 where nothing is said."""
     tries: OptionalText = None
-    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 where nothing is said."""
+    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 where nothing is
+    said."""
     seed: int = 0
     """Seed; use another one for training than for testing."""
     shard_size: int = 500
     """Rows a file: what an interruption can lose."""
     proposers: Annotated[OptionalPath, PROPOSERS] = None
-    """File of `stancekit proposers`: networks that are asked for postures and proofs before any solver."""
+    """File of `stancekit proposers`: networks that are asked for postures and proofs before any
+    solver."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes."""
     executor: Literal["processes", "ray"] = "processes"
-    """Where to work: on this machine, or on a Ray cluster, which brings its own number of workers."""
+    """Where to work: on this machine, or on a Ray cluster, which brings its own number of
+    workers."""
     address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
@@ -93,17 +100,17 @@ class LabelPostures:
         leaps = is_leap_class(self.problem)
         with as_options(*SETTINGS):
             for name in OF_POSTURES if leaps else OF_LEAPS:
-                if (given := getattr(self, name)) is not None and given is not False:
+                if (setting := getattr(self, name)) is not None and setting is not False:
                     of = f"leaps of {self.problem}" if leaps else "postures"
-                    raise InvalidInput(f"--{name}: expected none with {of}, got {given}")
+                    raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
             where = executor(self.executor, workers=self.workers, address=self.address)
             with progress(f"label {self.problem}") as bar:
-                record, said = self._leaps(where, bar) if leaps else self._postures(where, bar)
+                record, remarks = self._leaps(where, bar) if leaps else self._postures(where, bar)
         if self.json:
             emit(record)
             return 0
         out.print(str(self.folder))
-        for line in said:
+        for line in remarks:
             out.print(f"  {line}", highlight=False)
         for name, value in record.items():
             out.print(f"  {name:15} {_plain(value)}")
@@ -128,8 +135,10 @@ class LabelPostures:
             progress=bar,
         )
         header = dataset.header
-        said = [] if header.speaks_of is None else [f"{header.problem_class}: {header.speaks_of}"]
-        return dataset.summary().to_json(), said
+        remarks = (
+            [] if header.speaks_of is None else [f"{header.problem_class}: {header.speaks_of}"]
+        )
+        return dataset.summary().to_json(), remarks
 
     def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled tries, and what their labels mean."""
@@ -145,8 +154,8 @@ class LabelPostures:
             workers=where,
             progress=bar,
         )
-        said = [f"{kind}: {meaning}" for kind, meaning in tries.header.speaks_of.items()]
-        return tries.summary().to_json(), said
+        remarks = [f"{kind}: {meaning}" for kind, meaning in tries.header.speaks_of.items()]
+        return tries.summary().to_json(), remarks
 
 
 def _counts(text: str) -> dict[str, int]:
@@ -155,7 +164,9 @@ def _counts(text: str) -> dict[str, int]:
     for part in text.split(","):
         name, _, count = part.partition("=")
         if not count.isdecimal() or name in counts:
-            raise InvalidInput(f"--tries: expected counts by planner, as random=8,finder=4, got {text!r}")
+            raise InvalidInput(
+                f"--tries: expected counts by planner, as random=8,finder=4, got {text!r}"
+            )
         counts[name] = int(count)
     return counts
 

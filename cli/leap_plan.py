@@ -17,12 +17,25 @@ if TYPE_CHECKING:
 
     from .plan import PlanCourse
 
-USES = ("course", "planner", "policy", "reserve", "time_limit_s", "out", "proof", "picture", "video", "html", "json")
+USES = (
+    "course",
+    "planner",
+    "policy",
+    "reserve",
+    "time_limit_s",
+    "out",
+    "proof",
+    "picture",
+    "video",
+    "html",
+    "json",
+)
 """Options of ``stancekit plan`` that a leap has a use for; any other is refused."""
 
 
 def plan_leap(asked: PlanCourse) -> int:
-    """Plan the leap of a file; exit code 1 without a plan. Raises InvalidInput for options that it has no use for."""
+    """Plan the leap of a file; exit code 1 without a plan. Raises InvalidInput for options that it
+    has no use for."""
     from stancekit.courses import plan
     from stancekit.planners.answer.answer import Status
     from stancekit.planners.formats.leap_file import read_leap, write_leap
@@ -39,16 +52,27 @@ def plan_leap(asked: PlanCourse) -> int:
     if asked.json:
         emit(_record(leap, outcome, reason))
     else:
-        out.print(f"{leap.name}: {outcome.status.value}, {outcome.effort.tries} tries, {outcome.effort.solves} solves, "
-                  f"{1e3 * outcome.effort.seconds:.0f} ms", highlight=False)  # fmt: skip
+        out.print(
+            f"{leap.name}: {outcome.status.value}, {outcome.effort.tries} tries, {outcome.effort.solves} solves, "
+            f"{1e3 * outcome.effort.seconds:.0f} ms",
+            highlight=False,
+        )
         if outcome.solution is not None and outcome.report is not None:
             out.print(f"verifier: {outcome.report.message}", highlight=False)
     if outcome.solution is not None:
         _draw(asked, outcome.solution)
-    drawn = [(path, outcome.solution) for path in (asked.picture, asked.video, asked.html)]
-    for path, there in ((asked.out, outcome.solution), (asked.proof, outcome.certificate), *drawn):
+    pictures = [(path, outcome.solution) for path in (asked.picture, asked.video, asked.html)]
+    for path, there in (
+        (asked.out, outcome.solution),
+        (asked.proof, outcome.certificate),
+        *pictures,
+    ):
         if path is not None:
-            complain(f"wrote {path}" if there is not None else f"{path}: not written, since there is none")
+            complain(
+                f"wrote {path}"
+                if there is not None
+                else f"{path}: not written, since there is none"
+            )
     if outcome.solution is None:
         complain(f"stancekit: no plan: {leap.name}: {reason}")
     return int(outcome.status is not Status.FEASIBLE)
@@ -65,7 +89,11 @@ def _draw(asked: PlanCourse, plan: LeapPlan) -> None:
         from stancekit.views.leaps import FPS, film_times, leap_frames
         from stancekit.views.video import write_video
 
-        write_video(asked.video, counted(leap_frames(plan), len(film_times(plan)), f"film {asked.video}"), fps=FPS)
+        write_video(
+            asked.video,
+            counted(leap_frames(plan), len(film_times(plan)), f"film {asked.video}"),
+            fps=FPS,
+        )
     if asked.html is not None:
         from stancekit.views.leaps import LeapView
         from stancekit.views.page import write_page
@@ -84,7 +112,9 @@ def _method(asked: PlanCourse) -> Any:
     _check_unused(asked)
     orders = get_args(Order)
     if asked.planner not in ("two-stage", *orders):
-        raise InvalidInput(f"--planner: expected one of {', '.join(orders)} with a leap, got {asked.planner}")
+        raise InvalidInput(
+            f"--planner: expected one of {', '.join(orders)} with a leap, got {asked.planner}"
+        )
     for path in (asked.out, asked.proof):
         if path is not None:
             check_writable(path)

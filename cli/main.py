@@ -39,21 +39,41 @@ program itself (STANCEKIT_TRACE=1 shows where).
 With --json, one JSON object a line on standard output, and nothing else there."""
 
 INTERNAL = 70
-"""Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a refusal."""
+"""Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
+refusal."""
 TRACE = "STANCEKIT_TRACE"
 
 VERBS = {
-    "sample": "Sample", "solve": "SolvePostures", "verify": "Verify", "label": "LabelPostures", "fit": "Fit",
-    "train": "Train", "proposers": "TrainProposers",
-    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
+    "sample": "Sample",
+    "solve": "SolvePostures",
+    "verify": "Verify",
+    "label": "LabelPostures",
+    "fit": "Fit",
+    "train": "Train",
+    "proposers": "TrainProposers",
+    "evaluate": "Evaluate",
+    "picture": "Picture",
+    "export": "Export",
+    "plan": "PlanCourse",
+    "play": "Play",
     "simulate": "Simulate",
-    "terrain": "ShowTerrain", "run": "RunMotion", "replay": "Replay", "emulate": "Emulate", "robot": "ShowRobot",
-    "warp": "Warp", "gait": "PlanGait", "bench": "Bench", "demo": "Demo", "about": "About",
-}  # fmt: skip
-"""The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
+    "terrain": "ShowTerrain",
+    "run": "RunMotion",
+    "replay": "Replay",
+    "emulate": "Emulate",
+    "robot": "ShowRobot",
+    "warp": "Warp",
+    "gait": "PlanGait",
+    "bench": "Bench",
+    "demo": "Demo",
+    "about": "About",
+}
+"""The class of every verb, in the module of the verb's name, which is imported when it is asked
+for."""
 COMMANDS = "stancekit.commands"
-"""The group of entry points by which other packages bring commands: NAME = "module:CLASS". They are looked for where a
-name is none of ours, since to look for them takes as long as all of ``--help``."""
+"""The group of entry points by which other packages bring commands: NAME = "module:CLASS". They
+are looked for where a name is none of ours, since to look for them takes as long as all of
+``--help``."""
 
 
 class Verb(Protocol):
@@ -67,7 +87,9 @@ class Verb(Protocol):
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one verb and exit with its code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # to look for some it reads every package's metadata
+    os.environ.setdefault(
+        "PYDANTIC_DISABLE_PLUGINS", "__all__"
+    )  # to look for some it reads every package's metadata
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows another one
@@ -105,7 +127,8 @@ def overview() -> str:
 
 
 def brief(name: str) -> str:
-    """The first line of a verb's docstring, read from its file: to import all of them takes a second."""
+    """The first line of a verb's docstring, read from its file: to import all of them takes a
+    second."""
     import ast
 
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
@@ -121,7 +144,8 @@ def verbs() -> dict[str, type[Verb]]:
 
 
 def parse(arguments: Sequence[str]) -> Verb:
-    """The verb that the arguments name, with its options. Exits with 2 after one line where they are wrong."""
+    """The verb that the arguments name, with its options. Exits with 2 after one line where they
+    are wrong."""
     import tyro
 
     from .console import complain
@@ -138,10 +162,10 @@ def parse(arguments: Sequence[str]) -> Verb:
             )
             sys.exit(2)
     asks, verb = bool({"-h", "--help"} & set(arguments)), _verb(arguments[0])
-    for told in (asks, True):  # what is refused is said with the options' texts
+    for value in (asks, True):  # what is refused is said with the options' texts
         box = io.StringIO()
         try:
-            with redirect_stderr(box), _texts(told=told):
+            with redirect_stderr(box), _texts(told=value):
                 return tyro.cli(
                     verb,
                     prog=f"stancekit {arguments[0]}",
@@ -149,19 +173,23 @@ def parse(arguments: Sequence[str]) -> Verb:
                     config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
                 )
         except SystemExit as end:
-            if not told and end.code:
+            if not value and end.code:
                 continue
             if end.code:
-                complain(f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help")
+                complain(
+                    f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help"
+                )
             raise
     raise AssertionError("one of the two has returned or ended")
 
 
 @contextmanager
 def _texts(*, told: bool) -> Iterator[None]:
-    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too.
+    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and
+    breaks them, too.
 
-    told: whether they are shown; else they are not read from the source at all, which takes as long as the rest.
+    told: whether they are shown; else they are not read from the source at all, which takes as long
+    as the rest.
     """
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
@@ -171,12 +199,15 @@ def _texts(*, told: bool) -> Iterator[None]:
     def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
         if not told and is_dataclass(of := given[0]):
             silent = docstring_parser.Docstring()
-            silent.meta += [docstring_parser.DocstringParam([], "", item.name, None, None, None) for item in fields(of)]
+            silent.meta += [
+                docstring_parser.DocstringParam([], "", item.name, None, None, None)
+                for item in fields(of)
+            ]
             return silent
-        found = plain(*given, **named)
-        for each in found.params:
+        parsed = plain(*given, **named)
+        for each in parsed.params:
             each.description = " ".join((each.description or "").split())
-        return found
+        return parsed
 
     docstring_parser.parse_from_object = flowing
     kept.cache_clear()  # of verbs that were run before, in this process
@@ -217,7 +248,10 @@ def run(verb: Verb) -> int:
     from .console import complain, results_alone
 
     try:
-        with _without_warnings(), results_alone() if getattr(verb, "json", False) else nullcontext():
+        with (
+            _without_warnings(),
+            results_alone() if getattr(verb, "json", False) else nullcontext(),
+        ):
             return verb.run()
     except InvalidInput as error:
         complain(f"stancekit: error: {error}")
@@ -238,17 +272,18 @@ OLD = r"\S+ is old: |.*, for one more release: |entry point \S+ of stancekit\."
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted.
+    """Keep what libraries warn of away from standard error, which is for one line, unless the trace
+    is wanted.
 
     A name of an earlier version is worth a line of its own.
     """
     from .console import complain
 
-    told = set[str]()
+    messages = set[str]()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if str(message) not in told:
-            told.add(str(message))
+        if str(message) not in messages:
+            messages.add(str(message))
             complain(f"stancekit: warning: {message}")
 
     with warnings.catch_warnings():
@@ -260,7 +295,8 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _ended_by(error: BaseException) -> int:
-    """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as SystemExit."""
+    """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as
+    SystemExit."""
     from stancekit.planners.plugins import blamed
 
     from .console import complain
@@ -285,7 +321,8 @@ def _ended_by(error: BaseException) -> int:
 
 
 def _close_output() -> None:
-    """Send what is still in the buffer of standard output nowhere, or Python complains of it at the end."""
+    """Send what is still in the buffer of standard output nowhere, or Python complains of it at the
+    end."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

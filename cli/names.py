@@ -1,4 +1,5 @@
-"""Options whose values are names of a registry: `--help` lists them, those of other packages, too."""
+"""Options whose values are names of a registry: `--help` lists them, those of other packages,
+too."""
 
 from __future__ import annotations
 
@@ -8,25 +9,42 @@ import tyro
 
 NAMES = {
     "stancekit.planners.projection.project:PROJECTIONS": (
-        "stancekit.projections", ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
+        "stancekit.projections",
+        ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
     ),
     "stancekit.planners.relaxation.table:RELAXATIONS": (
-        "stancekit.relaxations", ("p1", "joint", "coned", "lift"),
+        "stancekit.relaxations",
+        ("p1", "joint", "coned", "lift"),
     ),
     "stancekit.planners.search.methods:METHODS": (
-        "stancekit.planners", ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
+        "stancekit.planners",
+        ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
     ),
     "stancekit.planners.search.methods:COURSE_METHODS": (
-        "stancekit.planners", ("two-stage", "micp", "nlp", "decoupled", "exact"),
+        "stancekit.planners",
+        ("two-stage", "micp", "nlp", "decoupled", "exact"),
     ),
     "stancekit.learners.training.fitting:METHODS": (
         "stancekit.methods",
-        ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient", "modes", "chooser", "neural", "joint", "rl"),
+        (
+            "heuristic",
+            "quantile",
+            "gmm-printed",
+            "gmm",
+            "ga",
+            "gradient",
+            "modes",
+            "chooser",
+            "neural",
+            "joint",
+            "rl",
+        ),
     ),
     "stancekit.learners.selectors.own:SELECTORS": ("stancekit.selectors", ()),
-}  # fmt: skip
-"""By registry, or by tuple of our own names: the group of other packages' names, and our own, for which `--help` would
-else load solvers and networks (a test holds them to be those that there are)."""
+}
+"""By registry, or by tuple of our own names: the group of other packages' names, and our own,
+for which `--help` would else load solvers and networks (a test holds them to be those that there
+are)."""
 OLD_GROUPS = {"stancekit.planners.search.methods:COURSE_METHODS": ("stancekit.course_planners",)}
 """Groups of before, which are read for one more release."""
 

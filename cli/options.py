@@ -27,7 +27,8 @@ LONGEST_S = 1e6
 
 
 def check_planner(command: Any, by: str, known: Sequence[str], of: Kind) -> None:
-    """Raise InvalidInput for a limit that is out of range, or an option that the planner does not know.
+    """Raise InvalidInput for a limit that is out of range, or an option that the planner does not
+    know.
 
     command: has time_limit_s, intervals, and under ``by`` its planner.
     known: the names of the package's own.
@@ -39,20 +40,30 @@ def check_planner(command: Any, by: str, known: Sequence[str], of: Kind) -> None
         got = f"got {command.time_limit_s:g}"
         raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, {got}")
     if command.intervals > MOST_INTERVALS:
-        raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {command.intervals}")
+        raise InvalidInput(
+            f"--intervals: expected {MOST_INTERVALS} or less, got {command.intervals}"
+        )
     chosen = getattr(command, by)
     if chosen not in known:
         return
     takes = {name: settings_of(name, of) for name in known}
-    every = {one for taken in takes.values() for one in taken}
+    every = {one for names in takes.values() for one in names}
     for field in fields(command):
         setting = "envelopes" if field.name == "envelope" else field.name
-        if setting in every and setting not in takes[chosen] and getattr(command, field.name) != field.default:
+        if (
+            setting in every
+            and setting not in takes[chosen]
+            and getattr(command, field.name) != field.default
+        ):
             fitting = " or ".join(name for name in known if setting in takes[name])
-            raise InvalidInput(f"--{field.name.replace('_', '-')}: expected --{by} {fitting} with it, got {chosen}")
+            raise InvalidInput(
+                f"--{field.name.replace('_', '-')}: expected --{by} {fitting} with it, got {chosen}"
+            )
 
 
-def check_drawn(picture: Path | None = None, video: Path | None = None, html: Path | None = None) -> None:
+def check_drawn(
+    picture: Path | None = None, video: Path | None = None, html: Path | None = None
+) -> None:
     """Raise InvalidInput for a picture, film or page that cannot be written, or lacks a package."""
     if picture is not None:
         from stancekit.views.sheet import check_picture
@@ -69,7 +80,8 @@ def check_drawn(picture: Path | None = None, video: Path | None = None, html: Pa
 
 
 def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
-    """Raise InvalidInput for a log that is none by its name, or that would be written over another file of the verb."""
+    """Raise InvalidInput for a log that is none by its name, or that would be written over another
+    file of the verb."""
     if log.suffix != ".mcap":
         raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
     for name, other in others.items():
@@ -78,10 +90,13 @@ def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
 
 
 def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
-    """The numbers of a force and a moment on the body; None where the option was not given. Raises InvalidInput."""
+    """The numbers of a force and a moment on the body; None where the option was not given. Raises
+    InvalidInput."""
     if text is None:
         return None
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise InvalidInput(f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {text!r:.80}") from None
+        raise InvalidInput(
+            f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {text!r:.80}"
+        ) from None

@@ -17,10 +17,12 @@ from .options import OptionalPath
 
 @dataclass
 class Picture:
-    """Draw a posture problem with its answer: patches, limbs, contact forces in their friction cones, envelope."""
+    """Draw a posture problem with its answer: patches, limbs, contact forces in their friction
+    cones, envelope."""
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """Problem file, or - for standard input; `stancekit sample wall-3 --out problem.json` makes one."""
+    """Problem file, or - for standard input; `stancekit sample wall-3 --out problem.json` makes
+    one."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Picture to write: .png, .pdf or .svg."""
     index: int = 0
@@ -46,7 +48,9 @@ class Picture:
         check_writable(self.out)
         problems = list(read_problems(text_of(self.file), str(self.file)))
         if not 0 <= self.index < len(problems):
-            raise InvalidInput(f"--index: expected 0 to {len(problems) - 1} for {self.file}, got {self.index}")
+            raise InvalidInput(
+                f"--index: expected 0 to {len(problems) - 1} for {self.file}, got {self.index}"
+            )
         where, problem = problems[self.index]
         if isinstance(problem, InvalidInput):
             raise problem
@@ -65,7 +69,9 @@ class Picture:
             outcome = make_planner(self.method, **settings).solve(problem)
             posture, status = outcome.solution, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
-            caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
+            caption = (
+                f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
+            )
             if outcome.certificate is not None:
                 why = explain(outcome.certificate).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]

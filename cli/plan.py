@@ -54,13 +54,15 @@ SETTINGS = (
 
 @dataclass
 class PlanCourse:
-    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
+    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
+    carries.
 
-    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as stairs:0.5:7
-    (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or JSON file of your own, or with
-    --start and --goal a terrain's file or name, as `stancekit terrain` has them; a file of one posture problem is a
-    course of one frame. A file with phases, or with a distribution, is a leap, and so is leap-hard:7 (CLASS:SEED): its
-    planners are finder, farkas, rule, noise and random.
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as
+    stairs:0.5:7 (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or
+    JSON file of your own, or with --start and --goal a terrain's file or name, as `stancekit
+    terrain` has them; a file of one posture problem is a course of one frame. A file with phases,
+    or with a distribution, is a leap, and so is leap-hard:7 (CLASS:SEED): its planners are finder,
+    farkas, rule, noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
@@ -68,74 +70,87 @@ class PlanCourse:
       stancekit verify climb.json
       stancekit plan leap-hard:0 --out leap.json --picture leap.png
 
-    A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
-    frame, and the way between. status is feasible, infeasible (with a proof that was checked) or undecided (a limit was
-    met, or the planner cannot prove what it claims). bound is a proved lower bound on the objective of any plan: the
-    difference is the most that a better plan could win.
+    A plan that is found has been accepted by a verifier that knows nothing of planners: every
+    stance of every key frame, and the way between. status is feasible, infeasible (with a proof
+    that was checked) or undecided (a limit was met, or the planner cannot prove what it claims).
+    bound is a proved lower bound on the objective of any plan: the difference is the most that a
+    better plan could win.
 
-    A course of more than 40 key frames is planned in pieces; a run that is interrupted, or ends at its time limit,
-    keeps what it has beside --out, and the same command goes on from there.
+    A course of more than 40 key frames is planned in pieces; a run that is interrupted, or ends at
+    its time limit, keeps what it has beside --out, and the same command goes on from there.
 
-    Exit code 1 where there is no plan, and a line says which constraints fail, at which frame and limb, by how much.
+    Exit code 1 where there is no plan, and a line says which constraints fail, at which frame and
+    limb, by how much.
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
     """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, or a terrain's file or name."""
     planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_METHODS")] = "two-stage"
-    """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
-    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
-    your own counts as far as the verifier accepts its plans and certificates."""
-    relaxation: Annotated[OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")] = None
-    """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned, which is tighter, are over
-    --envelope; the one that fits unless named."""
+    """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for
+    short courses. micp: piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces
+    after, a baseline that fails on ice. One of your own counts as far as the verifier accepts its
+    plans and certificates."""
+    relaxation: Annotated[
+        OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")
+    ] = None
+    """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned, which is
+    tighter, are over --envelope; the one that fits unless named."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
-    """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
-    use what its legs reach, and joint angles are found for every key frame. Of one posture's file: the robot whose
-    limbs stand."""
+    """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names
+    one (extra kin). Plans use what its legs reach, and joint angles are found for every key frame.
+    Of one posture's file: the robot whose limbs stand."""
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
-    """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs' own reach."""
+    """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs'
+    own reach."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
+    """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file
+    of modes."""
     policy: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of the hand rule's."""
+    """Of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of the hand
+    rule's."""
     projection: Annotated[str, PROJECTION] = "scp"
-    """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in
-    steps."""
+    """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp:
+    frees all, in steps."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
     intervals: int = 4
     """Pieces of each axis in micp's grid, a power of two."""
     reserve: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
-    """Plan with all of the friction at once. Without --no-reserve, with 80 % of it where that has a plan, else with
-    90 %, else with all of it: what is executed then has something in hand. Two-stage only; there is a bound only of
-    plans with all of it."""
+    """Plan with all of the friction at once. Without --no-reserve, with 80 % of it where that has a
+    plan, else with 90 %, else with all of it: what is executed then has something in hand.
+    Two-stage only; there is a bound only of plans with all of it."""
     torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
-    """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says so, and verify
-    holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
+    """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says
+    so, and verify holds it to that. Without it, a plan for a robot's file keeps to the file's
+    limits."""
     torque_share: float = 0.9
-    """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
+    """Where a plan asks for more torque than there is, it is bent until this share of it is
+    enough."""
     push_n: float = 0.0
-    """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it a plan that bears
-    5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
+    """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it
+    a plan that bears 5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
     wrench: OptionalWrench = None
-    """Force on the body beside its weight at every key frame [N], and moment about the centre of mass [Nm], in world
-    axes: a payload, wind, a rope. The plan carries it, and a course that nobody can climb with it is infeasible."""
-    between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
+    """Force on the body beside its weight at every key frame [N], and moment about the centre of
+    mass [Nm], in world axes: a payload, wind, a rope. The plan carries it, and a course that nobody
+    can climb with it is infeasible."""
+    between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(
+        default_factory=Between
+    )
     """From where to where over a terrain's file."""
     clearance_m: float = 0.005
-    """Where links go through each other or the terrain, at key frames or between them, a plan is bent until they are so
-    far apart [m]."""
+    """Where links go through each other or the terrain, at key frames or between them, a plan is
+    bent until they are so far apart [m]."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
     engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them
-    (much slower)."""
+    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
+    the paper has them (much slower)."""
     time_limit_s: float = 60.0
-    """Limit for all of it, bending and judging included; what is not decided by then is undecided, and what there is so
-    far is said and written [s]."""
+    """Limit for all of it, bending and judging included; what is not decided by then is undecided,
+    and what there is so far is said and written [s]."""
     max_solves: OptionalInt = None
-    """Limit of convex solves of each search for contacts, beside the time: with a time that is never met, a plan is the
-    same on a busy computer. two-stage and exact."""
+    """Limit of convex solves of each search for contacts, beside the time: with a time that is
+    never met, a plan is the same on a busy computer. two-stage and exact."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -166,14 +181,22 @@ class PlanCourse:
         title = f"plan {Path(self.course).stem} by {self.planner}"
         with progress(title) as show, self.between.in_options():
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
-            asked = self.between.asked(self.frames, self.robot, self.reach)
-            left_s = max(begin + self.time_limit_s - time.perf_counter(), 0.0)  # a terrain has been read meanwhile
+            what = self.between.asked(self.frames, self.robot, self.reach)
+            left_s = max(
+                begin + self.time_limit_s - time.perf_counter(), 0.0
+            )  # a terrain has been read meanwhile
             with as_options("push_n", "wrench"):
                 outcome = plan(
-                    question, planner, **asked, body=limits, push_n=self.push_n, wrench=wrench_numbers(self.wrench),
-                    time_limit_s=left_s, progress=show,
+                    question,
+                    planner,
+                    **what,
+                    body=limits,
+                    push_n=self.push_n,
+                    wrench=wrench_numbers(self.wrench),
+                    time_limit_s=left_s,
+                    progress=show,
                     checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
-                )  # fmt: skip
+                )
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
@@ -185,25 +208,38 @@ class PlanCourse:
             emit(self._record(course, outcome, report, message))
         else:
             out.print(table_of(course, outcome))
-            for line in [] if outcome.solution is None or report is None else self._said(outcome, report):
+            for line in (
+                [] if outcome.solution is None or report is None else self._said(outcome, report)
+            ):
                 out.print(line, highlight=False)
         if report is None:
-            complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
+            complain(
+                f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}"
+            )
             if self.proof is not None:
-                complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
+                complain(
+                    f"wrote {self.proof}"
+                    if proved
+                    else f"{self.proof}: not written, since nothing is proved"
+                )
         return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
 
     def _limits(self) -> WholeBodyLimits:
         from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 
         with as_options("torque_nm", "torque_share", "clearance_m"):
-            return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
+            return WholeBodyLimits(
+                torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
+            )
 
     def _outputs(self) -> list[Path]:
-        return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
+        return [
+            path for path in (self.out, self.picture, self.video, self.html) if path is not None
+        ]
 
     def _check(self) -> None:
-        """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
+        """Raise InvalidInput for an option that is out of range, for another planner, or a file
+        that cannot be."""
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import COURSE_METHODS
 
@@ -219,7 +255,9 @@ class PlanCourse:
             with as_options(*SETTINGS):
                 RELAXATIONS.get(self.relaxation)
         if self.relaxation not in (None, "lift") and self.envelope is None:
-            raise InvalidInput(f"--relaxation: expected --envelope FILE with {self.relaxation}, got none")
+            raise InvalidInput(
+                f"--relaxation: expected --envelope FILE with {self.relaxation}, got none"
+            )
         if self.relaxation == "lift" and self.envelope is not None:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
         targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
@@ -232,18 +270,20 @@ class PlanCourse:
                 check_writable(target)
         check_drawn(self.picture, self.video, self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
-        taken: dict[Path, str] = {}
+        paths: dict[Path, str] = {}
         for option, target in targets:
-            first = option if target is None else taken.setdefault(target.resolve(), option)
+            first = option if target is None else paths.setdefault(target.resolve(), option)
             if first != option:
-                raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
+                raise InvalidInput(
+                    f"{option}: expected another file than {first}, got {target} for both"
+                )
 
     def _planner(self) -> Planner:
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.formats.answer_file import read_boxes
         from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
-        given = {
+        planner_settings = {
             "relaxation": self.relaxation,
             "envelopes": None if self.envelope is None else read_boxes(self.envelope),
             "projection": self.projection,
@@ -253,9 +293,11 @@ class PlanCourse:
             "intervals": self.intervals,
         }
         with as_options(*SETTINGS):
-            taken = settings_of(self.planner, "courses")
-            options = PlannerOptions(time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine))
-            settings = {name: value for name, value in given.items() if name in taken}
+            names = settings_of(self.planner, "courses")
+            options = PlannerOptions(
+                time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine)
+            )
+            settings = {name: value for name, value in planner_settings.items() if name in names}
             return make_planner(self.planner, options, of="courses", **settings)
 
     def _write(self, plan: Plan, report: Report[Plan]) -> None:
@@ -273,7 +315,11 @@ class PlanCourse:
             from stancekit.views.plans import FPS, frame_count, plan_frames
             from stancekit.views.video import write_video
 
-            write_video(self.video, counted(plan_frames(plan), frame_count(plan), f"film {self.video}"), fps=FPS)
+            write_video(
+                self.video,
+                counted(plan_frames(plan), frame_count(plan), f"film {self.video}"),
+                fps=FPS,
+            )
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.plans import PlanView
@@ -292,7 +338,9 @@ class PlanCourse:
         if press := plan.provenance.get("press_share"):
             yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
         if (wrench := plan.problem.wrench) is not None:
-            force_n, moment_nm = (float((part**2).sum(axis=1).max() ** 0.5) for part in (wrench[:, :3], wrench[:, 3:]))
+            force_n, moment_nm = (
+                float((part**2).sum(axis=1).max() ** 0.5) for part in (wrench[:, :3], wrench[:, 3:])
+            )
             yield f"carries up to {force_n:.3g} N and {moment_nm:.3g} Nm on the body beside its weight"
         if layout := plan.provenance.get("layout"):
             yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
@@ -306,7 +354,9 @@ class PlanCourse:
         if (at := outcome.message.find(LATE)) >= 0:
             yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"
         if plan.modes is not None:
-            terrain = "" if plan.problem.modes is None else f"; of the terrain: {row(plan.problem.modes)}"
+            terrain = (
+                "" if plan.problem.modes is None else f"; of the terrain: {row(plan.problem.modes)}"
+            )
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
         refused = "" if report.accepted else ", of a plan that the verifier refuses"
         yield from (f"wrote {path}{refused}" for path in self._outputs())
@@ -340,7 +390,9 @@ class PlanCourse:
         if outcome.solution is not None and report is not None:
             arrays = plan_arrays(outcome.solution).items()
             record["verdict"] = report.to_json()
-            record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
+            record["plan"] = {
+                name: None if array is None else array.tolist() for name, array in arrays
+            }
             record["cannot_run"] = list(outcome.solution.problem.robot.source.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

@@ -23,33 +23,37 @@ if TYPE_CHECKING:
 
 @dataclass
 class Play:
-    """Play with a course or a walk on a page: drag goal and walls, slide friction and mass, and see the plan.
+    """Play with a course or a walk on a page: drag goal and walls, slide friction and mass, and see
+    the plan.
 
-    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a published scene, a
-    YAML or JSON file, or with --start and --goal a terrain's file, as for `stancekit plan`.
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a
+    published scene, a YAML or JSON file, or with --start and --goal a terrain's file, as for
+    `stancekit plan`.
 
       stancekit play walls
       stancekit play my-course.yaml --robot hexapod,go1.urdf
       stancekit play rubble.stl --start 0,0 --goal 2,0.5
       stancekit play ripple
 
-    A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal are dragged, and
-    the walk is planned beside the page, in seconds to minutes, which says how far it is. --walk takes a file of heights
-    or a name that courses have, too, for one.
+    A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal
+    are dragged, and the walk is planned beside the page, in seconds to minutes, which says how far
+    it is. --walk takes a file of heights or a name that courses have, too, for one.
 
-    The page shows at once a plan whose contacts hold: forces in their cones, torques, what every limit has in hand, or
-    the sentence that says why there is none and by how much a limit is missed. Once nothing is changed any more the
-    plan is judged as by `stancekit plan`, joints and bodies, too: the page says which of the two it shows. Plan and
-    course are saved in the formats of the other commands. All tabs show the same scene. Ctrl-C ends.
+    The page shows at once a plan whose contacts hold: forces in their cones, torques, what every
+    limit has in hand, or the sentence that says why there is none and by how much a limit is
+    missed. Once nothing is changed any more the plan is judged as by `stancekit plan`, joints and
+    bodies, too: the page says which of the two it shows. Plan and course are saved in the formats
+    of the other commands. All tabs show the same scene. Ctrl-C ends.
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, a terrain's file, or a terrain to walk over."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, a terrain's file, or a terrain to walk
+    over."""
     walk: bool = False
     """Walk over it, as `stancekit gait`."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
-    """Robots of the page's menu with commas between them, built-in names or .urdf or .yaml files (extra kin); it begins
-    with the first one, and walks with anymal where none is named."""
+    """Robots of the page's menu with commas between them, built-in names or .urdf or .yaml files
+    (extra kin); it begins with the first one, and walks with anymal where none is named."""
     frames: OptionalInt = None
     """Number of key frames to begin with, where not the course's own."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
@@ -73,10 +77,14 @@ class Play:
         first = robots[0] if robots else None
         if self.walk or self._is_walk():
             walk = self._walk(first or "anymal")
-            with served_walk(walk, robots=robots, folder=self.folder, host=self.host, port=self.port) as walks:
+            with served_walk(
+                walk, robots=robots, folder=self.folder, host=self.host, port=self.port
+            ) as walks:
                 return self._show(walks)
         scenario = self._scenario(first)
-        with served(scenario, robots=robots, folder=self.folder, host=self.host, port=self.port) as page:
+        with served(
+            scenario, robots=robots, folder=self.folder, host=self.host, port=self.port
+        ) as page:
             return self._show(page)
 
     def _show(self, page: Page[Any]) -> int:
@@ -93,20 +101,23 @@ class Play:
 
         if not drawn_name(self.course):
             return self.course in TERRAINS.names()
-        return not Path(self.course).exists() and drawn_surface(*read_draw(self.course, "course")) is None
+        return (
+            not Path(self.course).exists()
+            and drawn_surface(*read_draw(self.course, "course")) is None
+        )
 
     def _walk(self, robot: str) -> WalkScenario:
         """Scenario that a page of walks begins with. Raises InvalidInput."""
         from stancekit.views.playground.walk_scenario import WalkScenario
 
-        given: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
         for key, value in (("start", self.between.start), ("goal", self.between.goal)):
             if value is not None:
                 x, y = place(value, f"--{key}").tolist()
-                given[f"{key}_m"] = (x, y)
+                arguments[f"{key}_m"] = (x, y)
         if self.between.friction is not None:
-            given["friction"] = self.between.friction
-        return WalkScenario.of(self.between.file.read(self.course), robot, **given)
+            arguments["friction"] = self.between.friction
+        return WalkScenario.of(self.between.file.read(self.course), robot, **arguments)
 
     def _scenario(self, robot: str | None) -> Scenario:
         """Scenario that the page begins with. Raises InvalidInput."""
@@ -121,9 +132,18 @@ class Play:
             (x, y), (x_goal, y_goal) = (each.tolist() for each in self.between.places())
             terrain = self.between.terrain(self.course, robot)
             return BetweenScenario(
-                terrain=terrain, start_m=(x, y), goal_m=(x_goal, y_goal), robot=robot or "hexapod", frames=self.frames
+                terrain=terrain,
+                start_m=(x, y),
+                goal_m=(x_goal, y_goal),
+                robot=robot or "hexapod",
+                frames=self.frames,
             )
-        if suffix in SUFFIXES or suffix == ".json" or self.between != Between() or "surfaces" in described(self.course):
+        if (
+            suffix in SUFFIXES
+            or suffix == ".json"
+            or self.between != Between()
+            or "surfaces" in described(self.course)
+        ):
             return FixedScenario(laid=self.between.course(self.course, self.frames, robot))
         return KeysScenario.of(self.course, robot, self.frames)
 

@@ -20,22 +20,26 @@ from .options import OptionalPath, OptionalText
 class TrainProposers:
     """Train networks that propose postures and proofs to the verifier, without labels.
 
-    One says a posture of a scene, the other why there is none. Neither is believed: `stancekit label --proposers` asks
-    them before any solver, keeps what the verifier accepts, and solves the rest.
+    One says a posture of a scene, the other why there is none. Neither is believed: `stancekit
+    label --proposers` asks them before any solver, keeps what the verifier accepts, and solves the
+    rest.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
-    """Distribution of scenes on triangles: ground-k or wall-k with k legs, as wall-3; or another one's name or file."""
+    """Distribution of scenes on triangles: ground-k or wall-k with k legs, as wall-3; or another
+    one's name or file."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Safetensors file to write."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the
+    default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that the scenes of terrain-k are cut from."""
     seed: int = 0
     """Seed of draws and weights."""
     config: OptionalPath = None
-    """YAML file with other settings: the keys of `ProposerSettings` in learners/proposers/training.py."""
+    """YAML file with other settings: the keys of `ProposerSettings` in
+    learners/proposers/training.py."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -44,9 +48,15 @@ class TrainProposers:
         from stancekit.planners.files.arrays import checked_int
 
         try:
-            from stancekit.learners.proposers.training import ProposerSettings, curve, train_proposers
+            from stancekit.learners.proposers.training import (
+                ProposerSettings,
+                curve,
+                train_proposers,
+            )
         except ModuleNotFoundError as error:
-            raise InvalidInput(f"proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
+            raise InvalidInput(
+                f"proposers need {error.name}, got none: pip install 'stancekit[rl]'"
+            ) from None
         from stancekit.envs.distributions.postures import distribution
         from stancekit.planners.files.documents import read_yaml
         from stancekit.planners.files.validation import validated
@@ -55,16 +65,30 @@ class TrainProposers:
         extra: dict[str, Any] = {} if self.config is None else read_yaml(self.config)
         if "seed" in extra:
             raise InvalidInput(f"{self.config}: seed: expected as an option, --seed")
-        settings = validated(ProposerSettings, {**extra, "seed": self.seed}, str(self.config or "--seed"))
-        source, begin = distribution(self.problem, robot=self.robot, terrain=self.terrain), time.process_time()
+        settings = validated(
+            ProposerSettings, {**extra, "seed": self.seed}, str(self.config or "--seed")
+        )
+        source, begin = (
+            distribution(self.problem, robot=self.robot, terrain=self.terrain),
+            time.process_time(),
+        )
         with progress(f"proposers {self.problem}") as bar:
-            found = train_proposers(source, settings, bar)
+            proposers = train_proposers(source, settings, bar)
         seconds = time.process_time() - begin
-        found.save(self.out)
-        shares = curve(found)
+        proposers.save(self.out)
+        shares = curve(proposers)
         if self.json:
-            emit({"out": str(self.out), "problem_class": found.problem_class, "cpu_s": seconds, **shares})
+            emit(
+                {
+                    "out": str(self.out),
+                    "problem_class": proposers.problem_class,
+                    "cpu_s": seconds,
+                    **shares,
+                }
+            )
         else:
-            said = ", ".join(f"{name} settle {share:.1%}" for name, share in shares.items())
-            out.print(f"{self.out}: proposers for {found.problem_class}; of held scenes {said}; {seconds:.0f} CPU-s")
+            summary = ", ".join(f"{name} settle {share:.1%}" for name, share in shares.items())
+            out.print(
+                f"{self.out}: proposers for {proposers.problem_class}; of held scenes {summary}; {seconds:.0f} CPU-s"
+            )
         return 0

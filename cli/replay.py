@@ -16,12 +16,14 @@ from .options import OptionalPath
 
 @dataclass
 class Replay:
-    """Read the log of a run: which plan, what was decided, how well it was followed, and how it ended.
+    """Read the log of a run: which plan, what was decided, how well it was followed, and how it
+    ended.
 
-    A log whose writer was killed is read up to its last message. `stancekit run PLAN --world replay --setup LOG` runs
-    the plan again against what was measured then, and compares the commands.
+    A log whose writer was killed is read up to its last message. `stancekit run PLAN --world replay
+    --setup LOG` runs the plan again against what was measured then, and compares the commands.
 
-    Exit code 0 where the run ended well, 1 where it did not or the log breaks off, 2 for what is no log.
+    Exit code 0 where the run ended well, 1 where it did not or the log breaks off, 2 for what is no
+    log.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -46,7 +48,10 @@ class Replay:
         record: dict[str, Any] = {
             "log": str(self.log),
             "whole": recorded.whole,
-            **{name: plan.get(name) for name in ("digest", "course", "world", "dry", "rate_hz", "pace")},
+            **{
+                name: plan.get(name)
+                for name in ("digest", "course", "world", "dry", "rate_hz", "pace")
+            },
             "commands": len(commands),
             "decisions": recorded.of("decision"),
             "verdict": verdicts[-1] if verdicts else None,
@@ -74,10 +79,15 @@ def _table(record: dict[str, Any]) -> Table:
         table.add_row("verdict", Text("none: the process was ended", style="red"))
     else:
         done = verdict["succeeded"]
-        said = Text("run as planned", style="green") if done else Text(verdict["message"], style="red")
-        table.add_row("verdict", said)
+        verdict_text = (
+            Text("run as planned", style="green") if done else Text(verdict["message"], style="red")
+        )
+        table.add_row("verdict", verdict_text)
     dry = ", dry" if record["dry"] else ""
-    table.add_row("plan", f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…")
+    table.add_row(
+        "plan",
+        f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…",
+    )
     table.add_row("commands", f"{record['commands']} at {record['rate_hz']:g} Hz")
     if "joint_worst_rad" in record:
         worst, rms = 1e3 * record["joint_worst_rad"], 1e3 * record["joint_rms_rad"]

@@ -20,18 +20,19 @@ if TYPE_CHECKING:
 
 @dataclass
 class ShowRobot:
-    """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses are marked.
+    """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses
+    are marked.
 
-    ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked
-    for. Without ROBOT the command lists the names. Legs and feet are found by their shape and names; a .yaml file may
-    say them (docs/formats.md).
+    ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever
+    a robot is asked for. Without ROBOT the command lists the names. Legs and feet are found by
+    their shape and names; a .yaml file may say them (docs/formats.md).
 
       stancekit robot
       stancekit robot go1 --picture go1.png
 
-    reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its hip, that plans may
-    use, a convex polytope; unreachable: share of that polytope that the leg does not reach. Proofs use an outer set
-    that nothing reachable is outside of.
+    reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its
+    hip, that plans may use, a convex polytope; unreachable: share of that polytope that the leg
+    does not reach. Proofs use an outer set that nothing reachable is outside of.
     """
 
     robot: Annotated[OptionalText, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")] = None
@@ -61,7 +62,9 @@ class ShowRobot:
         except InvalidInput as error:  # a robot whose feet stay on a surface is a robot still
             workspaces, trouble = [None] * len(model.legs), str(error)
         if self.picture is not None:
-            model = replace(model, remarks=(*model.remarks, *_drawn(model, workspaces, self.picture)))
+            model = replace(
+                model, remarks=(*model.remarks, *_drawn(model, workspaces, self.picture))
+            )
         if self.json:
             emit(_record(model, workspaces, trouble))
             return 0
@@ -77,7 +80,8 @@ class ShowRobot:
         return 0
 
     def _list(self) -> int:
-        """Print the robots with a name, and what installs the URDF of each. Raises InvalidInput for an option."""
+        """Print the robots with a name, and what installs the URDF of each. Raises InvalidInput for
+        an option."""
         from stancekit.planners.errors import InvalidInput
         from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
         from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
@@ -95,7 +99,9 @@ class ShowRobot:
             return 0
         table = _columns("robot", "URDF from", "")
         for name, source, there in rows:
-            table.add_row(name, source, "" if there else f"pip install 'stancekit[{PROVIDERS[source][1]}]'")
+            table.add_row(
+                name, source, "" if there else f"pip install 'stancekit[{PROVIDERS[source][1]}]'"
+            )
         out.print(table)
         return 0
 
@@ -126,7 +132,12 @@ def _head(model: RobotModel) -> Table:
         ("mass", f"{model.body.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
         ("legs", f"{len(model.legs)}, {joints} joints: {', '.join(model.leg_names)}"),
         ("stands", f"{model.stand_height_m:.3f} m above its feet"),
-        ("may touch", f"{len(model.disabled_pairs)} pairs of links, by the SRDF" if model.disabled_pairs else ""),
+        (
+            "may touch",
+            f"{len(model.disabled_pairs)} pairs of links, by the SRDF"
+            if model.disabled_pairs
+            else "",
+        ),
     ):
         if text:
             table.add_row(name, text)
@@ -138,7 +149,11 @@ def _legs(model: RobotModel, workspaces: list[Workspace | None]) -> Table:
     for leg, workspace in zip(model.legs, workspaces, strict=True):
         measured = ("–", "–", "–")
         if workspace is not None:
-            measured = (f"{workspace.reach_m:.3f}", f"{workspace.cover:.0%}", f"{workspace.unreachable:.2%}")
+            measured = (
+                f"{workspace.reach_m:.3f}",
+                f"{workspace.cover:.0%}",
+                f"{workspace.unreachable:.2%}",
+            )
         table.add_row(leg.name, leg.foot, *measured)
     return table
 
@@ -166,29 +181,45 @@ def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str)
     for leg, workspace in zip(model.legs, workspaces, strict=True):
         joints = [
             {
-                "name": joint.name, "lower_rad": joint.lower_rad, "upper_rad": joint.upper_rad,
-                "torque_nm": joint.torque_nm or None, "velocity_rad_s": joint.velocity_rad_s or None,
+                "name": joint.name,
+                "lower_rad": joint.lower_rad,
+                "upper_rad": joint.upper_rad,
+                "torque_nm": joint.torque_nm or None,
+                "velocity_rad_s": joint.velocity_rad_s or None,
                 "slides": joint.slides,
             }
             for joint in leg.joints
-        ]  # fmt: skip
+        ]
         record: dict[str, Any] = {
-            "name": leg.name, "foot": leg.foot, "radius_m": leg.radius_m, "hip_m": leg.hip_m.tolist(),
-            "stance_rad": leg.stance_rad.tolist(), "foot_m": leg.nominal_m.tolist(), "joints": joints,
-        }  # fmt: skip
+            "name": leg.name,
+            "foot": leg.foot,
+            "radius_m": leg.radius_m,
+            "hip_m": leg.hip_m.tolist(),
+            "stance_rad": leg.stance_rad.tolist(),
+            "foot_m": leg.nominal_m.tolist(),
+            "joints": joints,
+        }
         if workspace is not None:
             record |= {
-                "reach_m": workspace.reach_m, "cover": workspace.cover,
-                "unreachable": workspace.unreachable, "faces": len(workspace.inner.normals),
-                "ball_m": workspace.ball_m.tolist(), "box_m": workspace.box_m.tolist(),
+                "reach_m": workspace.reach_m,
+                "cover": workspace.cover,
+                "unreachable": workspace.unreachable,
+                "faces": len(workspace.inner.normals),
+                "ball_m": workspace.ball_m.tolist(),
+                "box_m": workspace.box_m.tolist(),
                 "outer_slack_m": workspace.outer.slack_m,
-            }  # fmt: skip
+            }
         legs.append(record)
     return {
-        "name": model.name, "mass_kg": model.body.mass_kg, "com_m": model.body.com_m.tolist(),
-        "inertia_kgm2": model.body.inertia_kgm2.tolist(), "stand_height_m": model.stand_height_m, "legs": legs,
+        "name": model.name,
+        "mass_kg": model.body.mass_kg,
+        "com_m": model.body.com_m.tolist(),
+        "inertia_kgm2": model.body.inertia_kgm2.tolist(),
+        "stand_height_m": model.stand_height_m,
+        "legs": legs,
         "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
         "guesses": [remark.text for remark in model.remarks if remark.kind == "guess"],
         "doubts": [remark.text for remark in model.remarks if remark.kind == "doubt"],
-        "no_workspace": trouble or None, "digest": model.digest,
-    }  # fmt: skip
+        "no_workspace": trouble or None,
+        "digest": model.digest,
+    }

@@ -40,16 +40,19 @@ if TYPE_CHECKING:
 
 @dataclass
 class RunMotion:
-    """Run a plan, or a policy, on a world: a simulator, a log, servos on a bus, or a robot behind a rosbridge.
+    """Run a plan, or a policy, on a world: a simulator, a log, servos on a bus, or a robot behind a
+    rosbridge.
 
-    Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made for. Joints, limits
-    and the way to the first pose are checked before anything moves. Without --arm nothing is sent to anything real: it
-    is a dry run that says what would have been sent. Any key, Ctrl-C, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, a terminal
-    that is gone, the stop file and the stop topic stop the robot; after a stop nothing is sent any more.
+    Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made
+    for. Joints, limits and the way to the first pose are checked before anything moves. Without
+    --arm nothing is sent to anything real: it is a dry run that says what would have been sent. Any
+    key, Ctrl-C, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, a terminal that is gone, the stop file and the
+    stop topic stop the robot; after a stop nothing is sent any more.
 
-    With --policy the loop is closed: the coming key frames are observed, a selector chooses envelopes for them, they
-    are planned, verified and run, and planned anew from the measured pose where body or feet are off the plan. PLAN may
-    then be a course, too; a plan is what it begins with. A gait is dynamic: it runs at its own pace, or is refused.
+    With --policy the loop is closed: the coming key frames are observed, a selector chooses
+    envelopes for them, they are planned, verified and run, and planned anew from the measured pose
+    where body or feet are off the plan. PLAN may then be a course, too; a plan is what it begins
+    with. A gait is dynamic: it runs at its own pace, or is refused.
 
       stancekit run plan.json --world mujoco --log run.mcap
       stancekit run walls --policy envelope.json --friction-share 0.75
@@ -58,53 +61,66 @@ class RunMotion:
       stancekit run plan.json --world dynamixel --setup servos.yaml
       stancekit run plan.json --world dynamixel --setup servos.yaml --arm --ending torque-off
 
-    Exit code 0 where the plan was run as planned, 1 where it was stopped or missed its goal, 2 for bad input: then
-    nothing has moved.
+    Exit code 0 where the plan was run as planned, 1 where it was stopped or missed its goal, 2 for
+    bad input: then nothing has moved.
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
     """Plan file, or gait file; with --policy also a course, by name or file."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
-    """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class in a file."""
+    """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class
+    in a file."""
     setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file. bullet,
-    mujoco: ground that yields."""
+    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the
+    set-up file. bullet, mujoco: ground that yields."""
     policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE|NAME")] = None
-    """Who plans on the way: any trained selector, a file or one that ships, or the lift, which needs none."""
-    horizon: Annotated[OptionalInt, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
+    """Who plans on the way: any trained selector, a file or one that ships, or the lift, which
+    needs none."""
+    horizon: Annotated[
+        OptionalInt, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")
+    ] = None
     """Key frames that a policy plans at once, 0 for all that are left, which is usual."""
-    replan_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")] = None
+    replan_m: Annotated[
+        OptionalFloat, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")
+    ] = None
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
     contact_stiffness_n_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="N/M")] = None
-    """Simulations: feet sink into the ground by their force over this; without it the ground is hard."""
+    """Simulations: feet sink into the ground by their force over this; without it the ground is
+    hard."""
     contact_damping_ns_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="NS/M")] = None
     """Simulations: damping of that; without it a robot on all its feet sinks without swinging."""
-    least_push: Annotated[OptionalFloat, tyro.conf.arg(metavar="SHARE", help_behavior_hint="(default: 0.01)")] = None
-    """Plans: every stance of a robot with legs of its own file has to bear a push of this share of the weight, in any
-    direction; 0 runs all the same what is about to tip."""
+    least_push: Annotated[
+        OptionalFloat, tyro.conf.arg(metavar="SHARE", help_behavior_hint="(default: 0.01)")
+    ] = None
+    """Plans: every stance of a robot with legs of its own file has to bear a push of this share of
+    the weight, in any direction; 0 runs all the same what is about to tip."""
     wrench: OptionalWrench = None
-    """Simulations: force on the body beside its weight [N], and moment about the centre of mass [Nm], in world axes.
-    Without it what the plan was made for; 0,0,0 for none."""
+    """Simulations: force on the body beside its weight [N], and moment about the centre of mass
+    [Nm], in world axes. Without it what the plan was made for; 0,0,0 for none."""
     actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
-    """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
-    robot's own file says, or the device."""
+    """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which.
+    Without it: what the robot's own file says, or the device."""
     blind: bool = False
     """Simulations: send what a robot that measures its joints alone is sent."""
     odometry: bool = False
-    """Plans: feed back where the body is by its joints and the feet that stand, whatever the world measures."""
+    """Plans: feed back where the body is by its joints and the feet that stand, whatever the world
+    measures."""
     arm: bool = False
     """Move something real. Simulations and logs need no arming."""
     try_estop: bool = False
-    """Press the e-stop, of the set-up file or the stop topic, and release it before the robot is armed. Without it the
-    robot is armed where the e-stop was heard, or somebody publishes its topic."""
+    """Press the e-stop, of the set-up file or the stop topic, and release it before the robot is
+    armed. Without it the robot is armed where the e-stop was heard, or somebody publishes its
+    topic."""
     without_estop: bool = False
     """Arm although nobody hears the e-stop; the log says so."""
     ending: Literal["hold", "home", "torque-off"] = "hold"
-    """The state to leave the robot in. home: the pose that it was found in; after a stop it holds instead."""
+    """The state to leave the robot in. home: the pose that it was found in; after a stop it holds
+    instead."""
     hung: bool = False
-    """The robot hangs in a stand, off the ground: its feet carry nothing, and torques are checked for that."""
+    """The robot hangs in a stand, off the ground: its feet carry nothing, and torques are checked
+    for that."""
     pace: float = 1.0
     """How fast at most; slower where the joints' limits ask for it."""
     rate_hz: OptionalFloat = None
@@ -112,17 +128,18 @@ class RunMotion:
     speed_rad_s: float = 0.4
     """Of the soft start, and of the way home."""
     log: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mcap")] = None
-    """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the run."""
+    """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the
+    run."""
     stop_file: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Stop as soon as this file is there."""
     stop_topic: Annotated[OptionalText, tyro.conf.arg(metavar="HOST:PORT/TOPIC")] = None
-    """Stop as soon as this topic of std_msgs/Bool, read through a rosbridge, is true, or is lost. (The `estop` of a
-    set-up file does the same for world ros.)"""
+    """Stop as soon as this topic of std_msgs/Bool, read through a rosbridge, is true, or is lost.
+    (The `estop` of a set-up file does the same for world ros.)"""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg; with --log."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of what a simulated world had: the robot's own links, and the forces that its feet felt (extras mujoco and
-    viz, and a GL library). A plan's is twice as fast as the world."""
+    """Film of what a simulated world had: the robot's own links, and the forces that its feet felt
+    (extras mujoco and viz, and a GL library). A plan's is twice as fast as the world."""
     json: bool = False
     """Print the report as one JSON object."""
 
@@ -145,24 +162,36 @@ class RunMotion:
             try:
                 check_run(request, self.world, settings, led=led)
             except InvalidInput as error:
-                said = str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
-                raise InvalidInput(said) from None
+                message = (
+                    str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
+                )
+                raise InvalidInput(message) from None
         with ExitStack() as stack:
             made_for = request.plan.problem if isinstance(request, Accepted) else request
-            with as_options("setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"):
+            with as_options(
+                "setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"
+            ):
                 world = kind.make(
                     WorldSettings(
-                        robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
-                        rate_hz=self.rate_hz, actuators=self._actuators(), estop=self._estop(),
-                        contact=SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m),
+                        robot=made_for.robot,
+                        gravity_m_s2=made_for.gravity_m_s2,
+                        setup=self.setup,
+                        rate_hz=self.rate_hz,
+                        actuators=self._actuators(),
+                        estop=self._estop(),
+                        contact=SoftContact.of(
+                            self.contact_stiffness_n_m, self.contact_damping_ns_m
+                        ),
                     )
-                )  # fmt: skip
+                )
             stack.callback(world.close)
             stack.enter_context(on_signals(world.latch))
             if self.try_estop:
                 err.print("--try-estop: press the e-stop and release it; the robot is armed then")
             sources = stack.enter_context(
-                stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop())
+                stop_sources(
+                    stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop()
+                )
             )
             if led:
                 assert isinstance(made_for, Problem)
@@ -179,7 +208,9 @@ class RunMotion:
                     progress=bar,
                 )
             except InvalidInput as error:
-                raise InvalidInput(str(error).replace("least_push 0 runs", "--least-push 0 runs")) from None
+                raise InvalidInput(
+                    str(error).replace("least_push 0 runs", "--least-push 0 runs")
+                ) from None
         if isinstance(report, RunReport):
             assert isinstance(request, Accepted | AcceptedGait)
             film(self.video, request, report)
@@ -226,16 +257,22 @@ class RunMotion:
         from stancekit.runner.settings import RunSettings
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
-        given: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
+        options: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
         with as_options("wrench"):
             wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
             wrench=wrench,
-            timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
-            blind=self.blind, odometry=self.odometry, friction_share=self.friction_share, loop=LoopSettings(**given),
+            timing=Timing().at_pace(self.pace),
+            speed_rad_s=self.speed_rad_s,
+            ending=self.ending,
+            hung=self.hung,
+            blind=self.blind,
+            odometry=self.odometry,
+            friction_share=self.friction_share,
+            loop=LoopSettings(**options),
             **limits,
-        )  # fmt: skip
+        )
 
     def _estop(self) -> EstopCheck:
         return "try" if self.try_estop else "without" if self.without_estop else "heard"
@@ -246,7 +283,8 @@ class RunMotion:
         return None if self.actuators is None else read_actuators(self.actuators)
 
     def _check(self, kind: WorldClass) -> None:
-        """Raise InvalidInput for an option out of range, or with another world, and a file that cannot be written."""
+        """Raise InvalidInput for an option out of range, or with another world, and a file that
+        cannot be written."""
         from stancekit.planners.files.arrays import checked, checked_int
         from stancekit.planners.files.writing import check_writable
 
@@ -256,42 +294,69 @@ class RunMotion:
         if self.horizon is not None:
             checked_int(self.horizon, "--horizon", least=0)
         if self.replan_m is not None and not self.replan_m > 0.0:
-            raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
-        simulated, replayed, led = kind.kind == "simulation", kind.kind == "recording", self.policy is not None
+            raise InvalidInput(
+                f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}"
+            )
+        simulated, replayed, led = (
+            kind.kind == "simulation",
+            kind.kind == "recording",
+            self.policy is not None,
+        )
         soft = self.contact_stiffness_n_m is not None or self.contact_damping_ns_m is not None
-        drawn = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
+        expected = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
         without = "expected --policy with it, got none"
         for wrong, message in (
             (self.try_estop and not self.arm, "--try-estop: expected --arm with it, got none"),
-            (self.without_estop and not self.arm, "--without-estop: expected --arm with it, got none"),
-            (self.try_estop and self.without_estop, "--try-estop: expected it without --without-estop, got both"),
-            (self.actuators is not None and replayed,
-             f"--actuators: expected none with world {self.world}: the log has its own"),
-            (soft and not simulated,
-             f"--contact-stiffness-n-m: expected a simulated world with it, got {self.world}"),
+            (
+                self.without_estop and not self.arm,
+                "--without-estop: expected --arm with it, got none",
+            ),
+            (
+                self.try_estop and self.without_estop,
+                "--try-estop: expected it without --without-estop, got both",
+            ),
+            (
+                self.actuators is not None and replayed,
+                f"--actuators: expected none with world {self.world}: the log has its own",
+            ),
+            (
+                soft and not simulated,
+                f"--contact-stiffness-n-m: expected a simulated world with it, got {self.world}",
+            ),
             (self.horizon is not None and not led, f"--horizon: {without}"),
             (self.replan_m is not None and not led, f"--replan-m: {without}"),
-        ):  # fmt: skip
+        ):
             if wrong:
                 raise InvalidInput(message)
         if self.log is not None:
-            others = {"PLAN": self.plan, "--setup": self.setup, "--policy": self.policy, "--picture": self.picture}
+            others = {
+                "PLAN": self.plan,
+                "--setup": self.setup,
+                "--policy": self.policy,
+                "--picture": self.picture,
+            }
             check_log(self.log, others)
             check_writable(self.log)
         check_drawn(video=self.video)
         if self.video is not None and (led or not simulated):
-            raise InvalidInput(f"--video: {drawn}")
+            raise InvalidInput(f"--video: {expected}")
         if self.picture is not None:
             from stancekit.views.sheet import check_picture
 
             if self.log is None:
-                raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
+                raise InvalidInput(
+                    "--picture: expected --log FILE.mcap with it, from which it is drawn, got none"
+                )
             check_picture(self.picture)
 
 
 def _led(report: LoopReport, policy: SelectorPolicy | None) -> tuple[dict[str, Any], Table]:
     """The report of a policy, as JSON and for people."""
-    answers, found = None if policy is None else policy.answers, report.to_json()
+    answers, record = None if policy is None else policy.answers, report.to_json()
     if answers is not None:
-        found |= {"chosen": answers[0], "lifted": answers[1], "warning": "" if answers[0] else unused(answers)}
-    return found, loop_table(report, answers)
+        record |= {
+            "chosen": answers[0],
+            "lifted": answers[1],
+            "warning": "" if answers[0] else unused(answers),
+        }
+    return record, loop_table(report, answers)

@@ -25,17 +25,19 @@ class Sample:
 
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
 
-    Of a terrain family at a level, as stairs:0.6, scenes are written into a folder (--export): heights, surfaces, and
-    whether the hexapod has a plan there.
+    Of a terrain family at a level, as stairs:0.6, scenes are written into a folder (--export):
+    heights, surfaces, and whether the hexapod has a plan there.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
-    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
-    FILE.py:NAME; or FAMILY:LEVEL with --export."""
+    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package
+    brings, a YAML file, FILE.py:NAME; or FAMILY:LEVEL with --export."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the
+    default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
-    """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as stairs:0.5:7."""
+    """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as
+    stairs:0.5:7."""
     count: int = 1
     """How many problems."""
     seed: int = 0
@@ -77,13 +79,17 @@ class Sample:
 
         for name in ("robot", "terrain", "out"):
             if getattr(self, name) is not None:
-                raise InvalidInput(f"--{name}: expected none with --export, got {getattr(self, name)}")
+                raise InvalidInput(
+                    f"--{name}: expected none with --export, got {getattr(self, name)}"
+                )
         with as_options("export"), progress("scenes") as bar:
             statuses = export_scenes(self.problem, folder, self.count, seed=self.seed, progress=bar)
-        said = {status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")}
+        counts = {
+            status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")
+        }
         if self.json:
-            emit({"out": str(folder), "scenes": self.count, **said})
+            emit({"out": str(folder), "scenes": self.count, **counts})
         else:
-            text = ", ".join(f"{number} {status}" for status, number in said.items())
+            text = ", ".join(f"{number} {status}" for status, number in counts.items())
             out.print(f"{folder}: {self.count} scene(s) of {self.problem}: {text}")
         return 0

@@ -24,18 +24,21 @@ if TYPE_CHECKING:
 
 @dataclass
 class Simulate:
-    """Execute a plan in a world: position control, friction as in the course; what was planned against what happened.
+    """Execute a plan in a world: position control, friction as in the course; what was planned
+    against what happened.
 
-    The robot presses with the forces of the plan and follows it by joint positions. It succeeds if it does not fall,
-    its centre of mass ends within 3 cm of the plan's and every joint within 0.1 rad, and no foot slides by more than
-    2 cm. Nothing is slowed down: `stancekit run` does that, or says what no pace helps with. A film takes
-    longer than the execution. Needs the extras kin and bullet or mujoco.
+    The robot presses with the forces of the plan and follows it by joint positions. It succeeds if
+    it does not fall, its centre of mass ends within 3 cm of the plan's and every joint within 0.1
+    rad, and no foot slides by more than 2 cm. Nothing is slowed down: `stancekit run` does that, or
+    says what no pace helps with. A film takes longer than the execution. Needs the extras kin and
+    bullet or mujoco.
 
       stancekit plan walls --out plan.json
       stancekit simulate plan.json --picture end.png --video film.mp4
       stancekit simulate plan.json --world bullet
 
-    Exit code 0 where the execution succeeded, 1 where it failed or the plan is not verified, 2 for bad input.
+    Exit code 0 where the execution succeeded, 1 where it failed or the plan is not verified, 2 for
+    bad input.
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
@@ -43,7 +46,8 @@ class Simulate:
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Which simulation: bullet, mujoco, one of another package, or a class in a file."""
     forces: Literal["shared", "planned"] = "shared"
-    """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve of friction."""
+    """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve
+    of friction."""
     pace: float = 1.0
     """How fast: 2 takes half the time, as far as the joints can turn."""
     contact_stiffness_n_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="N/M")] = None
@@ -73,7 +77,9 @@ class Simulate:
         self._check_files()
         plan, header = read_plan(self.plan)
         if not header["verified"]:
-            complain(f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed")
+            complain(
+                f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed"
+            )
             return 1
         accepted = Accepted.verified(plan, str(self.plan))
         timing = Timing().at_pace(self.pace)
@@ -84,7 +90,9 @@ class Simulate:
             if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
                 course = plan.problem
                 world = kind.make(
-                    WorldSettings(robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact)
+                    WorldSettings(
+                        robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact
+                    )
                 )
         with as_options("world"), progress(f"simulate {plan.problem.name} in {self.world}") as bar:
             report = simulate(accepted, world, settings=settings, progress=bar)
@@ -147,22 +155,30 @@ def _table(report: RunReport, run: Execution) -> Table:
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     final, worst, slid, shift, error = (
-        1e3 * value for value in (run.com_final_m, run.com_worst_m, float(run.slip_m.max()), run.shift_m, run.error_m)
+        1e3 * value
+        for value in (
+            run.com_final_m,
+            run.com_worst_m,
+            float(run.slip_m.max()),
+            run.shift_m,
+            run.error_m,
+        )
     )
     done, message = report.succeeded, _message(report, run)
     verdict = "executed as planned" if done else "failed" if report.stopped_s is None else "stopped"
     table.add_row("verdict", Text(verdict, style="green" if done else "red"))
     if message:
         table.add_row("", message)
-    table.add_row("centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most")
+    table.add_row(
+        "centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most"
+    )
     table.add_row("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds")
     table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
-    torques = (
-        f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"
-    )
+    torques = f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"
     table.add_row("joints", f"{torques}; inverse kinematics within {error:.2g} mm")
     table.add_row(
-        "body", f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the centre of mass"
+        "body",
+        f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the centre of mass",
     )
     if run.bump_s > 0.0:
         table.add_row("terrain", f"touched something other than a foot for {run.bump_s:.2f} s")

@@ -13,8 +13,8 @@ def slip(box: str) -> str:
     option that it means."""
     rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
     body = list(dropwhile(_is_rule, rows))
-    said = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")
-    return _choice(said) or _number(said) or _unknown(said, body) or _without(said) or said
+    text = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")
+    return _choice(text) or _number(text) or _unknown(text, body) or _without(text) or text
 
 
 def _is_rule(row: str) -> bool:
@@ -22,20 +22,24 @@ def _is_rule(row: str) -> bool:
 
 
 def _choice(said: str) -> str:
-    found = re.fullmatch(r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\)", said)
-    if found is None:
+    match = re.fullmatch(
+        r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\)", said
+    )
+    if match is None:
         return ""
-    names = sorted(set(re.findall(r"'([^']*)'", found[3])) - {"None"})  # a set's order differs from run to run
-    return f"{found[2]}: expected one of {', '.join(names)}, got {found[1]}"
+    names = sorted(
+        set(re.findall(r"'([^']*)'", match[3])) - {"None"}
+    )  # a set's order differs from run to run
+    return f"{match[2]}: expected one of {', '.join(names)}, got {match[1]}"
 
 
 def _number(said: str) -> str:
-    found = re.match(r"Error parsing (\S+): ", said)
+    match = re.match(r"Error parsing (\S+): ", said)
     kind = re.search(r"invalid literal for (int)\(\)|could not convert string to (float)", said)
     came = re.search(r"\['(.*?)'\]|: ('.*')$", said)
-    if found is None or kind is None or came is None:
+    if match is None or kind is None or came is None:
         return ""
-    return f"{found[1]}: expected {KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
+    return f"{match[1]}: expected {KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
 
 
 def _unknown(said: str, body: list[str]) -> str:
@@ -54,5 +58,5 @@ def _hinted(rest: str, hints: list[str]) -> str:
 
 
 def _without(said: str) -> str:
-    found = re.fullmatch(r"Missing value for argument '(\S+)'\. Expected 1 values", said)
-    return "" if found is None else f"{found[1]}: expected a value after it, got none"
+    match = re.fullmatch(r"Missing value for argument '(\S+)'\. Expected 1 values", said)
+    return "" if match is None else f"{match[1]}: expected a value after it, got none"

@@ -23,7 +23,16 @@ if TYPE_CHECKING:
 
 LIMITED = ("exact", "nlp", "micp")
 """The methods that have a use for a time limit."""
-SETTINGS = ("method", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+SETTINGS = (
+    "method",
+    "relaxation",
+    "envelope",
+    "envelopes",
+    "projection",
+    "solver",
+    "intervals",
+    "time_limit_s",
+)
 """What a planner's complaint may begin with that is an option here."""
 
 
@@ -31,37 +40,44 @@ SETTINGS = ("method", "relaxation", "envelope", "envelopes", "projection", "solv
 class SolvePostures:
     """Can the robot hold these postures, and how? One answer a problem, in input order.
 
-    A FILE holds one problem, an array of them, or JSON lines; `-` is standard input. `stancekit sample wall-3` shows
-    what a problem looks like.
+    A FILE holds one problem, an array of them, or JSON lines; `-` is standard input. `stancekit
+    sample wall-3` shows what a problem looks like.
 
-    status is feasible (with a posture that the verifier accepted), infeasible (with a proof that it accepted) or
-    undecided (a limit was met, a solver failed, or the method cannot prove what it claims; see claim). It always
-    speaks of the problem itself: a relaxation over a learned envelope reports its margin in details and decides
-    nothing alone. lower_bound is a proved bound on the moment residual in units of force scale × length scale, and 1e6
-    where a problem is infeasible even without the moment balance.
+    status is feasible (with a posture that the verifier accepted), infeasible (with a proof that it
+    accepted) or undecided (a limit was met, a solver failed, or the method cannot prove what it
+    claims; see claim). It always speaks of the problem itself: a relaxation over a learned envelope
+    reports its margin in details and decides nothing alone. lower_bound is a proved bound on the
+    moment residual in units of force scale × length scale, and 1e6 where a problem is infeasible
+    even without the moment balance.
 
-    Exit code 0 whatever the answers are; 2 if a problem could not be read, and then the others are still answered.
+    Exit code 0 whatever the answers are; 2 if a problem could not be read, and then the others are
+    still answered.
     """
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Problem files, or - for standard input."""
     method: Annotated[str, named("stancekit.planners.search.methods:METHODS")] = "exact"
-    """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one. two-stage: relaxation
-    (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid. One of your own counts
-    as far as the verifier accepts its postures and certificates."""
+    """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one.
+    two-stage: relaxation (over the envelope, or the lift) and projection. nlp: IPOPT. micp:
+    piecewise McCormick grid. One of your own counts as far as the verifier accepts its postures and
+    certificates."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
-    relaxation: Annotated[OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")] = None
-    """Which relaxation over the envelope: p1, the paper's, where none is named; coned and joint are tighter."""
+    relaxation: Annotated[
+        OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")
+    ] = None
+    """Which relaxation over the envelope: p1, the paper's, where none is named; coned and joint are
+    tighter."""
     projection: Annotated[OptionalText, PROJECTION] = None
-    """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
+    """Projection after the relaxation of two-stage (there scp unless another is named), p1 or
+    lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
     intervals: int = 4
     """Pieces of each axis in micp's grid, a power of two."""
     time_limit_s: OptionalFloat = None
-    """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by then is undecided
-    [s]."""
+    """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by
+    then is undecided [s]."""
     engine: Literal["rows", "cvxpy"] = "rows"
     """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
     Lin et al. have them."""
@@ -80,16 +96,20 @@ class SolvePostures:
         self._check()
         if self.out is not None:
             check_writable(self.out)
-        given = {
+        options = {
             "envelopes": self.envelope,
             "relaxation": self.relaxation,
             "projection": self.projection,
             "solver": self.solver,
             "intervals": self.intervals,
         }
-        settings: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        settings: dict[str, Any] = {
+            name: value for name, value in options.items() if value is not None
+        }
         with as_options(*SETTINGS):
-            planner = planner_of(self.method, time_limit_s=self.time_limit_s, engine=self.engine, **settings)
+            planner = planner_of(
+                self.method, time_limit_s=self.time_limit_s, engine=self.engine, **settings
+            )
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
         with progress(f"solve by {self.method}") as bar:
@@ -99,22 +119,31 @@ class SolvePostures:
                     emit(lines[-1])
                 bar(len(lines), len(problems))
         if self.out is not None:
-            write_text(self.out, "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
+            write_text(
+                self.out, "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
+            )
         if not self.json:
             out.print(_table(lines))
         return 2 if any(line["status"] == "invalid" for line in lines) else 0
 
     def _check(self) -> None:
-        """Raise InvalidInput for an option that is out of range, or that the method does not know."""
+        """Raise InvalidInput for an option that is out of range, or that the method does not
+        know."""
         from stancekit.planners.search.methods import METHODS
 
         if not self.files:
-            raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
+            raise InvalidInput(
+                "FILE: expected one or more problem files, got none (- is standard input)"
+            )
         check_planner(self, "method", METHODS, "postures")
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
-            raise InvalidInput(f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}")
+            raise InvalidInput(
+                f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}"
+            )
 
-    def _answer(self, where: str, problem: Problem | InvalidInput, planner: Planner) -> dict[str, Any]:
+    def _answer(
+        self, where: str, problem: Problem | InvalidInput, planner: Planner
+    ) -> dict[str, Any]:
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
         from stancekit.postures import solve
@@ -146,9 +175,13 @@ def _invalid(where: str, error: InvalidInput) -> dict[str, Any]:
 def _table(lines: list[dict[str, Any]]) -> Table:
     table = Table(box=None, header_style="bold")
     for name, side in (
-        ("problem", "left"), ("status", "left"), ("net moment", "right"), ("proved residual", "right"),
-        ("ms", "right"), ("", "left"),
-    ):  # fmt: skip
+        ("problem", "left"),
+        ("status", "left"),
+        ("net moment", "right"),
+        ("proved residual", "right"),
+        ("ms", "right"),
+        ("", "left"),
+    ):
         folds = name in ("problem", "")
         table.add_column(name, justify=side, overflow="fold", no_wrap=not folds)  # type: ignore[arg-type]
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow", "invalid": "magenta"}

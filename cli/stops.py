@@ -17,13 +17,24 @@ if TYPE_CHECKING:
 
 @contextmanager
 def stop_sources(
-    stack: ExitStack, stop_file: Path | None, stop_topic: str | None, *, armed: bool, check: EstopCheck
+    stack: ExitStack,
+    stop_file: Path | None,
+    stop_topic: str | None,
+    *,
+    armed: bool,
+    check: EstopCheck,
 ) -> Iterator[list[Source]]:
     """Keys, the stop file, the stop topic; of what is armed also a terminal that is gone.
 
     check: how the stop topic is known to work, where something is armed.
     """
-    from stancekit.runner.safety.estop import file_source, is_open, key_source, raw_keys, reader_source
+    from stancekit.runner.safety.estop import (
+        file_source,
+        is_open,
+        key_source,
+        raw_keys,
+        reader_source,
+    )
 
     sources: list[Source] = [] if stop_file is None else [file_source(stop_file)]
     if armed:

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class ShowTerrain:
-    """Show the footholds of a terrain: planar convex pieces, what was refused and why, and how certain each is.
+    """Show the footholds of a terrain: planar convex pieces, what was refused and why, and how
+    certain each is.
 
-    TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a grid of heights (.npy, .npz, .csv,
-    .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), a function of x and y as FILE.py:NAME, or a ground by its name:
-    ripple, cone, hill, pit, pit-84 or pit-87, or FAMILY:LEVEL:SEED with a level from 0 to 1, as stairs:0.5:7.
+    TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a grid of heights
+    (.npy, .npz, .csv, .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), a function of x and y as
+    FILE.py:NAME, or a ground by its name: ripple, cone, hill, pit, pit-84 or pit-87, or
+    FAMILY:LEVEL:SEED with a level from 0 to 1, as stairs:0.5:7.
 
       stairs  height of a riser: 0.5 · level m
       stones  clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m
@@ -36,8 +38,8 @@ class ShowTerrain:
       waves   steepness of five wave trains: up to tan(25°) · level each
       ramps   slope of three planes: up to tan(35°) · level
 
-    A name is the same ground for plan, gait, warp, play, sample and environments: as patches, and as heights whose
-    edges are rounded.
+    A name is the same ground for plan, gait, warp, play, sample and environments: as patches, and
+    as heights whose edges are rounded.
 
       stancekit terrain stairs.stl --unit-m 0.001 --picture footholds.png
       stancekit terrain scan.pcd --spacing-m 0.02 --noise-m 0.01 --robot go1.urdf --json
@@ -49,39 +51,45 @@ class ShowTerrain:
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
     """File, name, FAMILY:LEVEL:SEED, or FILE.py:NAME."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
-    """Whose foot is the margin and the least width: a built-in name, a .urdf file, or a .yaml file that names one."""
+    """Whose foot is the margin and the least width: a built-in name, a .urdf file, or a .yaml file
+    that names one."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
-    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
+    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=FootholdOptions
+    )
     """What counts as a foothold."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the terrain with its footholds: .png, .pdf or .svg."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk (extra viz)."""
     json: bool = False
-    """One JSON object: patches, areas, what was refused and why, which axes of a file became x, y and z."""
+    """One JSON object: patches, areas, what was refused and why, which axes of a file became x, y
+    and z."""
 
     def run(self) -> int:
         """Read, find footholds, draw, say."""
         check_drawn(picture=self.picture, html=self.html)
-        found = self._found()
+        footholds = self._found()
         if self.picture is not None:
             from stancekit.views.footholds import draw_footholds
             from stancekit.views.sheet import save
 
-            save(draw_footholds(found), self.picture)
+            save(draw_footholds(footholds), self.picture)
         if self.html is not None:
             from stancekit.views.footholds import foothold_motion
             from stancekit.views.page import write_page
 
-            write_page(self.html, foothold_motion(found))
+            write_page(self.html, foothold_motion(footholds))
         axes = dict(zip("xyz", self.file.options().axes, strict=True)) if self._is_file else {}
         if self.json:
-            emit({**found.to_json(), **({"axes": axes} if axes else {})})
+            emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
             return 0
-        table = _table(found)
+        table = _table(footholds)
         if self.file.up != "z" and axes:
-            table.add_row("axes", ", ".join(f"{axis} is the file's {own}" for axis, own in axes.items()))
+            table.add_row(
+                "axes", ", ".join(f"{axis} is the file's {values}" for axis, values in axes.items())
+            )
         out.print(table)
         for path in (self.picture, self.html):
             if path is not None:
@@ -109,19 +117,33 @@ def _table(found: Footholds) -> Table:
     surfaces = len({piece.surface for piece in found.pieces})
     rms = np.array([piece.rms_m for piece in found.pieces])
     table.add_row("terrain", found.name)
-    table.add_row("footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²")
+    table.add_row(
+        "footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²"
+    )
     table.add_row("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°")
-    table.add_row("rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most")
+    table.add_row(
+        "rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most"
+    )
     if found.noise_m is not None:
         table.add_row("noise", f"{1e3 * found.noise_m:.2g} mm, {found.noise_source}")
     known = [piece for piece in found.pieces if piece.height_sd_m is not None]
     if known:
         height, tilt, edge = (
-            np.array([getattr(piece, name) for piece in known]) for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
+            np.array([getattr(piece, name) for piece in known])
+            for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
         )
-        table.add_row("sd of height", f"{1e3 * np.median(height):.2g} mm median, {1e3 * height.max():.2g} mm at most")
-        table.add_row("sd of tilt", f"{np.rad2deg(np.median(tilt)):.2g}° median, {np.rad2deg(tilt.max()):.2g}° at most")
-        table.add_row("sd of edges", f"{1e3 * np.median(edge):.2g} mm median, {1e3 * edge.max():.2g} mm at most")
+        table.add_row(
+            "sd of height",
+            f"{1e3 * np.median(height):.2g} mm median, {1e3 * height.max():.2g} mm at most",
+        )
+        table.add_row(
+            "sd of tilt",
+            f"{np.rad2deg(np.median(tilt)):.2g}° median, {np.rad2deg(tilt.max()):.2g}° at most",
+        )
+        table.add_row(
+            "sd of edges",
+            f"{1e3 * np.median(edge):.2g} mm median, {1e3 * edge.max():.2g} mm at most",
+        )
     for reason, area in found.refused_m2.items():
         if area > 1e-6:
             table.add_row(f"not: {reason}", f"{area:.4g} m²")

@@ -1,4 +1,5 @@
-"""Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its numbers' meaning."""
+"""Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its
+numbers' meaning."""
 
 from __future__ import annotations
 
@@ -19,7 +20,17 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.heightfield import HeightField
     from stancekit.planners.terrain.import_options import ImportOptions
 
-OF_FILES = ("kind", "spacing_m", "unit_m", "up", "offset_m", "crop_m", "holes", "most_triangles", "smooth_m")
+OF_FILES = (
+    "kind",
+    "spacing_m",
+    "unit_m",
+    "up",
+    "offset_m",
+    "crop_m",
+    "holes",
+    "most_triangles",
+    "smooth_m",
+)
 
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
 """How the options of a ``TerrainFile`` are shown."""
@@ -33,25 +44,29 @@ class TerrainFile:
         Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
         tyro.conf.arg(metavar="{mesh,grid,cloud}"),
     ] = None
-    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a cloud or a grid. A
-    mesh that is called a grid is the map of its upper side."""
+    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a
+    cloud or a grid. A mesh that is called a grid is the map of its upper side."""
     spacing_m: float = 0.05
-    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for walks [m]."""
+    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for
+    walks [m]."""
     unit_m: float = 1.0
     """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
     up: Literal["x", "y", "z"] = "z"
-    """Which axis of a mesh or cloud points up. With y, the file's z becomes x and its x becomes y; with x, its y
-    becomes x and its z becomes y."""
+    """Which axis of a mesh or cloud points up. With y, the file's z becomes x and its x becomes y;
+    with x, its y becomes x and its z becomes y."""
     offset_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y,Z")] = None
-    """Added to every point, after unit and axis [m]; before a negative number the sign =, as in --offset-m=-1,0,0."""
+    """Added to every point, after unit and axis [m]; before a negative number the sign =, as in
+    --offset-m=-1,0,0."""
     crop_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,X,Y,Y[,Z,Z]")] = None
     """What is kept, from and to along each axis, after the offset [m]."""
     holes: Literal["no-go", "fill"] = "no-go"
-    """What has no height (NaN, transparent pixels, cells without points): no terrain, or a membrane over it."""
+    """What has no height (NaN, transparent pixels, cells without points): no terrain, or a membrane
+    over it."""
     most_triangles: OptionalInt = None
     """A mesh with more is refused by its header; 200,000 unless given."""
     smooth_m: float = 0.0
-    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the grid's spacing [m]."""
+    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the
+    grid's spacing [m]."""
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
@@ -66,17 +81,21 @@ class TerrainFile:
         """Import options that the reader wants. Raises InvalidInput."""
         from stancekit.planners.terrain.import_options import ImportOptions
 
-        given: dict[str, Any] = {name: getattr(self, name) for name in ("kind", "spacing_m", "unit_m", "up", "holes")}
+        import_settings: dict[str, Any] = {
+            name: getattr(self, name) for name in ("kind", "spacing_m", "unit_m", "up", "holes")
+        }
         if self.heights_m is not None:
-            given["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
+            import_settings["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
         if self.offset_m is not None:
-            given["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
+            import_settings["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
         if self.crop_m is not None:
-            given["crop_m"] = numbers(self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4)
+            import_settings["crop_m"] = numbers(
+                self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4
+            )
         if self.most_triangles is not None:
-            given["most_triangles"] = self.most_triangles
+            import_settings["most_triangles"] = self.most_triangles
         with in_options():
-            return ImportOptions(**given)
+            return ImportOptions(**import_settings)
 
 
 @dataclass
@@ -88,14 +107,15 @@ class FootholdOptions:
     headroom_m: float = 0.1
     """What is free above a foothold, along its normal [m]."""
     margin_m: OptionalFloat = None
-    """Of footholds from the borders of their surface [m]; unless given, the radius of the robot's foot, else 0.02."""
+    """Of footholds from the borders of their surface [m]; unless given, the radius of the robot's
+    foot, else 0.02."""
     width_m: OptionalFloat = None
     """Least width of a foothold inside the margin [m]; unless given, as the margin."""
     roughness_m: float = 0.006
     """How far heights of a map may be off a foothold's plane, rms [m]."""
     noise_m: OptionalFloat = None
-    """Deviation of the sensor that made a map or a cloud, allowed for beside the roughness; unless given, it is
-    estimated from the heights [m]."""
+    """Deviation of the sensor that made a map or a cloud, allowed for beside the roughness; unless
+    given, it is estimated from the heights [m]."""
 
     def limits(self, robot: str | None) -> FootholdLimits:
         """Limits of footholds, with a robot's own foot where the options say nothing else. Raises
@@ -108,7 +128,7 @@ class FootholdOptions:
 
         model = None if robot is None else named_robot(robot)
         foot_m = 0.0 if model is None else max(leg.radius_m for leg in model.legs)
-        own = {"margin_m": self.margin_m, "width_m": self.width_m}
+        sizes = {"margin_m": self.margin_m, "width_m": self.width_m}
         with in_options():
             return FootholdLimits.for_foot(
                 foot_m,
@@ -116,7 +136,7 @@ class FootholdOptions:
                 clearance_m=self.headroom_m,
                 roughness_m=self.roughness_m,
                 noise_m=self.noise_m,
-                **{name: value for name, value in own.items() if value is not None},
+                **{name: value for name, value in sizes.items() if value is not None},
             )
 
 
@@ -127,7 +147,9 @@ def in_options() -> Iterator[None]:
         yield
     except InvalidInput as error:
         message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
-        names = "|".join((*OF_FILES, "slope_rad", "clearance_m", "margin_m", "width_m", "roughness_m", "noise_m"))
+        names = "|".join(
+            (*OF_FILES, "slope_rad", "clearance_m", "margin_m", "width_m", "roughness_m", "noise_m")
+        )
         text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
         raise InvalidInput(text) from None
 
@@ -143,11 +165,13 @@ def _as_option(found: re.Match[str]) -> str:
 def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
     """As many numbers as an option wants, with commas between them. Raises InvalidInput."""
     try:
-        found = tuple(kind(part) for part in text.split(","))
+        parts = tuple(kind(part) for part in text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != count:
+        parts = ()
+    if len(parts) != count:
         from stancekit.planners.files.validation import shown  # slow to import
 
-        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {shown(text)}")
-    return found
+        raise InvalidInput(
+            f"{option}: expected {count} numbers with commas between them, got {shown(text)}"
+        )
+    return parts

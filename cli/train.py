@@ -24,24 +24,25 @@ if TYPE_CHECKING:
 class Train:
     """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 as a configuration file says.
 
-    Its method is ppo, or paired, for EnvelopeSelection-v0: a network that imitates the solutions at first, and then
-    follows a paired score function.
+    Its method is ppo, or paired, for EnvelopeSelection-v0: a network that imitates the solutions at
+    first, and then follows a paired score function.
 
-    The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl (held-out figures
-    after every segment) and the labelled scenes. A run that is stopped, however hard, goes on with --resume and ends
-    with the policy that it would have ended with.
+    The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl
+    (held-out figures after every segment) and the labelled scenes. A run that is stopped, however
+    hard, goes on with --resume and ends with the policy that it would have ended with.
 
       stancekit train configs/train-selection.yaml --out out/ppo
       stancekit train configs/train-selection.yaml --out out/ppo --resume --steps 200000
     """
 
     config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """YAML file: environment, problem, steps, seed, train and held_out scenes, ppo; configs/train-selection.yaml is
-    one, and "Training" in the reference of keys has all."""
+    """YAML file: environment, problem, steps, seed, train and held_out scenes, ppo;
+    configs/train-selection.yaml is one, and "Training" in the reference of keys has all."""
     problem: Annotated[OptionalText, tyro.conf.arg(metavar="NAME")] = None
     """Distribution, instead of the file's."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names one."""
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names
+    one."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that scenes are cut from, instead of the file's."""
     out: Path = Path("out/train")
@@ -61,13 +62,19 @@ class Train:
             from stancekit.learners.training.reinforce import train
             from stancekit.learners.training.train_config import TrainConfig
         except ModuleNotFoundError as error:
-            raise InvalidInput(f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing") \
-                from None  # fmt: skip
-        given = {
-            "steps": self.steps, "seed": self.seed, "problem": self.problem, "robot": self.robot,
+            raise InvalidInput(
+                f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing"
+            ) from None
+        options = {
+            "steps": self.steps,
+            "seed": self.seed,
+            "problem": self.problem,
+            "robot": self.robot,
             "terrain": None if self.terrain is None else str(self.terrain),
-        }  # fmt: skip
-        config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
+        }
+        config = TrainConfig.from_yaml(
+            self.config, {name: value for name, value in options.items() if value is not None}
+        )
         with stages(f"train {config.problem}") as bar:
             learned = partial(bar, f"learn: {config.steps} steps")
             trained = train(config, self.out, resume=self.resume, progress=learned, labelling=bar)

@@ -24,35 +24,42 @@ TOLERANCE = 1e-6
 class Verify:
     """Check answers again: postures and proofs, a data set, a plan of key frames, a gait.
 
-    With one file, `stancekit verify plan.json`, a plan of key frames or of a leap, a proof that there is none, or a
-    gait trajectory is checked against the course or terrain in the file, whatever the file says of itself.
+    With one file, `stancekit verify plan.json`, a plan of key frames or of a leap, a proof that
+    there is none, or a gait trajectory is checked against the course or terrain in the file,
+    whatever the file says of itself.
 
-    With two, `stancekit verify problems.jsonl answers.jsonl`, the n-th answer is taken for the n-th problem; answers
-    are what `stancekit solve --certificate --out answers.jsonl` writes.
+    With two, `stancekit verify problems.jsonl answers.jsonl`, the n-th answer is taken for the n-th
+    problem; answers are what `stancekit solve --certificate --out answers.jsonl` writes.
 
-    With a motion from elsewhere, `stancekit verify walk.csv --robot go1 --terrain rough:0.1:3`, a .csv, a .npz of
-    `stancekit export`, a JointTrajectory (.json, .yaml) or MuJoCo key frames (.xml), what stands is told from what does
-    not, group by group; what cannot be known is named.
+    With a motion from elsewhere, `stancekit verify walk.csv --robot go1 --terrain rough:0.1:3`, a
+    .csv, a .npz of `stancekit export`, a JointTrajectory (.json, .yaml) or MuJoCo key frames
+    (.xml), what stands is told from what does not, group by group; what cannot be known is named.
 
-    With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set is checked.
+    With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set
+    is checked.
 
-    No solver takes part. Exit code 1 if anything is refused, and that is also what happens to a claim that comes
-    without its evidence.
+    No solver takes part. Exit code 1 if anything is refused, and that is also what happens to a
+    claim that comes without its evidence.
     """
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]
-    """Problem file, or - for standard input; or a data set, by folder or, where it ships, by name; a plan; a gait."""
-    answers: Annotated[OptionalPath, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
+    """Problem file, or - for standard input; or a data set, by folder or, where it ships, by name;
+    a plan; a gait."""
+    answers: Annotated[OptionalPath, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = (
+        None
+    )
     """File of answers, or - for standard input; none for a data set, a plan or a gait."""
     tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE")] = None
-    """The robot that a plan or a gait is for, a .urdf or a .yaml file: an own copy of it that differs is refused."""
+    """The robot that a plan or a gait is for, a .urdf or a .yaml file: an own copy of it that
+    differs is refused."""
     course: Annotated[OptionalText, tyro.conf.arg(metavar="COURSE")] = None
-    """The course that a plan is for, as `stancekit plan` takes it, for the robot of --robot: a plan of other terrain,
-    friction, start, goal, limits or robot is refused."""
+    """The course that a plan is for, as `stancekit plan` takes it, for the robot of --robot: a plan
+    of other terrain, friction, start, goal, limits or robot is refused."""
     terrain: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
-    """Heights under a motion from elsewhere, by name or file, or the file of a plan or a walk over the same ground."""
+    """Heights under a motion from elsewhere, by name or file, or the file of a plan or a walk over
+    the same ground."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
     json: bool = False
@@ -61,10 +68,18 @@ class Verify:
     def run(self) -> int:
         """Verify and print the verdicts."""
         if not 0.0 < self.tolerance < 1.0:
-            raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
-        wants = (("robot", "a plan's, a gait's or a motion's"), ("course", "a plan's"), ("terrain", "a motion's"))
+            raise InvalidInput(
+                f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}"
+            )
+        wants = (
+            ("robot", "a plan's, a gait's or a motion's"),
+            ("course", "a plan's"),
+            ("terrain", "a motion's"),
+        )
         for option, wanted in wants:
-            if getattr(self, option) is not None and not (self.answers is None and self.problems.is_file()):
+            if getattr(self, option) is not None and not (
+                self.answers is None and self.problems.is_file()
+            ):
                 raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
@@ -87,7 +102,7 @@ class Verify:
         from stancekit.checks import check_file
 
         with as_options("tolerance", "robot", "course", "terrain", "explain"):
-            found = check_file(
+            check = check_file(
                 self.problems,
                 tolerance=self.tolerance,
                 robot=self.robot,
@@ -96,14 +111,14 @@ class Verify:
                 why=self.explain,
             )
         if self.json:
-            emit(found.to_json())
+            emit(check.to_json())
         else:
-            out.print(f"{self.problems}: {found.message}")
-            if found.kind == "motion":
-                out.print(_groups(found.report))
-            if found.kind in ("plan", "gait") and found.accepted:
-                out.print(found.report.margin_message)
-        return int(not found.accepted)
+            out.print(f"{self.problems}: {check.message}")
+            if check.kind == "motion":
+                out.print(_groups(check.report))
+            if check.kind in ("plan", "gait") and check.accepted:
+                out.print(check.report.margin_message)
+        return int(not check.accepted)
 
     def _dataset(self) -> int:
         from stancekit.envs.data.pools import check_there
@@ -128,5 +143,11 @@ def _groups(report: Report[Any]) -> Table:
         share = "" if group.unit == "1" else f" {group.unit}"
         at = "" if group.when is None else f", {group.when:.2f} s"
         place = f"{group.where}{at}".removeprefix(", ")
-        table.add_row(group.name, group.verdict, f"{group.value:.3g} of {group.limit:g}{share}", place, group.message)
+        table.add_row(
+            group.name,
+            group.verdict,
+            f"{group.value:.3g} of {group.limit:g}{share}",
+            place,
+            group.message,
+        )
     return table

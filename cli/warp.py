@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 class Warp:
     """Make the map that flattens a terrain, and measure it.
 
-    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, rough:0.5:7, …); a function of x and y as
-    FILE.py:NAME; or a file: .npy, .csv, .png, .npz, or a mesh (.stl, .obj, .ply, .off, .glb).
+    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, rough:0.5:7, …); a
+    function of x and y as FILE.py:NAME; or a file: .npy, .csv, .png, .npz, or a mesh (.stl, .obj,
+    .ply, .off, .glb).
 
-    least_det is min det J on lines three times as dense as the quadrature: above 0 the map folds nowhere. match: how
-    far the map's ground is from the terrain. Conformal error: 1 − σ_min/σ_max of J.
+    least_det is min det J on lines three times as dense as the quadrature: above 0 the map folds
+    nowhere. match: how far the map's ground is from the terrain. Conformal error: 1 − σ_min/σ_max
+    of J.
 
     Exit code: 0 done; 1 the map of a published method folds, or no map can be made; 2 bad input.
     """
@@ -38,9 +40,9 @@ class Warp:
     height_m: float = 2.3
     """Thickness of the band above the terrain [m]."""
     method: Literal["fast", "local-global", "accelerated", "gauss-newton"] = "fast"
-    """fast: ours, exact at the ground. local-global: Algorithm 1 of the paper; gauss-newton: its second method, with a
-    barrier; both as published, with no snap. accelerated: Algorithm 1 with the nearest similarity, no factorisation and
-    Anderson acceleration, with no snap."""
+    """fast: ours, exact at the ground. local-global: Algorithm 1 of the paper; gauss-newton: its
+    second method, with a barrier; both as published, with no snap. accelerated: Algorithm 1 with
+    the nearest similarity, no factorisation and Anderson acceleration, with no snap."""
     iterations: int = 100
     """Most iterations of the method."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
@@ -97,10 +99,19 @@ def _table(report: MapReport) -> Table:
     for name, text in (
         ("terrain", report.terrain),
         ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
-        ("time", f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} evaluations"),
+        (
+            "time",
+            f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} evaluations",
+        ),
         ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
-        ("match", f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms"),
-        ("before the snap", f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms"),
+        (
+            "match",
+            f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms",
+        ),
+        (
+            "before the snap",
+            f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms",
+        ),
         ("conformal error", percent.format(**record["ground_error"])),
         ("  0.5 m above", percent.format(**record["torso_error"])),
         ("note", report.message),

@@ -31,8 +31,8 @@ def watching(title: str) -> Iterator[Callable[[Named, int, float, float, str], N
         line, lines = bar.add_task(title, total=None), Lines(title)
 
         def show(attempt: Named, iteration: int, violation: float, cost: float, phase: str) -> None:
-            said = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
-            bar.update(line, description=said)
-            lines.say(said)
+            text = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
+            bar.update(line, description=text)
+            lines.say(text)
 
         yield show

@@ -1,4 +1,5 @@
-"""Sphinx's settings: `make docs` builds these pages into docs/_build/html, and takes warnings for errors."""
+"""Sphinx's settings: `make docs` builds these pages into docs/_build/html, and takes warnings for
+errors."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE / "extensions"), str(HERE.parent)]
 os.environ.setdefault("MPLBACKEND", "agg")
 
-# Examples write files where they are run: in a copy that the build throws away, which begins without any.
+# Examples write files where they are run: in a copy that the build throws away, which begins
+# without any.
 RUN = HERE / "_build" / "examples"
 shutil.rmtree(RUN, ignore_errors=True)
 shutil.copytree(HERE / "examples", RUN)

@@ -1,10 +1,12 @@
-"""Writes docs/equations.md: every numbered equation and algorithm of both papers, and the functions that say so.
+"""Writes docs/equations.md: every numbered equation and algorithm of both papers, and the functions
+that say so.
 
-    python docs/equations.py            # write it
-    python docs/equations.py --check    # say whether it is up to date, and whether anything is missing
+    python docs/equations.py            # write it python docs/equations.py --check    # say whether
+    it is up to date, and whether anything is missing
 
-A docstring cites an equation of Lin et al. as "E11", one of Pan et al. as "W11", several as "E2–E4", and algorithms as
-"Algorithm E1". Nothing else is read: a function that implements an equation says so where it is read.
+A docstring cites an equation of Lin et al. as "E11", one of Pan et al. as "W11", several as
+"E2–E4", and algorithms as "Algorithm E1". Nothing else is read: a function that implements an
+equation says so where it is read.
 """
 
 from __future__ import annotations
@@ -56,12 +58,15 @@ EQUATIONS = {
     "W14": "values one and two steps before",
     "Algorithm W1": "local-global map",
 }
-CITED = re.compile(r"(?<![\w.])(Algorithms? )?([EW])(\d{1,2})(?:–([EW])(\d{1,2}))?(?![\w.]\d)(?!\w)")
+CITED = re.compile(
+    r"(?<![\w.])(Algorithms? )?([EW])(\d{1,2})(?:–([EW])(\d{1,2}))?(?![\w.]\d)(?!\w)"
+)
 
 
 @dataclass(frozen=True, order=True)
 class Tie:
-    """A function, class or method whose docstring cites an equation: its file, line, and name in the module."""
+    """A function, class or method whose docstring cites an equation: its file, line, and name in
+    the module."""
 
     file: str
     line: int
@@ -70,7 +75,9 @@ class Tie:
     @property
     def module(self) -> str:
         """What it is imported from."""
-        return ".".join(["stancekit", *Path(self.file).with_suffix("").parts]).removesuffix(".__init__")
+        return ".".join(["stancekit", *Path(self.file).with_suffix("").parts]).removesuffix(
+            ".__init__"
+        )
 
 
 def cited(text: str) -> Iterator[str]:
@@ -81,7 +88,8 @@ def cited(text: str) -> Iterator[str]:
 
 
 def ties() -> dict[str, list[Tie]]:
-    """By equation, in the papers' order: what cites it. Raises ValueError for a citation of what there is not."""
+    """By equation, in the papers' order: what cites it. Raises ValueError for a citation of what
+    there is not."""
     found: dict[str, list[Tie]] = {name: [] for name in EQUATIONS}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -89,7 +97,9 @@ def ties() -> dict[str, list[Tie]]:
             for tie, text in _docstrings(ast.parse(path.read_text(encoding="utf-8")), file, ()):
                 for name in dict.fromkeys(cited(text)):
                     if name not in found:
-                        raise ValueError(f"{file}:{tie.line}: {tie.name} cites {name}, which no paper has")
+                        raise ValueError(
+                            f"{file}:{tie.line}: {tie.name} cites {name}, which no paper has"
+                        )
                     found[name].append(tie)
     return found
 
@@ -108,8 +118,15 @@ def page() -> str:
     every = ties()
     untied = [name for name, found in every.items() if not found]
     if untied:
-        raise ValueError(f"expected a docstring that cites each equation, got none for {', '.join(untied)}")
-    lines = ["# Equations", "", "Written by `python docs/equations.py` from docstrings; a test keeps it so.", ""]
+        raise ValueError(
+            f"expected a docstring that cites each equation, got none for {', '.join(untied)}"
+        )
+    lines = [
+        "# Equations",
+        "",
+        "Written by `python docs/equations.py` from docstrings; a test keeps it so.",
+        "",
+    ]
     for paper, title in PAPERS.items():
         lines += [f"## Paper {paper}", "", f"{title}.", "", "| | | where |", "|---|---|---|"]
         for name, found in every.items():
@@ -122,7 +139,9 @@ def page() -> str:
 
 def main() -> int:
     """Write the page, or check it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--check", action="store_true")
     asked = parser.parse_args()
     try:
@@ -133,7 +152,9 @@ def main() -> int:
     if not asked.check:
         PAGE.write_text(text, encoding="utf-8")
     elif not PAGE.exists() or PAGE.read_text(encoding="utf-8") != text:
-        sys.stderr.write(f"{PAGE.relative_to(ROOT)}: not up to date; run python docs/equations.py\n")
+        sys.stderr.write(
+            f"{PAGE.relative_to(ROOT)}: not up to date; run python docs/equations.py\n"
+        )
         return 1
     return 0
 

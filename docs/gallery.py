@@ -1,4 +1,5 @@
-"""Makes what docs/gallery.md shows: runs the commands of the page and keeps their pictures, films and pages.
+"""Makes what docs/gallery.md shows: runs the commands of the page and keeps their pictures, films
+and pages.
 
     python docs/gallery.py                          # all of them
     python docs/gallery.py "Between icy walls"      # those of these headings
@@ -23,11 +24,13 @@ BLOCK = re.compile(r"(?:<!-- file: (\S+) -->\n)?```(\w+)\n(.*?)```", re.DOTALL)
 KEPT = (".mp4", ".png", ".html")
 """Files that the page shows; what leads to them is thrown away."""
 FIRST = "stones.mp4"
-"""The film of the first page, which README shows as a picture that moves, since it cannot show a video."""
+"""The film of the first page, which README shows as a picture that moves, since it cannot show a
+video."""
 
 
 def sections(page: str) -> list[tuple[str, list[tuple[str, str, str]]]]:
-    """Each heading with its blocks: file, language, text. What stands before the first heading of two signs is ""."""
+    """Each heading with its blocks: file, language, text. What stands before the first heading of
+    two signs is ""."""
     _, *parts = re.split(r"^##? (.*)$", page, flags=re.MULTILINE)
     return [(head, BLOCK.findall(text)) for head, text in zip(parts[::2], parts[1::2], strict=True)]
 
@@ -40,23 +43,32 @@ def make(blocks: list[tuple[str, str, str]], folder: Path) -> None:
             (folder / name).write_text(text, encoding="utf-8")
         elif language == "sh":
             print(text.rstrip(), flush=True)
-            subprocess.run(["bash", "-ec", text], cwd=folder, env={**os.environ, "PATH": path}, check=True)
+            subprocess.run(
+                ["bash", "-ec", text], cwd=folder, env={**os.environ, "PATH": path}, check=True
+            )
 
 
 def moving_picture(film: Path, picture: Path) -> None:
-    """Write a film as an animated WebP of 720 pixels and 8 frames per second. Raises CalledProcessError."""
+    """Write a film as an animated WebP of 720 pixels and 8 frames per second. Raises
+    CalledProcessError."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     options = ("-vf", "fps=8,scale=720:-2", "-loop", "0", "-c:v", "libwebp_anim", "-quality", "55")
-    subprocess.run([get_ffmpeg_exe(), "-y", "-loglevel", "error", "-i", film, *options, picture], check=True)
+    subprocess.run(
+        [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-i", film, *options, picture], check=True
+    )
 
 
 def main(wanted: list[str]) -> int:
-    """Make what these headings show, or all; what every section needs stands before the first of them."""
+    """Make what these headings show, or all; what every section needs stands before the first of
+    them."""
     (_, shared), *rest = sections(PAGE.read_text(encoding="utf-8"))
     unknown = set(wanted) - {head for head, _ in rest}
     if unknown:
-        print(f"gallery.py: expected headings of {PAGE.name}, got {', '.join(sorted(unknown))}", file=sys.stderr)
+        print(
+            f"gallery.py: expected headings of {PAGE.name}, got {', '.join(sorted(unknown))}",
+            file=sys.stderr,
+        )
         return 2
     WORK.mkdir(parents=True, exist_ok=True)
     make(shared, WORK)

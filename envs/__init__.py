@@ -1,7 +1,7 @@
 """The world as an agent sees it: terrains, Gymnasium environments, pictures.
 
-Importing this package registers the environments, so ``gymnasium.register_envs(stancekit.envs)`` works, and so does
-``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
+Importing this package registers the environments, so ``gymnasium.register_envs(stancekit.envs)``
+works, and so does ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
 """
 
 import gymnasium

@@ -1,4 +1,5 @@
-"""Rules of branching for ``EnvelopeRefinement-v0``, which no agent that learns should be worse than."""
+"""Rules of branching for ``EnvelopeRefinement-v0``, which no agent that learns should be worse
+than."""
 
 from __future__ import annotations
 
@@ -12,12 +13,14 @@ LEAST = 1e-9
 
 
 class LargestGap(MemorylessPolicy):
-    """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear problems."""
+    """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear
+    problems."""
 
     def action(self, observation: Observation) -> NDArray[np.int64]:
         """Split the wider dimension of the largest gap, or the widest one where there is no gap.
 
-        Both factors of the worst product have its gap as their score; the width tells which of them to cut.
+        Both factors of the worst product have its gap as their score; the width tells which of them
+        to cut.
         """
         gap, width = observation["gap"], observation["high"] - observation["low"]
         worst = gap >= gap.max(axis=-1, keepdims=True)
@@ -33,7 +36,8 @@ class WidestDimension(MemorylessPolicy):
 
 
 class NoisyGap(MemorylessPolicy):
-    """Branch on the largest product of gap and width, up to chance: log(gap · width) + spread · Gumbel noise."""
+    """Branch on the largest product of gap and width, up to chance: log(gap · width) + spread ·
+    Gumbel noise."""
 
     def __init__(self, rng: np.random.Generator, *, spread: float) -> None:
         self._rng, self._spread = rng, spread
@@ -43,7 +47,9 @@ class NoisyGap(MemorylessPolicy):
         score = np.log(np.maximum(observation["gap"], LEAST)) + np.log(
             np.maximum(observation["high"] - observation["low"], LEAST)
         )
-        return np.asarray(np.argmax(score + self._spread * self._rng.gumbel(size=score.shape), axis=-1))
+        return np.asarray(
+            np.argmax(score + self._spread * self._rng.gumbel(size=score.shape), axis=-1)
+        )
 
 
 class RandomDimension(MemorylessPolicy):

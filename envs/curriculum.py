@@ -1,4 +1,5 @@
-"""A curriculum of terrain families for ``Traverse-v0``: the level follows success by a weighted up–down rule."""
+"""A curriculum of terrain families for ``Traverse-v0``: the level follows success by a weighted
+up–down rule."""
 
 from __future__ import annotations
 
@@ -29,18 +30,19 @@ CORNERS = 8
 class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     """Traverse-v0 over scenes of families, each at a level of its own that success raises.
 
-    An episode draws a family, and a scene of it at its level. Where the walk arrives at the last frame the family's
-    level rises by step · (1 − target), else it falls by step · target; it stays in [0, 1]. The expected change is zero
-    where the share of success is ``target``, so that is where the level settles. A scene in which the first key frame
-    does not hold is drawn again; where a level has none that holds, it falls. A reset with a seed begins anew at
-    ``level``: equal seeds and equal actions give equal levels.
+    An episode draws a family, and a scene of it at its level. Where the walk arrives at the last
+    frame the family's level rises by step · (1 − target), else it falls by step · target; it stays
+    in [0, 1]. The expected change is zero where the share of success is ``target``, so that is
+    where the level settles. A scene in which the first key frame does not hold is drawn again;
+    where a level has none that holds, it falls. A reset with a seed begins anew at ``level``: equal
+    seeds and equal actions give equal levels.
 
-    ``info`` has ``level``, that of the episode, beside what Traverse-v0 says, and ``arrived``, 1 in the last step of an
-    episode that did.
+    ``info`` has ``level``, that of the episode, beside what Traverse-v0 says, and ``arrived``, 1 in
+    the last step of an episode that did.
 
     Arguments:
-        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, all but the smooth ones unless given;
-            an episode draws one.
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, all but the
+            smooth ones unless given; an episode draws one.
         target: share of success at which a level stays, in (0, 1).
         step: of a level, in (0, 1].
         level: at the beginning.
@@ -77,12 +79,15 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
         self._first = checked(level, "level", least=0.0, most=1.0)
         self.levels = dict.fromkeys(families, self._first)
         self._family, self._level, self._last = families[0], self._first, 0
-        super().__init__(TraverseEnv(self._draw, **{"regions": MOST_EVERYWHERE, "corners": CORNERS, **options}))
+        super().__init__(
+            TraverseEnv(self._draw, **{"regions": MOST_EVERYWHERE, "corners": CORNERS, **options})
+        )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Features, dict[str, Any]]:
-        """Begin an episode; with a seed, the curriculum. Raises PlanningFailed where level 0 has nothing that holds."""
+        """Begin an episode; with a seed, the curriculum. Raises PlanningFailed where level 0 has
+        nothing that holds."""
         if seed is not None:
             self.levels = dict.fromkeys(self.levels, self._first)
         while True:

@@ -16,7 +16,8 @@ IGNORED = ("minari_autoseed",)
 
 
 def checked_render_mode(mode: Any, metadata: Mapping[str, Any]) -> str | None:
-    """Return a render mode that the metadata of an environment has, or None. Raises InvalidInput."""
+    """Return a render mode that the metadata of an environment has, or None. Raises
+    InvalidInput."""
     modes = metadata["render_modes"]
     if mode is not None and mode not in modes:
         raise InvalidInput(f"render_mode: expected one of {modes}, got {shown(mode)}")
@@ -39,12 +40,13 @@ def check_options(options: Any, known: Collection[str] = ()) -> None:
 
 
 def checked_mask(mask: Any, count: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Return a ``reset_mask`` of Gymnasium: which of ``count`` sub-environments are reset, one at least.
+    """Return a ``reset_mask`` of Gymnasium: which of ``count`` sub-environments are reset, one at
+    least.
 
     Raises InvalidInput for anything but truth values, shape (count,), of which one is true.
     """
-    given = np.asarray(mask)
-    if given.shape != (count,) or given.dtype != np.bool_ or not given.any():
+    array = np.asarray(mask)
+    if array.shape != (count,) or array.dtype != np.bool_ or not array.any():
         wanted = f"an array of truth values, shape ({count},), one or more of them true"
         raise InvalidInput(f"options: reset_mask: expected {wanted}, got {shown(mask)}")
-    return given
+    return array

@@ -1,4 +1,5 @@
-"""``stancekit/LeapChoice-v0``: choose where the toes of a leap push off and land, in a few tries."""
+"""``stancekit/LeapChoice-v0``: choose where the toes of a leap push off and land, in a few
+tries."""
 
 from __future__ import annotations
 
@@ -31,8 +32,14 @@ ROOM = 10.0
 """Bound on the numbers of an observation."""
 PARTS = ("train", "test", "all")
 INFO: Mapping[str, int | float] = {
-    "is_success": 0, "tries": 0, "solves": 0, "masked": 0, "repeated": 0, "refuted": 0, "cost": 0.0,
-}  # fmt: skip
+    "is_success": 0,
+    "tries": 0,
+    "solves": 0,
+    "masked": 0,
+    "repeated": 0,
+    "refuted": 0,
+    "cost": 0.0,
+}
 """``info`` before anything was tried."""
 
 
@@ -70,26 +77,35 @@ class LeapChoiceSettings:
             folder, part = str(self.scenes), "train"
         tries = LeapTries.open(folder)
         if tries.problem_class != self.problem:
-            raise InvalidInput(f"scenes: expected tries of {self.problem}, got {tries.problem_class} in {folder}")
-        found = [leap for leap, own in zip(tries.leaps(), tries.parts(), strict=True) if part in ("all", own)]
-        if not found:
+            raise InvalidInput(
+                f"scenes: expected tries of {self.problem}, got {tries.problem_class} in {folder}"
+            )
+        leaps = [
+            leap
+            for leap, their_part in zip(tries.leaps(), tries.parts(), strict=True)
+            if part in ("all", their_part)
+        ]
+        if not leaps:
             raise InvalidInput(f"scenes: expected scenes in the part {part}, got none in {folder}")
-        return found
+        return leaps
 
 
 class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
-    """Choose where the toes of a leap push off and land; a convex program and the verifier judge the choice.
+    """Choose where the toes of a leap push off and land; a convex program and the verifier judge
+    the choice.
 
     ## Description
 
-    One leap per episode: a body stands, flies and stands again, and each of its P toes has R candidate patches at
-    most. The agent picks one candidate per toe. The choice is tried by a sequence of convex programs, which gives up
-    after the first where that nearly decides; a solved choice goes through the verifier. A leap with several timings is
-    tried with each of them in turn.
+    One leap per episode: a body stands, flies and stands again, and each of its P toes has R
+    candidate patches at most. The agent picks one candidate per toe. The choice is tried by a
+    sequence of convex programs, which gives up after the first where that nearly decides; a solved
+    choice goes through the verifier. A leap with several timings is tried with each of them in
+    turn.
 
     ## Observation Space
 
-    A ``Dict`` of flat float32 ``Box``es, in SI units, clipped to ± 10; P footholds, R candidates, M intervals:
+    A ``Dict`` of flat float32 ``Box``es, in SI units, clipped to ± 10; P footholds, R candidates, M
+    intervals:
 
     | name | shape | meaning |
     |---|---|---|
@@ -102,29 +118,31 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     ## Action Space
 
-    ``MultiDiscrete`` with P numbers below R: a candidate per foothold. ``action_masks()`` says which there are, shape
-    (P * R,), as MaskablePPO asks for it.
+    ``MultiDiscrete`` with P numbers below R: a candidate per foothold. ``action_masks()`` says
+    which there are, shape (P * R,), as MaskablePPO asks for it.
 
     ## Reward
 
-    −(convex problems solved in the step) / ``solves``, and +1 with a leap that the verifier accepts. A choice without
-    a candidate, or one that was tried before, is a failed try and costs 1 / ``solves``.
+    −(convex problems solved in the step) / ``solves``, and +1 with a leap that the verifier
+    accepts. A choice without a candidate, or one that was tried before, is a failed try and costs 1
+    / ``solves``.
 
     ## Starting State
 
-    A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``. Scenes that have no
-    leap are among them: nobody knows which.
+    A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``.
+    Scenes that have no leap are among them: nobody knows which.
 
     ## Episode End
 
-    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves`` convex problems are
-    spent.
+    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves``
+    convex problems are spent.
 
     ## Info
 
-    After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so far, whether the last
-    choice was ``masked`` (no such candidate), ``repeated``, or ``refuted`` (its hard rows have no answer), and its
-    ``cost`` (what is left of its rows; −1 where the first step has no answer).
+    After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so
+    far, whether the last choice was ``masked`` (no such candidate), ``repeated``, or ``refuted``
+    (its hard rows have no answer), and its ``cost`` (what is left of its rows; −1 where the first
+    step has no answer).
 
     ## Arguments
 
@@ -143,7 +161,9 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
 
-    def __init__(self, *, render_mode: str | None = None, **options: Unpack[LeapChoiceOptions]) -> None:
+    def __init__(
+        self, *, render_mode: str | None = None, **options: Unpack[LeapChoiceOptions]
+    ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         self._settings = settings_from(LeapChoiceSettings, options, beside=("render_mode",))
         self._class = leap_class(self._settings.problem)
@@ -153,7 +173,9 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         like = self._begin(self._class.draw(np.random.default_rng(0)))
         self._shape = like.shape
         self.observation_space: spaces.Space[Any] = _space(like)
-        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
+        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(
+            np.full(like.shape[0], like.shape[1])
+        )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -168,7 +190,9 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         self._episode = self._begin(leap)
         return self._episode.observe(), self._episode.info()
 
-    def step(self, action: NDArray[np.int64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: NDArray[np.int64]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Try a candidate per foothold."""
         episode = self._episode
         if episode is None:
@@ -178,12 +202,20 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         choice = np.asarray(action)
         if choice.dtype.kind not in "iu" or not self.action_space.contains(choice.astype(np.int64)):
             feet, options = self._shape
-            raise InvalidInput(f"action: expected {feet} whole numbers, 0 to {options - 1}, got {action!r}")
+            raise InvalidInput(
+                f"action: expected {feet} whole numbers, 0 to {options - 1}, got {action!r}"
+            )
         before = episode.solves
         episode.attempt(choice.astype(np.int64))
         spent = max(episode.solves - before, 1)
         reward = float(episode.solved) - spent / self._settings.solves
-        return episode.observe(), reward, episode.solved, episode.over and not episode.solved, episode.info()
+        return (
+            episode.observe(),
+            reward,
+            episode.solved,
+            episode.over and not episode.solved,
+            episode.info(),
+        )
 
     def _begin(self, leap: Leap) -> _Episode:
         return _Episode(leap, self._settings, self._programs, self._class.candidates)
@@ -197,13 +229,15 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     @property
     def numbers(self) -> LeapNumbers:
-        """The leap with the timing of the next try, for policies that look at more than the observation."""
+        """The leap with the timing of the next try, for policies that look at more than the
+        observation."""
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before asking for its leap")
         return self._episode.numbers
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the leap of the last try; on its toes the nominal motion where it has none, and before there is one."""
+        """Draw the leap of the last try; on its toes the nominal motion where it has none, and
+        before there is one."""
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
         from stancekit.views.leaps import draw_leap
@@ -215,7 +249,9 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 class _Episode:
     """One leap, and what was tried of it; options: R, to which features are padded."""
 
-    def __init__(self, leap: Leap, settings: LeapChoiceSettings, programs: Programs, options: int) -> None:
+    def __init__(
+        self, leap: Leap, settings: LeapChoiceSettings, programs: Programs, options: int
+    ) -> None:
         self._settings, self._programs = settings, programs
         self._timings = [LeapNumbers.of(leap, k) for k in range(len(leap.timings_s))]
         self._features = [LeapFeatures.of(each).padded(options) for each in self._timings]
@@ -260,18 +296,27 @@ class _Episode:
         self._tried.add((turn, *choice.tolist()))
         self.tries += 1
         self._choice, self._last = choice, None
-        found = None
+        solution = None
         if masked or repeated:
             self.solves += 1
         else:
-            found = attempt(self._programs, numbers, choice)
-            self._last = None if found.point is None else (numbers, found.point)
-            self.solves += found.solves
+            solution = attempt(self._programs, numbers, choice)
+            self._last = None if solution.point is None else (numbers, solution.point)
+            self.solves += solution.solves
             within = self.solves <= self._settings.solves
-            self.solved = within and found.solved and check_leap(plan_of(numbers, found, "choice")).accepted
-        cost = -1.0 if found is None or not math.isfinite(found.cost) else found.cost
-        refuted = found is not None and found.refuted
-        self._note = {"masked": int(masked), "repeated": int(repeated), "refuted": int(refuted), "cost": float(cost)}
+            self.solved = (
+                within
+                and solution.solved
+                and check_leap(plan_of(numbers, solution, "choice")).accepted
+            )
+        cost = -1.0 if solution is None or not math.isfinite(solution.cost) else solution.cost
+        refuted = solution is not None and solution.refuted
+        self._note = {
+            "masked": int(masked),
+            "repeated": int(repeated),
+            "refuted": int(refuted),
+            "cost": float(cost),
+        }
 
     def observe(self) -> Observation:
         """Observation of the agent."""
@@ -280,23 +325,36 @@ class _Episode:
         if self._choice is not None:
             last[np.arange(len(last)), self._choice] = 1.0
         left = (1.0 - self.tries / self._settings.tries, 1.0 - self.solves / self._settings.solves)
-        parts = {"candidates": seen.candidates, "mask": mask, "leap": seen.leap, "last": last,
-                 "residual": self._residual(), "left": np.maximum(left, 0.0)}  # fmt: skip
-        return {name: np.clip(each, -ROOM, ROOM).astype(np.float32).ravel() for name, each in parts.items()}
+        parts = {
+            "candidates": seen.candidates,
+            "mask": mask,
+            "leap": seen.leap,
+            "last": last,
+            "residual": self._residual(),
+            "left": np.maximum(left, 0.0),
+        }
+        return {
+            name: np.clip(each, -ROOM, ROOM).astype(np.float32).ravel()
+            for name, each in parts.items()
+        }
 
     def _residual(self) -> Array:
-        """Per interval, how far L and Θ of the last try are from what its forces give, shape (2, M)."""
+        """Per interval, how far L and Θ of the last try are from what its forces give, shape (2,
+        M)."""
         if self._last is None:
             return np.zeros((2, self.numbers.intervals))
         numbers, point = self._last
         change, turned = numbers.turned(point)
-        off = np.diff(point.momentum, axis=0) - change, np.diff(point.rotation[::2], axis=0) - turned
+        off = (
+            np.diff(point.momentum, axis=0) - change,
+            np.diff(point.rotation[::2], axis=0) - turned,
+        )
         return np.array([np.log10(1.0 + 1e3 * np.linalg.norm(each, axis=1)) for each in off])
 
     def info(self) -> dict[str, Any]:
         """Numbers of fixed shape."""
-        own = {"is_success": int(self.solved), "tries": self.tries, "solves": self.solves}
-        return {**INFO, **self._note, **own}
+        figures = {"is_success": int(self.solved), "tries": self.tries, "solves": self.solves}
+        return {**INFO, **self._note, **figures}
 
     def drawn(self) -> Any:
         """The plan of the last try, or the first candidates with the nominal motion."""
@@ -305,20 +363,24 @@ class _Episode:
             toes = point.toes
         else:
             numbers, point = self.numbers, self.numbers.nominal
-            choice = np.zeros(self.shape[0], dtype=np.int64) if self._choice is None else self._choice
+            choice = (
+                np.zeros(self.shape[0], dtype=np.int64) if self._choice is None else self._choice
+            )
             choice = np.where(self.seen.mask[np.arange(len(choice)), choice] > 0.0, choice, 0)
             toes = np.array([piece.mean(axis=0) for piece in numbers.scaled.chosen(choice).pieces])
         forces = np.zeros((numbers.intervals, len(numbers.leap.robot.limbs), 3))
-        forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * numbers.leap.weight_n
+        forces[numbers.contact_intervals, numbers.layout.contacts[1]] = (
+            point.forces * numbers.leap.weight_n
+        )
         return plan_from(numbers, choice, toes, forces, "choice")
 
 
 def _space(like: _Episode) -> spaces.Dict:
     feet, options = like.shape
     sizes = {"candidates": len(OF_CANDIDATE) * feet * options, "leap": len(OF_LEAP)}
-    found = {name: spaces.Box(-ROOM, ROOM, (size,), np.float32) for name, size in sizes.items()}
+    boxes = {name: spaces.Box(-ROOM, ROOM, (size,), np.float32) for name, size in sizes.items()}
     ones = {"mask": feet * options, "last": feet * options, "left": 2}
-    found |= {name: spaces.Box(0.0, 1.0, (size,), np.float32) for name, size in ones.items()}
-    found["residual"] = spaces.Box(0.0, ROOM, (2 * like.numbers.intervals,), np.float32)
+    boxes |= {name: spaces.Box(0.0, 1.0, (size,), np.float32) for name, size in ones.items()}
+    boxes["residual"] = spaces.Box(0.0, ROOM, (2 * like.numbers.intervals,), np.float32)
     order = ("candidates", "mask", "leap", "last", "residual", "left")
-    return spaces.Dict({name: found[name] for name in order})
+    return spaces.Dict({name: boxes[name] for name in order})

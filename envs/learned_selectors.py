@@ -32,13 +32,16 @@ class LearnedSelector(Protocol):
 def class_envelopes(learned: LearnedSelector) -> EnvelopeSet:
     """Envelopes of a selector's class of problems: its own, where it has some; else the expert's.
 
-    Raises InvalidInput for a selector for another P1, and for a class that is neither of the ground nor of walls.
+    Raises InvalidInput for a selector for another P1, and for a class that is neither of the ground
+    nor of walls.
     """
     if learned.relaxation != "p1":
-        raise InvalidInput(f"selector: expected one of boxes for P1 alone, got one for P1 {learned.relaxation}")
-    own = getattr(learned.selector, "envelopes", None)
-    if isinstance(own, EnvelopeSet):
-        return own
+        raise InvalidInput(
+            f"selector: expected one of boxes for P1 alone, got one for P1 {learned.relaxation}"
+        )
+    envelopes = getattr(learned.selector, "envelopes", None)
+    if isinstance(envelopes, EnvelopeSet):
+        return envelopes
     kind = distribution(learned.problem_class)
     if not isinstance(kind, PostureDistribution):
         got = learned.problem_class

@@ -1,4 +1,5 @@
-"""Policies without a memory: an action follows from one observation, or actions from a batch of them."""
+"""Policies without a memory: an action follows from one observation, or actions from a batch of
+them."""
 
 from __future__ import annotations
 
@@ -22,9 +23,11 @@ class MemorylessPolicy(ABC):
         episode_start: NDArray[Any] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
-        """Return (action, state), the state as it came: an action of the environment, or a row an observation."""
+        """Return (action, state), the state as it came: an action of the environment, or a row an
+        observation."""
         return self.action(observation), state
 
     @abstractmethod
     def action(self, observation: Observation) -> NDArray[Any]:
-        """The action; of a batch of observations one a row. Raises InvalidInput where it was made for others."""
+        """The action; of a batch of observations one a row. Raises InvalidInput where it was made
+        for others."""

@@ -1,4 +1,5 @@
-"""``stancekit/EnvelopeRefinement-v0``: cut the boxes of P1 until a posture is found or there is proved to be none."""
+"""``stancekit/EnvelopeRefinement-v0``: cut the boxes of P1 until a posture is found or there is
+proved to be none."""
 
 from __future__ import annotations
 
@@ -60,13 +61,15 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     ## Description
 
-    One posture problem an episode. The search is ``BoxSearch``: best first, from bounds that hold every posture. A cut
-    halves the current box in one of its 6N dimensions. Often it leaves one half refuted: then it tightens the box, else
-    it splits it; interval propagation carries it on to the other dimensions. Both verdicts are proofs.
+    One posture problem an episode. The search is ``BoxSearch``: best first, from bounds that hold
+    every posture. A cut halves the current box in one of its 6N dimensions. Often it leaves one
+    half refuted: then it tightens the box, else it splits it; interval propagation carries it on to
+    the other dimensions. Both verdicts are proofs.
 
     ## Observation Space
 
-    A ``Dict`` of flat float32 ``Box``es, non-dimensional: the scene as in ``EnvelopeSelectionEnv``, and the search:
+    A ``Dict`` of flat float32 ``Box``es, non-dimensional: the scene as in ``EnvelopeSelectionEnv``,
+    and the search:
 
     | name | shape | meaning |
     |---|---|---|
@@ -94,19 +97,20 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     ## Starting State
 
-    A scene of ``scenes``, or of ``problem``, that its first box leaves open; those that are settled before the first
-    cut are passed over.
+    A scene of ``scenes``, or of ``problem``, that its first box leaves open; those that are settled
+    before the first cut are passed over.
 
     ## Episode End
 
-    Terminated when P1's point projects onto a verified posture, or when all boxes are refuted. Truncated when
-    ``budget`` convex problems have been solved.
+    Terminated when P1's point projects onto a verified posture, or when all boxes are refuted.
+    Truncated when ``budget`` convex problems have been solved.
 
     ## Info
 
-    After a reset and a step (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict``
-    (1 feasible, 0 infeasible, −1 open), ``is_success`` (there is a verdict), the expert's ``label``, and ``push_n``,
-    ``support_m``, ``friction_left``, the margins of the posture that was found, as in ``EnvelopeSelectionEnv``.
+    After a reset and a step (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``,
+    ``verdict`` (1 feasible, 0 infeasible, −1 open), ``is_success`` (there is a verdict), the
+    expert's ``label``, and ``push_n``, ``support_m``, ``friction_left``, the margins of the posture
+    that was found, as in ``EnvelopeSelectionEnv``.
 
     ## Arguments
 
@@ -155,16 +159,23 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Draw scenes until one is not settled by its first box. Raises PlanningFailed after MAX_DRAWS."""
+        """Draw scenes until one is not settled by its first box. Raises PlanningFailed after
+        MAX_DRAWS."""
         check_options(options)
         super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             scene = self._scenes.draw(self.np_random)
             scaled = scene.scaled
             if scaled.size != (self._count, VERTICES):
-                raise InvalidInput(f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}")
+                raise InvalidInput(
+                    f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}"
+                )
             search = BoxSearch(
-                scene.problem, scaled, self._programs, projection=self._projection, acceptance=self._acceptance
+                scene.problem,
+                scaled,
+                self._programs,
+                projection=self._projection,
+                acceptance=self._acceptance,
             )
             if search.verdict is Status.UNDECIDED and search.solves < self._budget:
                 self._scene, self._scaled, self._search = scene, scaled, search
@@ -179,13 +190,21 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         if search.verdict is not Status.UNDECIDED or search.solves >= self._budget:
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
         if not self.action_space.contains(action):
-            raise InvalidInput(f"action: expected a dimension, 0 to {6 * self._count - 1}, got {action!r}")
+            raise InvalidInput(
+                f"action: expected a dimension, 0 to {6 * self._count - 1}, got {action!r}"
+            )
         before = search.solves
         search.cut(int(action))
         ended = search.verdict is not Status.UNDECIDED
         reward = float(ended) - (search.solves - before) / self._budget
         cut_off = not ended and search.solves >= self._budget
-        return self._observe(search, self._scaled), reward, ended, cut_off, self._info(search, self._scene)
+        return (
+            self._observe(search, self._scaled),
+            reward,
+            ended,
+            cut_off,
+            self._info(search, self._scene),
+        )
 
     @property
     def scene(self) -> LabelledScene:
@@ -202,11 +221,16 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         from stancekit.views.sheet import to_rgb
 
         search = self._search
-        words = {Status.FEASIBLE: "a posture was found", Status.INFEASIBLE: "there is proved to be none"}
+        words = {
+            Status.FEASIBLE: "a posture was found",
+            Status.INFEASIBLE: "there is proved to be none",
+        }
         state = words.get(search.verdict, f"{search.open} boxes are open")
         box = search.current.box if search.verdict is Status.UNDECIDED else None
         caption = f"{search.solves} of {self._budget} convex problems: {state}"
-        figure = draw_posture(self._scene.problem, search.posture, envelope=box, caption=caption, why=state)
+        figure = draw_posture(
+            self._scene.problem, search.posture, envelope=box, caption=caption, why=state
+        )
         return to_rgb(figure)
 
     def _observe(self, search: BoxSearch, scaled: Scaled) -> Observation:
@@ -225,7 +249,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         }
 
     def _info(self, search: BoxSearch, scene: LabelledScene) -> dict[str, Any]:
-        found = search.posture if self._margins else None
+        posture = search.posture if self._margins else None
         verdicts = {Status.FEASIBLE: 1, Status.INFEASIBLE: 0, Status.UNDECIDED: -1}
         return {
             "solves": search.solves,
@@ -235,18 +259,19 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "verdict": verdicts[search.verdict],
             "label": int(scene.feasible),
             "is_success": int(search.verdict is not Status.UNDECIDED),
-            **margin_info(found),
+            **margin_info(posture),
         }
 
 
 def gap_by_dimension(gaps: Array) -> Array:
-    """The largest |m_jk − p_j f_k| that each of p_x p_y p_z f_n f_y f_z has part in. gaps: (N, 3, 3); to (N, 6)."""
+    """The largest |m_jk − p_j f_k| that each of p_x p_y p_z f_n f_y f_z has part in. gaps: (N, 3,
+    3); to (N, 6)."""
     return np.concatenate([gaps.max(axis=2), gaps.max(axis=1)], axis=1)
 
 
 def _seen(values: Array) -> NDArray[np.float32]:
-    found: NDArray[np.float32] = np.clip(values, -_ROOM, _ROOM).astype(np.float32).ravel()
-    return found
+    view: NDArray[np.float32] = np.clip(values, -_ROOM, _ROOM).astype(np.float32).ravel()
+    return view
 
 
 def refinement_space(count: int) -> spaces.Dict:

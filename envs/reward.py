@@ -1,7 +1,7 @@
 """Reward of a step of the selection environments: a sum of terms by name, each with a weight.
 
-A term of one's own is one function of a ``Judged`` and one registration: a line in the table, an entry point of
-``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}``.
+A term of one's own is one function of a ``Judged`` and one registration: a line in the table, an
+entry point of ``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}``.
 """
 
 from __future__ import annotations
@@ -86,21 +86,28 @@ TERMS: Registry[Term] = Registry(
 def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[float, Term]]:
     """Weight and function of every term, by the key of ``info`` that has what it came to.
 
-    weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and names of further terms.
-    Raises InvalidInput for a term that there is not, a weight that is no number, and two terms of one key.
+    weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and
+    names of further terms. Raises InvalidInput for a term that there is not, a weight that is no
+    number, and two terms of one key.
     """
-    given = asdict(weights) if isinstance(weights, RewardWeights) else dict(weights)
-    usual = {name: value for name, value in given.items() if name in RewardWeights.__dataclass_fields__}
-    every = asdict(typed(RewardWeights, usual, "weights")) | {
-        name: checked(value, f"weights.{name}") for name, value in given.items() if name not in usual
+    values = asdict(weights) if isinstance(weights, RewardWeights) else dict(weights)
+    usual = {
+        name: value for name, value in values.items() if name in RewardWeights.__dataclass_fields__
     }
-    found: dict[str, tuple[float, Term]] = {}
+    every = asdict(typed(RewardWeights, usual, "weights")) | {
+        name: checked(value, f"weights.{name}")
+        for name, value in values.items()
+        if name not in usual
+    }
+    terms: dict[str, tuple[float, Term]] = {}
     for name, weight in every.items():
         key = f"reward_{re.sub(r'[^0-9A-Za-z]+', '_', name.rpartition(':')[2])}"
-        if key in found:
+        if key in terms:
             raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
         try:
-            found[key] = weight, TERMS.get(name)
+            terms[key] = weight, TERMS.get(name)
         except InvalidInput as error:
-            raise InvalidInput(f"weights.{name}: {str(error).removeprefix('reward term: ')}") from None
-    return found
+            raise InvalidInput(
+                f"weights.{name}: {str(error).removeprefix('reward term: ')}"
+            ) from None
+    return terms

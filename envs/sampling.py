@@ -1,10 +1,11 @@
-"""Scenes drawn from a distribution and labelled by the exact planner: ahead, in blocks, and yet one after the other.
+"""Scenes drawn from a distribution and labelled by the exact planner: ahead, in blocks, and yet one
+after the other.
 
-What a scene is depends on the generator alone, so scenes can be drawn before they are asked for. A block of problems is
-sampled at once. To pass one over it is enough that it cannot have the label that is wanted, which is often seen before
-a lift is solved (``search.screen``), or before a search has come to its end; only what is kept is searched to the end
-and verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to the
-last bit.
+What a scene is depends on the generator alone, so scenes can be drawn before they are asked for. A
+block of problems is sampled at once. To pass one over it is enough that it cannot have the label
+that is wanted, which is often seen before a lift is solved (``search.screen``), or before a search
+has come to its end; only what is kept is searched to the end and verified, all scenes of a block
+together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to the last bit.
 """
 
 from __future__ import annotations
@@ -44,12 +45,15 @@ BLOCK = 16
 
 
 class OneByOne:
-    """Scenes sampled and decided one by one, each when it is asked for. The arguments are those of ``SampledScenes``.
+    """Scenes sampled and decided one by one, each when it is asked for. The arguments are those of
+    ``SampledScenes``.
 
     What ``SampledScenes`` gives is held equal to this.
     """
 
-    def __init__(self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None) -> None:
+    def __init__(
+        self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None
+    ) -> None:
         self._distribution, self._balanced = distribution, balanced
         self._expert = ExactPlanner(programs=programs)
 
@@ -70,13 +74,15 @@ class OneByOne:
 class SampledScenes:
     """Scenes sampled from a distribution and labelled by the exact planner.
 
-    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even without its moment
-    balance; else scenes come at their natural rates. Undecided problems are drawn again.
-    ahead: scenes that are drawn together, at most; a source that is asked with ever new generators draws fewer.
+    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even
+    without its moment balance; else scenes come at their natural rates. Undecided problems are
+    drawn again. ahead: scenes that are drawn together, at most; a source that is asked with ever
+    new generators draws fewer.
 
-    A generator is left as it would be if only the scene that was asked for had been drawn, and who draws from it
-    meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution whose draws cannot be repeated, and
-    a generator whose state is no PCG64's, are drawn from one by one.
+    A generator is left as it would be if only the scene that was asked for had been drawn, and who
+    draws from it meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution
+    whose draws cannot be repeated, and a generator whose state is no PCG64's, are drawn from one by
+    one.
     """
 
     def __init__(
@@ -102,7 +108,9 @@ class SampledScenes:
     def __copy__(self) -> SampledScenes:
         """A source of the same that keeps its own scenes ahead and shares the compiled models."""
         programs = self._expert.programs
-        return SampledScenes(self._distribution, balanced=self._balanced, programs=programs, ahead=self._most)
+        return SampledScenes(
+            self._distribution, balanced=self._balanced, programs=programs, ahead=self._most
+        )
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
@@ -112,9 +120,9 @@ class SampledScenes:
         if not self._ahead or self._ahead[0].before != state:
             self._count = min(self._most, 2 * self._count) if state == self._last else 1
             self._ahead = deque(self._draw_ahead(rng, self._source))
-        drawn = self._ahead.popleft()
-        rng.bit_generator.state = self._last = drawn.after
-        return drawn.scene
+        scene = self._ahead.popleft()
+        rng.bit_generator.state = self._last = scene.after
+        return scene.scene
 
     def _draw_ahead(self, rng: np.random.Generator, source: Repeatable) -> list[_Drawn]:
         """The next scenes, one at least. Raises what drawing the first of them raises."""
@@ -128,10 +136,12 @@ class SampledScenes:
                     raise
                 break  # it is raised when its turn comes
             claims.append(replace(claim, before=before, after=rng.bit_generator.state))
-        found = _verified(claims, self._expert.acceptance)
-        if found:
-            return found
-        rng.bit_generator.state = claims[0].before  # the verifier refused the first: rare, and not worth a block
+        draws = _verified(claims, self._expert.acceptance)
+        if draws:
+            return draws
+        rng.bit_generator.state = claims[
+            0
+        ].before  # the verifier refused the first: rare, and not worth a block
         before, scene = claims[0].before, self._one_by_one.draw(rng)
         return [_Drawn(scene=scene, before=before, after=rng.bit_generator.state)]
 
@@ -142,9 +152,15 @@ class SampledScenes:
             block, state = self._block(rng, source, left), rng.bit_generator.state
             count = min(left, len(block.batch) - block.next)
             for k in range(block.next, block.next + count):
-                claim = None if block.hopeless[k] else self._claimed(block.batch, block.scaled, k, wanted)
+                claim = (
+                    None
+                    if block.hopeless[k]
+                    else self._claimed(block.batch, block.scaled, k, wanted)
+                )
                 if claim is not None:
-                    rng.bit_generator.state = {**state, "state": block.begin["state"]} if self._whole else block.begin
+                    rng.bit_generator.state = (
+                        {**state, "state": block.begin["state"]} if self._whole else block.begin
+                    )
                     source.skip(rng, k + 1)
                     self._rest = replace(block, next=k + 1, at=rng.bit_generator.state["state"])
                     return claim
@@ -153,12 +169,19 @@ class SampledScenes:
         raise _never(self._distribution)
 
     def _block(self, rng: np.random.Generator, source: Repeatable, most: int) -> _Block:
-        """The problems that come next, what is left of those sampled last or others. Raises what sampling one raises.
+        """The problems that come next, what is left of those sampled last or others. Raises what
+        sampling one raises.
 
-        A coin takes half a word of the generator, so every other one leaves the words to come where they were.
+        A coin takes half a word of the generator, so every other one leaves the words to come where
+        they were.
         """
         rest, begin = self._rest, rng.bit_generator.state
-        if self._whole and rest is not None and rest.at == begin["state"] and rest.next < len(rest.batch):
+        if (
+            self._whole
+            and rest is not None
+            and rest.at == begin["state"]
+            and rest.next < len(rest.batch)
+        ):
             return rest
         try:
             batch = source.batch(rng, min(most, BLOCK) if self._balanced else 1)
@@ -166,7 +189,9 @@ class SampledScenes:
             rng.bit_generator.state = begin
             batch = source.batch(rng, 1)
         scaled, end = self._scaled(batch), rng.bit_generator.state["state"]
-        hopeless = unsupported(scaled).tolist() if self._balanced else [False]  # none of these is wanted
+        hopeless = (
+            unsupported(scaled).tolist() if self._balanced else [False]
+        )  # none of these is wanted
         return _Block(batch=batch, scaled=scaled, hopeless=hopeless, begin=begin, at=None, end=end)
 
     def _scaled(self, batch: PostureBatch) -> ScaledBatch:
@@ -175,16 +200,22 @@ class SampledScenes:
             self._like = batch.like, ScaledBatch.of(batch).like
         return ScaledBatch.of(batch, self._like[1])
 
-    def _claimed(self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool) -> _Claim | None:
+    def _claimed(
+        self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool
+    ) -> _Claim | None:
         """Claim of the search about the k-th problem; None for a problem that cannot become the
         wanted scene."""
         begin, numbers = time.perf_counter(), scaled.problem(k)
         sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
-        if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers, scaled.near_corners[k]):
+        if sought is Status.INFEASIBLE and stands(
+            self._expert.programs, numbers, scaled.near_corners[k]
+        ):
             return None
         search = self._expert.search(numbers, wanted=sought)
         feasible = search.found is not None
-        if (search.stopped and not feasible) or (self._balanced and (feasible != wanted or search.trivial)):
+        if (search.stopped and not feasible) or (
+            self._balanced and (feasible != wanted or search.trivial)
+        ):
             return None
         seconds = time.perf_counter() - begin
         return _Claim(problem=batch.problem(k), scaled=numbers, search=search, seconds=seconds)
@@ -192,8 +223,9 @@ class SampledScenes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Block:
-    """Problems that were sampled together. next: the first that was not looked at; hopeless: which have not even P̄;
-    begin: state of the generator before the first problem; at, end: its words at the next one and after the last."""
+    """Problems that were sampled together. next: the first that was not looked at; hopeless: which
+    have not even P̄; begin: state of the generator before the first problem; at, end: its words at
+    the next one and after the last."""
 
     batch: PostureBatch
     scaled: ScaledBatch
@@ -206,7 +238,8 @@ class _Block:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Claim:
-    """A problem of a scene to come, what its search claims, and the generator's states before and after its draws."""
+    """A problem of a scene to come, what its search claims, and the generator's states before and
+    after its draws."""
 
     problem: Problem
     scaled: Scaled
@@ -239,19 +272,22 @@ def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
     bound = dict(zip(proofs, bounds.tolist(), strict=True))
     right = {k for k, off in zip(places, worst.tolist(), strict=True) if off <= accept.tolerance}
     right |= {k for k, value in bound.items() if value > accept.gap}
-    share, found = (time.perf_counter() - begin) / len(claims), []
+    share, draws = (time.perf_counter() - begin) / len(claims), []
     seen = observe_batch([claim.scaled for claim in claims])
     for k, claim in enumerate(claims):
         if k not in right:
             break
         scene = LabelledScene(
-            problem=claim.problem, feasible=k in places, posture=places.get(k), lower_bound=bound.get(k, 0.0),
+            problem=claim.problem,
+            feasible=k in places,
+            posture=places.get(k),
+            lower_bound=bound.get(k, 0.0),
             expert_seconds=claim.seconds + share,
-        )  # fmt: skip
+        )
         vars(scene)["scaled"] = claim.scaled  # known already
         vars(scene)["observation"] = {name: values[k] for name, values in seen.items()}
-        found.append(_Drawn(scene=scene, before=claim.before, after=claim.after))
-    return found
+        draws.append(_Drawn(scene=scene, before=claim.before, after=claim.after))
+    return draws
 
 
 def _never(distribution: Distribution) -> PlanningFailed:

@@ -16,11 +16,13 @@ from .sampling import SampledScenes
 from .scenes import SceneKind, SceneSource
 
 ProblemSource = str | Sampler | SceneKind
-"""A distribution by name or as it is, as ``label`` takes it, or the kind of scenes that come from elsewhere."""
+"""A distribution by name or as it is, as ``label`` takes it, or the kind of scenes that come from
+elsewhere."""
 
 
 class SceneOptions(TypedDict, total=False):
-    """Keywords of the environments beside their problem: where scenes are from, and whether margins are measured."""
+    """Keywords of the environments beside their problem: where scenes are from, and whether margins
+    are measured."""
 
     robot: str | Path | None
     terrain: str | Path | None
@@ -31,7 +33,8 @@ class SceneOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneSettings:
-    """``SceneOptions`` with their defaults; the page of ``EnvelopeSelectionEnv`` has their meaning."""
+    """``SceneOptions`` with their defaults; the page of ``EnvelopeSelectionEnv`` has their
+    meaning."""
 
     robot: str | Path | None = None
     terrain: str | Path | None = None
@@ -40,19 +43,29 @@ class SceneSettings:
     margins: bool = False
 
     def __post_init__(self) -> None:
-        if self.scenes is not None and not isinstance(self.scenes, str | Path) and not self.balanced:
-            raise InvalidInput("balanced: expected True beside a source of scenes, which draws as it likes, got False")
+        if (
+            self.scenes is not None
+            and not isinstance(self.scenes, str | Path)
+            and not self.balanced
+        ):
+            raise InvalidInput(
+                "balanced: expected True beside a source of scenes, which draws as it likes, got False"
+            )
 
     def kind(self, problem: ProblemSource) -> Distribution | SceneKind:
-        """The distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+        """The distribution, or what is known of one; by name as ``distribution`` has it. Raises
+        InvalidInput."""
         if not isinstance(problem, SceneKind):
             return distribution_of(problem, robot=self.robot, terrain=self.terrain)
         if self.robot is not None or self.terrain is not None:
-            raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
+            raise InvalidInput(
+                f"robot, terrain: expected none beside {problem.name}, which has its own"
+            )
         return problem
 
     def source(self, kind: Distribution | SceneKind, programs: Programs) -> SceneSource:
-        """The scenes that were given, the part "train" of a data set's folder, or some of a distribution.
+        """The scenes that were given, the part "train" of a data set's folder, or some of a
+        distribution.
 
         Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
         """

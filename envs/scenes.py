@@ -25,8 +25,9 @@ from .margins import margin_info
 class LabelledScene:
     """One problem with the expert's answer.
 
-    feasible: the label. posture: the expert's witness, None where infeasible. lower_bound: what the expert's
-    certificate proves where infeasible. expert_seconds: 0 where the label was read from a data set.
+    feasible: the label. posture: the expert's witness, None where infeasible. lower_bound: what the
+    expert's certificate proves where infeasible. expert_seconds: 0 where the label was read from a
+    data set.
     """
 
     problem: Problem
@@ -54,7 +55,8 @@ class LabelledScene:
 
     @cached_property
     def margins(self) -> dict[str, float]:
-        """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first asked for."""
+        """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first
+        asked for."""
         return margin_info(self.posture, "expert_")
 
     @classmethod
@@ -76,7 +78,10 @@ def seen(scene: LabelledScene) -> dict[str, NDArray[np.float32]]:
 
 def all_seen(scenes: Sequence[LabelledScene]) -> dict[str, NDArray[np.float32]]:
     """The observations of scenes of one size, a row each."""
-    return {name: np.stack([scene.observation[name] for scene in scenes]) for name in scenes[0].observation}
+    return {
+        name: np.stack([scene.observation[name] for scene in scenes])
+        for name in scenes[0].observation
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

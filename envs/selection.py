@@ -1,4 +1,5 @@
-"""``stancekit/EnvelopeSelection-v0``: choose envelopes for one posture problem; the planner stack judges."""
+"""``stancekit/EnvelopeSelection-v0``: choose envelopes for one posture problem; the planner stack
+judges."""
 
 from __future__ import annotations
 
@@ -23,13 +24,15 @@ WINDOW = "stancekit"
 
 
 class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
-    """Choose boxes for P1 in one scene, and be told how P1 and P2 fare with them against the exact answer.
+    """Choose boxes for P1 in one scene, and be told how P1 and P2 fare with them against the exact
+    answer.
 
     ## Description
 
-    One posture problem an episode (Lin et al. §III): can the robot hold still with N limbs on N patches? P1 relaxes the
-    products m = p·f over a box of [p, f]; the agent chooses the box, the planner stack judges. All quantities are
-    non-dimensional: lengths over the length scale, forces over the force scale.
+    One posture problem an episode (Lin et al. §III): can the robot hold still with N limbs on N
+    patches? P1 relaxes the products m = p·f over a box of [p, f]; the agent chooses the box, the
+    planner stack judges. All quantities are non-dimensional: lengths over the length scale, forces
+    over the force scale.
 
     ## Observation Space
 
@@ -45,21 +48,23 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ## Action Space
 
-    ``Box(-1, 1, (boxes * 12 * N,), float32)``: of each box all lower and then all upper bounds, contact by contact the
-    columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With ``relaxation="joint"`` a point follows, 6N
-    numbers in the same columns, about which the gap of the lift is linearised. With ``library``: ``Discrete``, the
-    index of one of its envelopes.
+    ``Box(-1, 1, (boxes * 12 * N,), float32)``: of each box all lower and then all upper bounds,
+    contact by contact the columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With
+    ``relaxation="joint"`` a point follows, 6N numbers in the same columns, about which the gap of
+    the lift is linearised. With ``library``: ``Discrete``, the index of one of its envelopes.
 
     ## Reward
 
-    agreement · [P1 says what the expert says] + projection · [the first of ``projections`` reaches a verified posture]
-    + tightness · (1 − mean width of the box / 2), with the weights of ``RewardWeights``.
+    agreement · [P1 says what the expert says] + projection · [the first of ``projections`` reaches
+    a verified posture] + tightness · (1 − mean width of the box / 2), with the weights of
+    ``RewardWeights``.
 
     ## Starting State
 
-    A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of them infeasible and
-    none trivially so where ``balanced``, else as they come. ``scenes`` may be the folder of a data set of
-    ``stancekit label`` with rows of ``problem``: a pool, of which the part "train" (``Dataset.only``) is drawn from.
+    A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of
+    them infeasible and none trivially so where ``balanced``, else as they come. ``scenes`` may be
+    the folder of a data set of ``stancekit label`` with rows of ``problem``: a pool, of which the
+    part "train" (``Dataset.only``) is drawn from.
 
     ## Episode End
 
@@ -67,16 +72,17 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ## Info
 
-    After a reset and a step (numeric, fixed shapes, the same keys): ``label``, ``p1_feasible``, ``p1_right`` (P1 says
-    what the expert says), ``is_success`` (P1 is right and, where the expert has a posture, the first projection reaches
-    one), ``margin``, ``gap``, ``log_volume``, ``chosen``, ``project_<way>`` for every projection asked for,
-    ``reward_<term>``, the expert's ``expert_point`` (N, 6) (zeros where infeasible) and ``expert_lower_bound``, and
-    ``p1_seconds``, ``p2_seconds``, ``expert_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make
-    equal episodes differ. ``push_n`` (largest horizontal push at the body that is borne in every direction),
-    ``support_m`` (distance from the centre of mass to the border of support) and ``friction_left`` (share of the
-    friction that is not needed) are margins of the posture that was projected, ``expert_push_n``, ... of the expert's;
-    they stay 0 unless ``margins``, and where there is no posture. After a reset all but the label and the expert's is
-    0.
+    After a reset and a step (numeric, fixed shapes, the same keys): ``label``, ``p1_feasible``,
+    ``p1_right`` (P1 says what the expert says), ``is_success`` (P1 is right and, where the expert
+    has a posture, the first projection reaches one), ``margin``, ``gap``, ``log_volume``,
+    ``chosen``, ``project_<way>`` for every projection asked for, ``reward_<term>``, the expert's
+    ``expert_point`` (N, 6) (zeros where infeasible) and ``expert_lower_bound``, and ``p1_seconds``,
+    ``p2_seconds``, ``expert_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would
+    make equal episodes differ. ``push_n`` (largest horizontal push at the body that is borne in
+    every direction), ``support_m`` (distance from the centre of mass to the border of support) and
+    ``friction_left`` (share of the friction that is not needed) are margins of the posture that was
+    projected, ``expert_push_n``, ... of the expert's; they stay 0 unless ``margins``, and where
+    there is no posture. After a reset all but the label and the expert's is 0.
 
     ## Arguments
 
@@ -97,10 +103,11 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
 
-    With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor) all P1 of a step are
-    solved together. Margins agree within the solvers' tolerances; those within 1e-6 of where they count as feasible are
-    solved again by Clarabel, so that P1 says what it says with "clarabel": for "joint" these are all that it admits.
-    Where P1 leaves freedom its point is another one, and what is projected from it with it.
+    With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor)
+    all P1 of a step are solved together. Margins agree within the solvers' tolerances; those within
+    1e-6 of where they count as feasible are solved again by Clarabel, so that P1 says what it says
+    with "clarabel": for "joint" these are all that it admits. Where P1 leaves freedom its point is
+    another one, and what is projected from it with it.
 
     ## Version History
 
@@ -175,17 +182,21 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 def picture(
     scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None
 ) -> NDArray[np.uint8]:
-    """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
+    """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in
+    that."""
     from stancekit.views.postures import draw_posture
     from stancekit.views.sheet import to_rgb
 
     label = "feasible" if scene.feasible else "infeasible"
     why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
-    return to_rgb(draw_posture(scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why))
+    return to_rgb(
+        draw_posture(scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why)
+    )
 
 
 def _show(pixels: NDArray[np.uint8]) -> None:
-    """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that shows nothing."""
+    """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that
+    shows nothing."""
     import matplotlib.pyplot as plt
 
     plt.figure(WINDOW, clear=True).figimage(pixels, resize=True)

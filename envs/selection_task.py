@@ -37,7 +37,8 @@ from .scenes import LabelledScene
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
 Backend = Literal["clarabel", "moreau", "moreau-cpu"]
-"""Who solves P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on the processor."""
+"""Who solves P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on
+the processor."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
 
@@ -55,7 +56,8 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trial:
-    """One action on one scene before it is judged. postures: by projection; found: how many, before the verifier."""
+    """One action on one scene before it is judged. postures: by projection; found: how many, before
+    the verifier."""
 
     scene: LabelledScene
     answer: RelaxationAnswer
@@ -71,7 +73,8 @@ Asked = tuple[tuple[Envelope, ...], Array | None]
 
 
 class SelectionOptions(SceneOptions, total=False):
-    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
+    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has
+    their meaning."""
 
     boxes: int
     library: EnvelopeSet | str | Path | None
@@ -84,7 +87,8 @@ class SelectionOptions(SceneOptions, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SelectionSettings(SceneSettings):
-    """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go together."""
+    """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go
+    together."""
 
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
@@ -101,10 +105,12 @@ class SelectionSettings(SceneSettings):
         for name in self.projections:
             PROJECTIONS.get(name)
         checked_int(self.boxes, "boxes", least=1)
-        asked = RELAXATIONS.get(self.relaxation)
-        if not asked.over_boxes:
-            raise InvalidInput(f"relaxation: expected one over boxes, which an action chooses, got {self.relaxation}")
-        if asked.about_points and (self.boxes, self.library) != (1, None):
+        relaxation = RELAXATIONS.get(self.relaxation)
+        if not relaxation.over_boxes:
+            raise InvalidInput(
+                f"relaxation: expected one over boxes, which an action chooses, got {self.relaxation}"
+            )
+        if relaxation.about_points and (self.boxes, self.library) != (1, None):
             got = f"{self.boxes} boxes and {'no' if self.library is None else 'a'} library"
             raise InvalidInput(
                 f"relaxation: expected {self.relaxation} over one box without a library, got it with {got}"
@@ -112,7 +118,8 @@ class SelectionSettings(SceneSettings):
 
     @property
     def rewards(self) -> dict[str, tuple[float, Term]]:
-        """Weight and function of every term of the reward, see ``weighted``. Raises InvalidInput."""
+        """Weight and function of every term of the reward, see ``weighted``. Raises
+        InvalidInput."""
         return weighted(self.weights)
 
 
@@ -135,15 +142,28 @@ class SelectionTask:
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
         self._unmeasured = margin_info(None) | margin_info(None, "expert_")
         self._nothing: dict[str, Any] = {
-            "label": 0, "p1_feasible": 0, "p1_right": 0, "is_success": 0, "margin": 0.0, "gap": 0.0, "log_volume": 0.0,
-            "chosen": 0, **dict.fromkeys(self._keys.values(), 0), **dict.fromkeys(settings.rewards, 0.0),
+            "label": 0,
+            "p1_feasible": 0,
+            "p1_right": 0,
+            "is_success": 0,
+            "margin": 0.0,
+            "gap": 0.0,
+            "log_volume": 0.0,
+            "chosen": 0,
+            **dict.fromkeys(self._keys.values(), 0),
+            **dict.fromkeys(settings.rewards, 0.0),
             **self._unmeasured,
-            "expert_point": None, "expert_lower_bound": 0.0, "p1_seconds": 0.0,
-            "p2_seconds": 0.0, "expert_seconds": 0.0,
-        }  # fmt: skip
+            "expert_point": None,
+            "expert_lower_bound": 0.0,
+            "p1_seconds": 0.0,
+            "p2_seconds": 0.0,
+            "expert_seconds": 0.0,
+        }
         self._terms = settings.rewards
         self._timing, self._margins = bool(settings.timing), bool(settings.margins)
-        self._programs = Programs(engine="rows" if settings.backend == "clarabel" else settings.backend)
+        self._programs = Programs(
+            engine="rows" if settings.backend == "clarabel" else settings.backend
+        )
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
@@ -154,7 +174,9 @@ class SelectionTask:
             return spaces.Box(-1.0, 1.0, (self._boxes * each * self._count,), np.float32)
         if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
             learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
-            raise InvalidInput(f"library: expected envelopes learned for {self._problem}, got some for {learned}")
+            raise InvalidInput(
+                f"library: expected envelopes learned for {self._problem}, got some for {learned}"
+            )
         if self._boxes != 1:
             raise InvalidInput(
                 f"boxes: expected 1 with a library, whose envelopes are chosen one by one, got {self._boxes}"
@@ -174,63 +196,89 @@ class SelectionTask:
         """Relax over the chosen boxes, project, compare with the expert."""
         return self.judge_all((scene,), (action,))[0]
 
-    def judge_all(self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]) -> list[Verdict]:
-        """``judge`` of an action a scene, the postures of all verified together: every bit is that of one by one."""
-        asked = [self._envelopes(action) for action in actions]
+    def judge_all(
+        self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]
+    ) -> list[Verdict]:
+        """``judge`` of an action a scene, the postures of all verified together: every bit is that
+        of one by one."""
+        choices = [self._envelopes(action) for action in actions]
         begin = time.perf_counter()
-        answers = self._relax([scene.scaled for scene in scenes], asked)
-        each = (time.perf_counter() - begin) / max(len(asked), 1)
+        answers = self._relax([scene.scaled for scene in scenes], choices)
+        each = (time.perf_counter() - begin) / max(len(choices), 1)
         tried = [
             self._project(scene, answer, envelopes, each)
-            for scene, answer, (envelopes, _) in zip(scenes, answers, asked, strict=True)
+            for scene, answer, (envelopes, _) in zip(scenes, answers, choices, strict=True)
         ]
-        found = [(trial.postures, way) for trial in tried for way in trial.postures]
-        if found:
+        pairs = [(trial.postures, way) for trial in tried for way in trial.postures]
+        if pairs:
             begin = time.perf_counter()
-            worst = check_postures([its[way] for its, way in found])
-            for (its, way), off in zip(found, worst.tolist(), strict=True):
+            worst = check_postures([postures[way] for postures, way in pairs])
+            for (postures, way), off in zip(pairs, worst.tolist(), strict=True):
                 if off > ADMITTED:
-                    del its[way]
-            share = (time.perf_counter() - begin) / len(found)
-            tried = [replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found)) for trial in tried]
+                    del postures[way]
+            share = (time.perf_counter() - begin) / len(pairs)
+            tried = [
+                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found))
+                for trial in tried
+            ]
         return [self._verdict(trial) for trial in tried]
 
     def _relax(self, scaled: Sequence[Scaled], asked: Sequence[Asked]) -> list[RelaxationAnswer]:
-        """P1 of every problem over the boxes of its action; problems of one layout are asked about together."""
-        found = dict[int, RelaxationAnswer]()
+        """P1 of every problem over the boxes of its action; problems of one layout are asked about
+        together."""
+        result = dict[int, RelaxationAnswer]()
         for layout in dict.fromkeys(one.layout for one in scaled):
             these = [index for index, one in enumerate(scaled) if one.layout == layout]
-            problems, boxes = [scaled[index] for index in these], [asked[index][0] for index in these]
+            problems, boxes = (
+                [scaled[index] for index in these],
+                [asked[index][0] for index in these],
+            )
             points = [point for index in these if (point := asked[index][1]) is not None]
             answers = self._relaxation.answers(self._programs, problems, boxes, points)
-            found |= zip(these, answers, strict=True)
-        return [found[index] for index in range(len(scaled))]
+            result |= zip(these, answers, strict=True)
+        return [result[index] for index in range(len(scaled))]
 
     def _project(
-        self, scene: LabelledScene, answer: RelaxationAnswer, envelopes: Sequence[Envelope], p1_seconds: float
+        self,
+        scene: LabelledScene,
+        answer: RelaxationAnswer,
+        envelopes: Sequence[Envelope],
+        p1_seconds: float,
     ) -> _Trial:
         """From the point of P1 every projection."""
         begin = time.perf_counter()
         postures: dict[Projection, Plan] = {}
         if answer.feasible and answer.point is not None:
-            points = {way: project(self._programs, way, scene.scaled, answer.point) for way in self._projections}
+            points = {
+                way: project(self._programs, way, scene.scaled, answer.point)
+                for way in self._projections
+            }
             postures = {
                 way: plan_of(scene.problem, scene.scaled, scene.scaled.numbers, at)
                 for way, at in points.items()
                 if np.isfinite(at.residual)
             }
         return _Trial(
-            scene=scene, answer=answer, envelope=envelopes[answer.chosen], postures=postures, found=len(postures),
-            p1_seconds=p1_seconds, p2_seconds=time.perf_counter() - begin,
-        )  # fmt: skip
+            scene=scene,
+            answer=answer,
+            envelope=envelopes[answer.chosen],
+            postures=postures,
+            found=len(postures),
+            p1_seconds=p1_seconds,
+            p2_seconds=time.perf_counter() - begin,
+        )
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
         """The boxes of an action, and for relaxations about a point that of the one."""
         if np.shape(action) != self.action_space.shape:
-            raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
+            raise InvalidInput(
+                f"action: expected shape {self.action_space.shape}, got {np.shape(action)}"
+            )
         if self._library is not None:
             if not self.action_space.contains(np.int64(action)):
-                raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
+                raise InvalidInput(
+                    f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}"
+                )
             return (self._library.envelopes[int(action)],), None
         flat = _numbers(action)
         if self._relaxation.about_points:
@@ -245,7 +293,9 @@ class SelectionTask:
         reached = self._projections[0] in trial.postures
         judged = Judged(scene=scene, answer=answer, envelope=envelope, right=right, reached=reached)
         terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
-        posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
+        posture = next(
+            (trial.postures[way] for way in self._projections if way in trial.postures), None
+        )
         clock = self._timing
         info = {
             "label": int(scene.feasible),
@@ -265,10 +315,13 @@ class SelectionTask:
             "p2_seconds": trial.p2_seconds if clock else 0.0,
             "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
-        return Verdict(reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope)
+        return Verdict(
+            reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope
+        )
 
     def before(self, scene: LabelledScene) -> dict[str, Any]:
-        """The info of a scene before any action: what the expert knows, and 0 for all that an action comes to."""
+        """The info of a scene before any action: what the expert knows, and 0 for all that an
+        action comes to."""
         expert = scene.margins if self._margins else {}
         return {
             **self._nothing,

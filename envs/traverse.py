@@ -1,4 +1,5 @@
-"""Traverse-v0: a course walked window by window, by the planner that the agent chooses for the coming key frames."""
+"""Traverse-v0: a course walked window by window, by the planner that the agent chooses for the
+coming key frames."""
 
 from __future__ import annotations
 
@@ -46,14 +47,15 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Description
 
-    A course of M key frames (Lin et al. §IV-B) an episode. One step: see the coming candidate patches, choose a planner
-    for the next ``horizon`` key frames, be moved there if it finds a plan that the verifier accepts together with what
-    was walked before. Where it finds none the robot stays, and the agent may choose again.
+    A course of M key frames (Lin et al. §IV-B) an episode. One step: see the coming candidate
+    patches, choose a planner for the next ``horizon`` key frames, be moved there if it finds a plan
+    that the verifier accepts together with what was walked before. Where it finds none the robot
+    stays, and the agent may choose again.
 
     ## Observation Space
 
-    A ``Dict`` of flat float32 ``Box``es, with H = ``horizon``, N = ``limbs``, R = ``regions``, U = ``corners``; lengths
-    in the course's length scale, places as seen from the COM:
+    A ``Dict`` of flat float32 ``Box``es, with H = ``horizon``, N = ``limbs``, R = ``regions``, U =
+    ``corners``; lengths in the course's length scale, places as seen from the COM:
 
     | name | shape | meaning |
     |---|---|---|
@@ -72,36 +74,38 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Action Space
 
-    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given, several sets of them, or
-    those that a selector chooses for the stances ahead.
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given,
+    several sets of them, or those that a selector chooses for the stances ahead.
 
     ## Reward
 
-    progress · (share of the path's length that the COM went forward along it) + feasible · [a verified plan]
-    − failure · [none, or one whose execution failed] − solve · (convex problems solved) − second · (seconds of
-    planning, with ``timing`` only), with the weights of ``TraverseWeights``.
+    progress · (share of the path's length that the COM went forward along it) + feasible · [a
+    verified plan] − failure · [none, or one whose execution failed] − solve · (convex problems
+    solved) − second · (seconds of planning, with ``timing`` only), with the weights of
+    ``TraverseWeights``.
 
     ## Starting State
 
-    The first key frame of one of ``courses``, perturbed by ``amount``; courses whose first frame does not hold are
-    drawn again.
+    The first key frame of one of ``courses``, perturbed by ``amount``; courses whose first frame
+    does not hold are drawn again.
 
     ## Episode End
 
-    Terminated at the last frame, where it is proved that no plan goes on from here, and where an execution fails.
-    Truncated after ``patience`` steps in vain.
+    Terminated at the last frame, where it is proved that no plan goes on from here, and where an
+    execution fails. Truncated after ``patience`` steps in vain.
 
     ## Info
 
-    After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
-    was not learned for these limbs or patches), ``planner`` (whose plan it is, by its action, −1 where there is none),
-    ``executed`` (1 done, 0 failed, −1 not tried), ``is_success`` (at the last frame, no execution failed), ``frame``,
-    ``solves``, ``progress_m``, ``objective``, ``residual``,
-    ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of the terrain under each coming frame, −1 where
-    unknown; ``reward_<term>``; ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``; and of the
-    window's stances the least ``push_n`` (horizontal push at the body that is borne in every direction), ``support_m``
-    (distance from the centre of mass to the border of support) and ``friction_left`` (share of the friction that is not
-    needed), which stay 0 unless ``margins``, and where there is no plan.
+    After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved),
+    ``refused`` (the envelope was not learned for these limbs or patches), ``planner`` (whose plan
+    it is, by its action, −1 where there is none), ``executed`` (1 done, 0 failed, −1 not tried),
+    ``is_success`` (at the last frame, no execution failed), ``frame``, ``solves``, ``progress_m``,
+    ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode
+    of the terrain under each coming frame, −1 where unknown; ``reward_<term>``; ``plan_seconds``,
+    ``compile_seconds``, which stay 0 unless ``timing``; and of the window's stances the least
+    ``push_n`` (horizontal push at the body that is borne in every direction), ``support_m``
+    (distance from the centre of mass to the border of support) and ``friction_left`` (share of the
+    friction that is not needed), which stay 0 unless ``margins``, and where there is no plan.
 
     ## Arguments
 
@@ -126,9 +130,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | margins | False | measure the margins in ``info``, some milliseconds per stance |
     | render_mode | None | "rgb_array" |
 
-    ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors (what ``fit``
-    returned; a network chooses its boxes for every stance ahead), files of any of these, or names of those that ship. A
-    selector that has a stance in none of the courses is refused.
+    ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors
+    (what ``fit`` returned; a network chooses its boxes for every stance ahead), files of any of
+    these, or names of those that ship. A selector that has a stance in none of the courses is
+    refused.
 
     ## Version History
 
@@ -150,7 +155,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._draw, self._features = course_source(courses, settings)
         programs = settings.programs or Programs()
         planners = settings.planners
-        self._planners = tuple(offered_planners(settings.envelopes, programs) if planners is None else planners)
+        self._planners = tuple(
+            offered_planners(settings.envelopes, programs) if planners is None else planners
+        )
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         check_selectors(self._planners, self._draw)
@@ -168,13 +175,16 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Features, dict[str, Any]]:
-        """Draw courses until one has a first key frame that holds. Raises PlanningFailed after MAX_DRAWS."""
+        """Draw courses until one has a first key frame that holds. Raises PlanningFailed after
+        MAX_DRAWS."""
         check_options(options)
         super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             course = self._draw(self.np_random)
             if course.frames < 2:
-                raise InvalidInput(f"course: expected two or more frames to go, got {course.frames}")
+                raise InvalidInput(
+                    f"course: expected two or more frames to go, got {course.frames}"
+                )
             plan = replan(None, course, horizon=0, planner=self._start).solution
             if plan is not None:
                 self._course, self._walked = course, [plan]
@@ -185,14 +195,25 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
         """Let the chosen planner plan the next window; go there if it can."""
         if self._course is None or self._over:
-            raise gym.error.ResetNeeded("reset the environment before the first step and after the last")
-        given = np.asarray(action)
-        if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < len(self._planners):
-            raise InvalidInput(f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}")
+            raise gym.error.ResetNeeded(
+                "reset the environment before the first step and after the last"
+            )
+        array = np.asarray(action)
+        if (
+            array.shape != ()
+            or array.dtype.kind not in "iu"
+            or not 0 <= array < len(self._planners)
+        ):
+            raise InvalidInput(
+                f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}"
+            )
         course, begin = self._course, self._frame
         tried = self._try(course, int(action))
         if tried.plan is not None:
-            self._walked = [*self._walked, tried.plan]  # a new list: a copy of the environment is a state to go back to
+            self._walked = [
+                *self._walked,
+                tried.plan,
+            ]  # a new list: a copy of the environment is a state to go back to
             self._frame += tried.plan.problem.frames - 1
         self._vain += tried.plan is None
         terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
@@ -222,14 +243,20 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         """Plan the next window, have the walk with it verified, execute it."""
         state, planner = Standing.at_end(self._walked[-1]), self._planners[chosen]
         try:
-            outcome = replan(state, course, frame=self._frame, horizon=self._horizon, planner=planner)
+            outcome = replan(
+                state, course, frame=self._frame, horizon=self._horizon, planner=planner
+            )
         except InvalidInput:  # an envelope that was not learned for these limbs or patches
             return _Try(refused=True)
         plan = outcome.solution
         if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:
             plan = None  # it holds by itself, but cannot be reached from where the last one ended
-        executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
-        return _Try(outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen)
+        executed = (
+            -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
+        )
+        return _Try(
+            outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen
+        )
 
     def _observe(self, course: Problem) -> Features:
         return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
@@ -283,7 +310,9 @@ class _Try:
     @property
     def failed(self) -> bool:
         """No plan, or one that did not work."""
-        return self.refused or self.executed == 0 or (self.outcome is not None and self.plan is None)
+        return (
+            self.refused or self.executed == 0 or (self.outcome is not None and self.plan is None)
+        )
 
     @property
     def progress_m(self) -> float:
@@ -296,4 +325,6 @@ class _Try:
 
 def _space(features: CourseFeatures) -> spaces.Dict:
     bounds = features.bounds()
-    return spaces.Dict({name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()})
+    return spaces.Dict(
+        {name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()}
+    )

@@ -39,9 +39,11 @@ DRAWS = 50
 """Of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
-"""What courses are drawn from: names, files and descriptions, also as mappings with a file's keys; or a function."""
+"""What courses are drawn from: names, files and descriptions, also as mappings with a file's keys;
+or a function."""
 Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector | str | Path
-"""What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a file of these."""
+"""What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a
+file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
         ".json": "stancekit.planners.formats.answer_file:read_boxes",
@@ -49,8 +51,8 @@ READERS: Mapping[str, str] = MappingProxyType(
         "": "stancekit.learners.selectors.selector_file:load_selector",  # the name of one that ships
     }
 )
-"""Readers of files by their endings, and of names, which have none; named, as in a registry, because networks are read
-on a higher floor."""
+"""Readers of files by their endings, and of names, which have none; named, as in a registry,
+because networks are read on a higher floor."""
 
 
 class Executed(Protocol):
@@ -111,7 +113,8 @@ class TraverseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraverseSettings:
-    """``TraverseOptions`` with their defaults. Raises InvalidInput for what is out of range or does not go together."""
+    """``TraverseOptions`` with their defaults. Raises InvalidInput for what is out of range or does
+    not go together."""
 
     frames: int | None = 9
     horizon: int = 2
@@ -142,8 +145,12 @@ class TraverseSettings:
     @property
     def rewards(self) -> TraverseWeights:
         """The weights, read from a mapping where they came as one. Raises InvalidInput."""
-        given = self.weights
-        return given if isinstance(given, TraverseWeights) else typed(TraverseWeights, given, "weights")
+        weights = self.weights
+        return (
+            weights
+            if isinstance(weights, TraverseWeights)
+            else typed(TraverseWeights, weights, "weights")
+        )
 
 
 LEAST: Mapping[str, int] = MappingProxyType(
@@ -151,7 +158,9 @@ LEAST: Mapping[str, int] = MappingProxyType(
 )
 
 
-def course_source(courses: Courses, settings: TraverseSettings) -> tuple[CourseSource, CourseFeatures]:
+def course_source(
+    courses: Courses, settings: TraverseSettings
+) -> tuple[CourseSource, CourseFeatures]:
     """Source that draws courses, and the size of their views: horizon, limbs, regions and corners,
     the courses' where None.
 
@@ -160,9 +169,13 @@ def course_source(courses: Courses, settings: TraverseSettings) -> tuple[CourseS
     robot, terrain = settings.robot, settings.terrain
     if not isinstance(courses, Sequence):
         if settings.regions is None:
-            raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
+            raise InvalidInput(
+                "regions: expected the most candidates of a toe where courses is a function, got None"
+            )
         if robot is not None or terrain is not None:
-            raise InvalidInput("robot, terrain: expected none where courses is a function, which has its own")
+            raise InvalidInput(
+                "robot, terrain: expected none where courses is a function, which has its own"
+            )
         return WithFooting(courses), _features(settings, limbs=len(hexapod().limbs), regions=0)
     specs = [_spec(course, robot, terrain) for course in courses]
     if settings.frames is not None:
@@ -199,19 +212,24 @@ class WithFooting:
                 return self.draw(rng)
             except NoFooting as error:
                 refused = error
-        raise PlanningFailed(f"no course in {DRAWS} draws with footing for every toe; the last: {refused}")
+        raise PlanningFailed(
+            f"no course in {DRAWS} draws with footing for every toe; the last: {refused}"
+        )
 
 
 def _features(settings: TraverseSettings, *, limbs: int, regions: int) -> CourseFeatures:
     return CourseFeatures(
-        horizon=settings.horizon, corners=settings.corners,
+        horizon=settings.horizon,
+        corners=settings.corners,
         limbs=limbs if settings.limbs is None else settings.limbs,
         regions=regions if settings.regions is None else settings.regions,
-    )  # fmt: skip
+    )
 
 
 def _spec(
-    course: str | Path | CourseSpec | Mapping[str, Any], robot: str | Path | None, terrain: str | Path | None
+    course: str | Path | CourseSpec | Mapping[str, Any],
+    robot: str | Path | None,
+    terrain: str | Path | None,
 ) -> CourseSpec:
     """A course's description whose files are found from anywhere."""
     if isinstance(course, Mapping):
@@ -222,15 +240,19 @@ def _spec(
             spec = spec.model_copy(update={"robot": str((folder / spec.robot).resolve())})
         if isinstance(spec.terrain, FileTerrain):
             file = str((folder / spec.terrain.file).resolve())
-            spec = spec.model_copy(update={"terrain": spec.terrain.model_copy(update={"file": file})})
+            spec = spec.model_copy(
+                update={"terrain": spec.terrain.model_copy(update={"file": file})}
+            )
     else:
         spec = course
     if robot is not None:
         path = Path(robot)
         spec = spec.model_copy(update={"robot": str(path.resolve()) if path.suffix else str(robot)})
     if terrain is not None:
-        found = FileTerrain(file=str(Path(terrain).resolve()), friction=spec.terrain.friction)
-        spec = spec.model_copy(update={"terrain": found})
+        terrain_file = FileTerrain(
+            file=str(Path(terrain).resolve()), friction=spec.terrain.friction
+        )
+        spec = spec.model_copy(update={"terrain": terrain_file})
     return spec
 
 
@@ -243,25 +265,34 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     """The two-stage planner over the lift, and over each of the envelopes. Raises InvalidInput."""
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    given = [_read(each) if isinstance(each, str | Path) else each for each in envelopes]
-    return [TwoStageCoursePlanner(programs=programs), *(_within(each, programs) for each in given)]
+    choices = [_read(each) if isinstance(each, str | Path) else each for each in envelopes]
+    return [
+        TwoStageCoursePlanner(programs=programs),
+        *(_within(each, programs) for each in choices),
+    ]
 
 
 def check_selectors(planners: Sequence[Planner], source: CourseSource) -> None:
-    """Raise InvalidInput for a selector that no course has a stance for: it would be asked for nothing.
+    """Raise InvalidInput for a selector that no course has a stance for: it would be asked for
+    nothing.
 
     Of a function, nobody knows before it draws.
     """
     draw = source.draw if isinstance(source, WithFooting) else source
     for planner in planners:
         if isinstance(planner, SelectorPlanner) and isinstance(draw, Perturbed):
-            refused = [error for spec in draw.specs if (error := _refusal(planner, spec)) is not None]
+            refused = [
+                error for spec in draw.specs if (error := _refusal(planner, spec)) is not None
+            ]
             if len(refused) == len(draw.specs):
-                raise InvalidInput(f"envelopes: expected a selector for the courses, got another: {refused[0]}")
+                raise InvalidInput(
+                    f"envelopes: expected a selector for the courses, got another: {refused[0]}"
+                )
 
 
 def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
-    """Why nothing of a course, as it is undisturbed, is for a selector; None where something is, or may be."""
+    """Why nothing of a course, as it is undisturbed, is for a selector; None where something is, or
+    may be."""
     try:
         planner.check_fits(perturbed(spec, np.random.default_rng(0), amount=0.0))
     except NoFooting:
@@ -276,12 +307,16 @@ def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
     suffix = Path(path).suffix
     if suffix not in READERS:
         known = " or ".join(filter(None, READERS))
-        raise InvalidInput(f"envelopes: expected a file that ends in {known}, got {shown(str(path))}")
-    found: EnvelopeSet | Modes | LearnedSelector = resolve_name(READERS[suffix])(Path(path))
-    return found
+        raise InvalidInput(
+            f"envelopes: expected a file that ends in {known}, got {shown(str(path))}"
+        )
+    choice: EnvelopeSet | Modes | LearnedSelector = resolve_name(READERS[suffix])(Path(path))
+    return choice
 
 
-def _within(given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs) -> Planner:
+def _within(
+    given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs
+) -> Planner:
     if isinstance(given, EnvelopeSet | Modes | Sequence):
         return EnvelopeCoursePlanner(given, programs=programs)
     return SelectorPlanner(given.selector, class_envelopes(given), programs=programs)

@@ -1,6 +1,7 @@
 """``stancekit/EnvelopeSelection-v0`` in batches: shared compiled models, one process or several.
 
-``gymnasium.make_vec("stancekit.envs:stancekit/EnvelopeSelection-v0", num_envs=8)`` gives this environment.
+``gymnasium.make_vec("stancekit.envs:stancekit/EnvelopeSelection-v0", num_envs=8)`` gives this
+environment.
 """
 
 from __future__ import annotations
@@ -39,20 +40,23 @@ Seeds = Sequence[int | None]
 
 
 class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
-    """``num_envs`` copies of ``EnvelopeSelectionEnv`` in one: a step judges an action each and draws the next scenes.
+    """``num_envs`` copies of ``EnvelopeSelectionEnv`` in one: a step judges an action each and
+    draws the next scenes.
 
-    Autoreset is SAME_STEP: ``step`` returns the observation of the next scenes, with the info of their reset;
-    ``infos["final_obs"]`` and ``infos["final_info"]`` are those of the scenes that the actions were for. Wrappers that
-    are written for NEXT_STEP, Gymnasium's default, do not fit: they take every second step for a reset
-    (``RecordEpisodeStatistics`` and ``DictInfoToList`` know both modes). Sub-environment i with seed s + i lives
-    through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
+    Autoreset is SAME_STEP: ``step`` returns the observation of the next scenes, with the info of
+    their reset; ``infos["final_obs"]`` and ``infos["final_info"]`` are those of the scenes that the
+    actions were for. Wrappers that are written for NEXT_STEP, Gymnasium's default, do not fit: they
+    take every second step for a reset (``RecordEpisodeStatistics`` and ``DictInfoToList`` know both
+    modes). Sub-environment i with seed s + i lives through exactly what the single environment does
+    after ``reset(seed=s + i)``, whatever ``workers`` is.
 
-    One thread at a time may use it. A copy (deepcopy, pickle) goes on as the original, with processes of its own.
+    One thread at a time may use it. A copy (deepcopy, pickle) goes on as the original, with
+    processes of its own.
 
-    scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
-    process. workers: processes that draw and judge, each for an equal part of the batch, this one among them: with
-    more than 1 the others need a main module that can be imported (``if __name__ == "__main__"``). The other arguments
-    are those of ``EnvelopeSelectionEnv``.
+    scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder
+    is read once a process. workers: processes that draw and judge, each for an equal part of the
+    batch, this one among them: with more than 1 the others need a main module that can be imported
+    (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
@@ -89,9 +93,11 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
         Arguments:
             seed: s seeds sub-environment i with s + i; or one per sub-environment.
-            options: ``reset_mask``, shape (num_envs,), says which sub-environments draw; the others stay.
+            options: ``reset_mask``, shape (num_envs,), says which sub-environments draw; the others
+                stay.
         Raises:
-            InvalidInput: for another option, a mask of another shape or kind, and a seed that is none.
+            InvalidInput: for another option, a mask of another shape or kind, and a seed that is
+                none.
         """
         check_options(options, ("reset_mask",))
         if seed is None or isinstance(seed, int | np.integer):
@@ -108,27 +114,39 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
             mask = checked_mask(options["reset_mask"], self.num_envs)
             if not self._ready and not mask.all():
                 raise gym.error.ResetNeeded("reset all sub-environments before some of them")
-        found: list[_Begun] = self._each("reset", [(seeds[part], mask[part]) for part in self._slices()])
-        self._ready, self._last = True, [begun.observation for begun in found]
-        return _joined(self._last), self._of_all(_gathered([begun.info for begun in found]))
+        result: list[_Begun] = self._each(
+            "reset", [(seeds[part], mask[part]) for part in self._slices()]
+        )
+        self._ready, self._last = True, [begun.observation for begun in result]
+        return _joined(self._last), self._of_all(_gathered([begun.info for begun in result]))
 
     def step(
         self, actions: NDArray[Any]
-    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[
+        Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+    ]:
         """Judge an action a sub-environment; every episode ends and the next one begins."""
         if not self._ready:
             raise gym.error.ResetNeeded("reset the environment before the first step")
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
-            raise InvalidInput(f"actions: expected shape {self.action_space.shape}, got {actions.shape}")
+            raise InvalidInput(
+                f"actions: expected shape {self.action_space.shape}, got {actions.shape}"
+            )
         results: list[_Stepped] = self._each("step", [actions[part] for part in self._slices()])
         final, rows = _joined(self._last), np.full(self.num_envs, None, dtype=object)
-        rows[:] = [{name: values[index] for name, values in final.items()} for index in range(self.num_envs)]
-        told = _gathered([result.info for result in results])
+        rows[:] = [
+            {name: values[index] for name, values in final.items()}
+            for index in range(self.num_envs)
+        ]
+        infos_of_all = _gathered([result.info for result in results])
         begun = _gathered([result.begun.info for result in results])
-        infos = self._of_all({**begun, "final_obs": rows, "final_info": self._of_all(told)})
+        infos = self._of_all({**begun, "final_obs": rows, "final_info": self._of_all(infos_of_all)})
         rewards = np.array([reward for result in results for reward in result.rewards])
-        ended, not_cut = np.ones(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
+        ended, not_cut = (
+            np.ones(self.num_envs, dtype=np.bool_),
+            np.zeros(self.num_envs, dtype=np.bool_),
+        )
         self._last = [result.begun.observation for result in results]
         return _joined(self._last), rewards, ended, not_cut, infos
 
@@ -153,11 +171,16 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
             part.close()
 
     def _slices(self) -> list[slice]:
-        return [slice(begin, end) for begin, end in zip(self._cuts[:-1], self._cuts[1:], strict=True)]
+        return [
+            slice(begin, end) for begin, end in zip(self._cuts[:-1], self._cuts[1:], strict=True)
+        ]
 
     def _each(self, method: str, arguments: Sequence[Any]) -> list[Any]:
-        """Let all parts do this, at the same time; an error of one is raised after all have ended."""
-        for part, argument in reversed(list(zip(self._parts, arguments, strict=True))):  # this process is the first
+        """Let all parts do this, at the same time; an error of one is raised after all have
+        ended."""
+        for part, argument in reversed(
+            list(zip(self._parts, arguments, strict=True))
+        ):  # this process is the first
             part.begin(method, argument)
         answers = [part.end() for part in self._parts]
         for answer in answers:
@@ -172,7 +195,8 @@ Rows = dict[str, list[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Begun:
-    """The episodes that some sub-environments are in: observations, and info from before any action."""
+    """The episodes that some sub-environments are in: observations, and info from before any
+    action."""
 
     observation: Observation
     info: Rows
@@ -180,7 +204,8 @@ class _Begun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stepped:
-    """A step of some sub-environments: rewards and info of the old scenes, and the episodes that begin."""
+    """A step of some sub-environments: rewards and info of the old scenes, and the episodes that
+    begin."""
 
     rewards: list[float]
     info: Rows
@@ -188,7 +213,8 @@ class _Stepped:
 
 
 class _Batch:
-    """Some sub-environments in one process: a task, and for each a generator, a source and the scene it is at."""
+    """Some sub-environments in one process: a task, and for each a generator, a source and the
+    scene it is at."""
 
     def __init__(self, task: SelectionTask, size: int) -> None:
         self._task = task
@@ -201,8 +227,11 @@ class _Batch:
         """Do it now."""
         try:
             answers: dict[str, Callable[[Any], Any]] = {
-                "reset": self.reset, "step": self.step, "render": self.render, "state": self.state,
-            }  # fmt: skip
+                "reset": self.reset,
+                "step": self.step,
+                "render": self.render,
+                "state": self.state,
+            }
             self._answer = answers[method](argument)
         except Exception as error:  # raised by whoever asks for the answer
             self._answer = error
@@ -216,7 +245,8 @@ class _Batch:
         """Nothing is open."""
 
     def reset(self, asked: tuple[Seeds, NDArray[np.bool_]]) -> _Begun:
-        """Draw the next scenes of those in the mask; the seed None goes on with the generator that one has."""
+        """Draw the next scenes of those in the mask; the seed None goes on with the generator that
+        one has."""
         seeds, mask = asked
         for index, seed in enumerate(seeds):
             if mask[index] and (seed is not None or self._rngs[index] is None):
@@ -227,7 +257,11 @@ class _Batch:
         """Judge, and draw the next scenes."""
         verdicts = self._task.judge_all(self._at, actions)
         rewards = [verdict.reward for verdict in verdicts]
-        return _Stepped(rewards=rewards, info=_by_key([verdict.info for verdict in verdicts]), begun=self._draw())
+        return _Stepped(
+            rewards=rewards,
+            info=_by_key([verdict.info for verdict in verdicts]),
+            begun=self._draw(),
+        )
 
     def render(self, _: None) -> list[NDArray[np.uint8]]:
         """Draw every scene that there is."""
@@ -239,15 +273,24 @@ class _Batch:
 
     def _draw(self, mask: NDArray[np.bool_] | None = None) -> _Begun:
         at: Sequence[LabelledScene | None] = self._at or [None] * len(self._sources)
-        drawn = zip(self._sources, self._rngs, at, mask if mask is not None else [True] * len(at), strict=True)
+        scenes = zip(
+            self._sources,
+            self._rngs,
+            at,
+            mask if mask is not None else [True] * len(at),
+            strict=True,
+        )
         self._at = [
             source.draw(rng) if draws or scene is None else scene
-            for source, rng, scene, draws in drawn
+            for source, rng, scene, draws in scenes
             if rng is not None
         ]
         for scene in self._at:
             self._task.check(scene)
-        return _Begun(observation=all_seen(self._at), info=_by_key([self._task.before(scene) for scene in self._at]))
+        return _Begun(
+            observation=all_seen(self._at),
+            info=_by_key([self._task.before(scene) for scene in self._at]),
+        )
 
 
 class _Worker:
@@ -259,7 +302,9 @@ class _Worker:
     def _start(self, make: Callable[[], _Batch]) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, make), daemon=True)
+        self._process: BaseProcess = context.Process(
+            target=_serve, args=(theirs, make), daemon=True
+        )
         self._process.start()
         theirs.close()
 
@@ -284,7 +329,9 @@ class _Worker:
             return self._pipe.recv()
         except (EOFError, ConnectionError):
             self._process.join()
-            return StancekitError(f"a worker process of the environment ended with code {self._process.exitcode}")
+            return StancekitError(
+                f"a worker process of the environment ended with code {self._process.exitcode}"
+            )
 
     def close(self) -> None:
         """End the process."""

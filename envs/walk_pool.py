@@ -1,7 +1,8 @@
-"""Walks that are drawn once for ``stancekit/WarpedGait-v0``, and what every attempt at them came to.
+"""Walks that are drawn once for ``stancekit/WarpedGait-v0``, and what every attempt at them came
+to.
 
-A solve takes seconds, a look at what came of it nothing. A pool solves an attempt when it is first asked for, and can
-be solved as a whole and kept in a file.
+A solve takes seconds, a look at what came of it nothing. A pool solves an attempt when it is first
+asked for, and can be solved as a whole and kept in a file.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ Action = tuple[int, int, int]
 
 
 class Outcome(NamedTuple):
-    """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the solver's.
-    """
+    """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the
+    solver's."""
 
     verified: float = 0.0
     feasible: float = 0.0
@@ -58,11 +59,18 @@ class Outcome(NamedTuple):
 
     @classmethod
     def of(cls, found: Attempted | None, limit: int) -> Self:
-        """The numbers of an attempt; of None, where a terrain has no map, the limit of iterations was taken."""
+        """The numbers of an attempt; of None, where a terrain has no map, the limit of iterations
+        was taken."""
         if found is None:
             return cls(iterations=limit)
         figures = found.report.figures
-        names = ("force_rms", "moment_rms", "peak_acceleration_g", "outside_cone", "footing_friction")
+        names = (
+            "force_rms",
+            "moment_rms",
+            "peak_acceleration_g",
+            "outside_cone",
+            "footing_friction",
+        )
         return cls(
             verified=float(found.verified),
             feasible=float(found.solution.success),
@@ -87,12 +95,27 @@ class WalkPool:
         InvalidInput: for no walk, or too many.
     """
 
-    def __init__(self, tasks: Tasks, size: int, charts: tuple[str, ...], settings: GaitSettings, seed: int = 0) -> None:
+    def __init__(
+        self,
+        tasks: Tasks,
+        size: int,
+        charts: tuple[str, ...],
+        settings: GaitSettings,
+        seed: int = 0,
+    ) -> None:
         if not 1 <= size <= MOST_WALKS:
             raise InvalidInput(f"pool: expected 1 to {MOST_WALKS} walks, got {size}")
-        self.tasks, self.size, self.charts, self.settings, self.seed = tasks, size, charts, settings, seed
+        self.tasks, self.size, self.charts, self.settings, self.seed = (
+            tasks,
+            size,
+            charts,
+            settings,
+            seed,
+        )
         self._walks: dict[int, Walk] = {}
-        self._table = np.full((size, len(charts), len(HEIGHTS), len(NOISES), len(Outcome._fields)), np.nan)
+        self._table = np.full(
+            (size, len(charts), len(HEIGHTS), len(NOISES), len(Outcome._fields)), np.nan
+        )
         self._bench: Workbench | None = None
 
     def __len__(self) -> int:
@@ -117,7 +140,8 @@ class WalkPool:
         return Outcome(*row.tolist())
 
     def solve(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
-        """Solve every attempt that has no outcome. progress: called with how many have one, and all."""
+        """Solve every attempt that has no outcome. progress: called with how many have one, and
+        all."""
         total = int(np.prod(self._table.shape[:-1]))
         for index in range(self.size):
             for action in product(*map(range, self._table.shape[1:4])):
@@ -127,11 +151,15 @@ class WalkPool:
     def write(self, path: str | Path) -> None:
         """Write the outcomes, and what the walks are drawn from, to an .npz file."""
         content = io.BytesIO()
-        np.savez_compressed(content, header=np.array(json.dumps(self._header())), outcomes=self._table)
+        np.savez_compressed(
+            content, header=np.array(json.dumps(self._header())), outcomes=self._table
+        )
         write_bytes(path, content.getvalue())
 
     @classmethod
-    def read(cls, path: str | Path, tasks: Tasks, charts: tuple[str, ...], settings: GaitSettings) -> Self:
+    def read(
+        cls, path: str | Path, tasks: Tasks, charts: tuple[str, ...], settings: GaitSettings
+    ) -> Self:
         """A pool of these tasks, charts and settings from the file that ``write`` made.
 
         Raises InvalidInput for another file, and for a pool of other walks, charts or settings.
@@ -142,38 +170,61 @@ class WalkPool:
             table, size, seed = arrays["outcomes"], int(header["size"]), int(header["seed"])
         except (KeyError, ValueError, TypeError):
             raise InvalidInput(f"{path}: expected a pool of walks, got another file") from None
-        found = cls(tasks, size, charts, settings, seed)
-        if other := first_difference(header, found._header()):
-            raise InvalidInput(f"{path}: expected a pool of the environment's walks, charts and settings: {other}")
-        if table.shape != found._table.shape:
-            raise InvalidInput(f"{path}: expected outcomes of shape {found._table.shape}, got {table.shape}")
-        found._table = np.array(table, dtype=np.float64)
-        return found
+        pool = cls(tasks, size, charts, settings, seed)
+        if other := first_difference(header, pool._header()):
+            raise InvalidInput(
+                f"{path}: expected a pool of the environment's walks, charts and settings: {other}"
+            )
+        if table.shape != pool._table.shape:
+            raise InvalidInput(
+                f"{path}: expected outcomes of shape {pool._table.shape}, got {table.shape}"
+            )
+        pool._table = np.array(table, dtype=np.float64)
+        return pool
 
     def _solved(self, index: int, action: Action) -> Outcome:
         walk = self.walk(index)
         if self._bench is None or self._bench.task is not walk:
             self._bench = Workbench(walk, self.settings)
         chart, heights, noise = action
-        attempt = Attempt(chart=self.charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=index)
-        return Outcome.of(attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights))
+        attempt = Attempt(
+            chart=self.charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=index
+        )
+        return Outcome.of(
+            attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights)
+        )
 
     def _header(self) -> dict[str, Any]:
         """Origin of the outcomes, JSON-ready."""
         tasks = self.tasks
         if isinstance(tasks, SampledTasks):
-            drawn = {name: getattr(tasks, name) for name in ("terrain", "difficulty", "distance_m", "duration_s")} | {
-                "robot": hashlib.sha256(json.dumps(tasks.robot.to_json(), sort_keys=True).encode()).hexdigest()
+            task = {
+                name: getattr(tasks, name)
+                for name in ("terrain", "difficulty", "distance_m", "duration_s")
+            } | {
+                "robot": hashlib.sha256(
+                    json.dumps(tasks.robot.to_json(), sort_keys=True).encode()
+                ).hexdigest()
             }
         else:
-            drawn = {"drawn_by": f"{tasks.__module__}:{getattr(tasks, '__qualname__', type(tasks).__qualname__)}"}
+            task = {
+                "drawn_by": f"{tasks.__module__}:{getattr(tasks, '__qualname__', type(tasks).__qualname__)}"
+            }
         first = self.walk(0)
-        ends = np.concatenate([first.start_xy_m, first.goal_xy_m, first.terrain.height(_PLACES).ravel()])
+        ends = np.concatenate(
+            [first.start_xy_m, first.goal_xy_m, first.terrain.height(_PLACES).ravel()]
+        )
         content = {
-            "format": FORMAT, "size": self.size, "seed": self.seed, "charts": ", ".join(self.charts),
-            "heights": HEIGHTS, "noises": NOISES, "settings": asdict(self.settings), "tasks": drawn,
+            "format": FORMAT,
+            "size": self.size,
+            "seed": self.seed,
+            "charts": ", ".join(self.charts),
+            "heights": HEIGHTS,
+            "noises": NOISES,
+            "settings": asdict(self.settings),
+            "tasks": task,
             "first": ends.round(9).tolist(),
-        }  # fmt: skip
+        }
         known: dict[str, Any] = json.loads(json.dumps(content))
         return known
 
@@ -186,7 +237,9 @@ def attempted(bench: Workbench, attempt: Attempt) -> Attempted | None:
         return None
 
 
-_PLACES: NDArray[np.float64] = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"), axis=-1)
+_PLACES: NDArray[np.float64] = np.stack(
+    np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"), axis=-1
+)
 
 
 def _number(value: float | Array) -> float:

@@ -1,4 +1,5 @@
-"""``stancekit/WarpedGait-v0``: choose how to solve a walk over a height field; the verifier judges what comes of it."""
+"""``stancekit/WarpedGait-v0``: choose how to solve a walk over a height field; the verifier judges
+what comes of it."""
 
 from __future__ import annotations
 
@@ -78,27 +79,38 @@ class GaitEnvSettings:
 
     def __post_init__(self) -> None:
         if self.charts is not None and not self.charts:
-            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(self.charts)}")
+            raise InvalidInput(
+                f"charts: expected some of {', '.join(CHARTS.names())}, got {list(self.charts)}"
+            )
         for chart in self.charts or ():
             CHARTS.get(chart)
         if self.robot is not None and self.tasks is not None:
             raise InvalidInput("robot: expected none where tasks are given, which have their own")
         if self.rewards.seconds and not self.timing:
-            raise InvalidInput(f"weights: expected timing with seconds, whose weight is {self.rewards.seconds:g}")
+            raise InvalidInput(
+                f"weights: expected timing with seconds, whose weight is {self.rewards.seconds:g}"
+            )
 
     @property
     def rewards(self) -> GaitRewardWeights:
         """The weights, read from a mapping where they came as one. Raises InvalidInput."""
-        given = self.weights
-        return given if isinstance(given, GaitRewardWeights) else typed(GaitRewardWeights, given, "weights")
+        weights = self.weights
+        return (
+            weights
+            if isinstance(weights, GaitRewardWeights)
+            else typed(GaitRewardWeights, weights, "weights")
+        )
 
     @property
     def optimiser(self) -> GaitSettings:
-        """The optimiser's settings, likewise; keys that a mapping lacks are as in the environment's own."""
-        given = self.settings
-        if isinstance(given, GaitSettings):
-            return given
-        return typed(GaitSettings, {"max_iterations": OPTIMISER.max_iterations, **given}, "settings")
+        """The optimiser's settings, likewise; keys that a mapping lacks are as in the environment's
+        own."""
+        settings = self.settings
+        if isinstance(settings, GaitSettings):
+            return settings
+        return typed(
+            GaitSettings, {"max_iterations": OPTIMISER.max_iterations, **settings}, "settings"
+        )
 
 
 NOTHING: Mapping[str, int | float] = MappingProxyType(
@@ -129,13 +141,14 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     ## Description
 
-    One walk an episode (Pan et al.): a height field with a start and a goal. The agent chooses the coordinates to
-    optimise in, a homotopy and an initial guess; the optimiser solves, and the verifier looks between the knots.
+    One walk an episode (Pan et al.): a height field with a start and a goal. The agent chooses the
+    coordinates to optimise in, a homotopy and an initial guess; the optimiser solves, and the
+    verifier looks between the knots.
 
     ## Observation Space
 
-    A ``Dict`` of flat float32 ``Box``es, in a frame whose origin is half-way from start to goal on the terrain and
-    whose x points to the goal; E feet:
+    A ``Dict`` of flat float32 ``Box``es, in a frame whose origin is half-way from start to goal on
+    the terrain and whose x points to the goal; E feet:
 
     | name | shape | meaning |
     |---|---|---|
@@ -148,22 +161,24 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     ## Action Space
 
-    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (guesses). A chart with a map of
-    its own knows no homotopy in height and ignores that choice.
+    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (guesses). A
+    chart with a map of its own knows no homotopy in height and ignores that choice.
 
     ## Reward
 
-    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · (share of the limit that was
-    taken) − seconds · (CPU seconds, with ``timing`` only), with the weights of ``GaitRewardWeights``.
+    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · (share of the
+    limit that was taken) − seconds · (CPU seconds, with ``timing`` only), with the weights of
+    ``GaitRewardWeights``.
 
     ## Starting State
 
     A walk of ``tasks``, or ``SampledTasks(terrain)``; all have the same number of feet.
 
-    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt at a walk is solved
-    when it is first chosen; the next time its outcome is looked up. The same choice of a walk and of an action always
-    comes to the same. ``env.unwrapped.pool.solve()`` solves all attempts, ``.write("walks.npz")`` keeps them, and
-    ``pool="walks.npz"`` with the same other arguments goes on from that file: a step then takes a millisecond.
+    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt
+    at a walk is solved when it is first chosen; the next time its outcome is looked up. The same
+    choice of a walk and of an action always comes to the same. ``env.unwrapped.pool.solve()``
+    solves all attempts, ``.write("walks.npz")`` keeps them, and ``pool="walks.npz"`` with the same
+    other arguments goes on from that file: a step then takes a millisecond.
 
     ## Episode End
 
@@ -171,9 +186,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     ## Info
 
-    After a reset (all 0) and a step (numeric, fixed shapes): ``verified``, ``is_success`` (the same), ``feasible``,
-    ``iterations``, ``violation``, the verifier's
-    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``footing_friction``, ``refused``
+    After a reset (all 0) and a step (numeric, fixed shapes): ``verified``, ``is_success`` (the
+    same), ``feasible``, ``iterations``, ``violation``, the verifier's figures ``force_rms``,
+    ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``footing_friction``, ``refused``
     (how many of its groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
     ## Arguments
@@ -213,9 +228,15 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
         self._weights, self._timing = settings.rewards, bool(settings.timing)
-        feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
+        feet = (
+            len(self._tasks.robot.feet)
+            if isinstance(self._tasks, SampledTasks)
+            else self._feet_of()
+        )
         self.observation_space: spaces.Space[Any] = _task_space(feet)
-        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
+        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(
+            [len(charts), len(HEIGHTS), len(NOISES)]
+        )
         self._bench: Workbench | None = None
         self._found: Attempted | None = None
         self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
@@ -238,7 +259,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
             task = self.pool.walk(self._walk)
-        if self._bench is None or self._bench.task is not task:  # what is written down for a task serves it again
+        if (
+            self._bench is None or self._bench.task is not task
+        ):  # what is written down for a task serves it again
             self._bench = Workbench(task, self._settings)
         return self._observed(task), dict(NOTHING)
 
@@ -251,7 +274,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         chart, heights, noise = self._chosen(action)
         if self.pool is None:
             seed = int(self.np_random.integers(2**31))
-            attempt = Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)
+            attempt = Attempt(
+                chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed
+            )
             self._found = attempted(self._bench, attempt)
             came_to = Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
         else:
@@ -261,7 +286,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         return self._observed(self._bench.task), reward, True, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the terrain with the terrain-following guess, and after a step the motion that was found."""
+        """Draw the terrain with the terrain-following guess, and after a step the motion that was
+        found."""
         from stancekit.views.gaits import draw_motion
         from stancekit.views.sheet import to_rgb
 
@@ -282,9 +308,13 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     def _chosen(self, action: NDArray[np.int64]) -> tuple[int, int, int]:
         """The indices of an action. Raises InvalidInput for another one."""
-        if np.shape(action) != self.action_space.shape or not self.action_space.contains(np.asarray(action, np.int64)):
+        if np.shape(action) != self.action_space.shape or not self.action_space.contains(
+            np.asarray(action, np.int64)
+        ):
             limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
-            raise InvalidInput(f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}")
+            raise InvalidInput(
+                f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}"
+            )
         chart, heights, noise = (int(index) for index in action)
         return chart, heights, noise
 
@@ -306,7 +336,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
             "footing_friction": found.footing_friction,
             "reward_verified": weights.verified * verified,
             "reward_feasible": weights.feasible * feasible,
-            "reward_iterations": -weights.iterations * min(found.iterations / self._settings.max_iterations, 1.0),
+            "reward_iterations": -weights.iterations
+            * min(found.iterations / self._settings.max_iterations, 1.0),
             "reward_seconds": -weights.seconds * seconds,
             "seconds": seconds,
         }
@@ -326,7 +357,9 @@ def _pool_of(
 def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
     """The observation of a walk, see ``WarpedGaitEnv``."""
     middle, way = 0.5 * (task.start_xy_m + task.goal_xy_m), task.goal_xy_m - task.start_xy_m
-    turn = float(np.arctan2(way[1], way[0])) if float(np.abs(way).max()) > 0.0 else task.start_yaw_rad
+    turn = (
+        float(np.arctan2(way[1], way[0])) if float(np.abs(way).max()) > 0.0 else task.start_yaw_rad
+    )
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     line = np.linspace(-0.5 * PATCH_M, 0.5 * PATCH_M, PATCH)
     grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1)
@@ -334,7 +367,9 @@ def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
     heading = task.start_yaw_rad - turn
 
     def seen(values: Any, room: float = _ROOM) -> NDArray[np.float32]:
-        return np.clip(np.ravel(np.asarray(values, dtype=np.float64)), -room, room).astype(np.float32)
+        return np.clip(np.ravel(np.asarray(values, dtype=np.float64)), -room, room).astype(
+            np.float32
+        )
 
     return {
         "heights": seen(heights),

@@ -1,2 +1,2 @@
-"""Planners: what a plan is, how to compute one and how to check one, without gymnasium and torch.
-"""
+"""Planners: what a plan is, how to compute one and how to check one, without gymnasium and
+torch."""

@@ -1,4 +1,5 @@
-"""Arguments and settings, held against their annotations: what does not fit is one line that says so."""
+"""Arguments and settings, held against their annotations: what does not fit is one line that says
+so."""
 
 from __future__ import annotations
 
@@ -9,7 +10,17 @@ from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
-from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
@@ -22,9 +33,17 @@ Settings = TypeVar("Settings")
 PLAIN = (NoneType, bool, int, float, str)
 """What a message shows itself; of other things it shows the type."""
 WORDS = {
-    NoneType: "None", bool: "True or False", int: "an integer", float: "a number", str: "text", Path: "a Path",
-    type: "a class", np.ndarray: "an array", Mapping: "a mapping", Callable: "something to call",
-}  # fmt: skip
+    NoneType: "None",
+    bool: "True or False",
+    int: "an integer",
+    float: "a number",
+    str: "text",
+    Path: "a Path",
+    type: "a class",
+    np.ndarray: "an array",
+    Mapping: "a mapping",
+    Callable: "something to call",
+}
 
 
 def checked(verb: Callable[P, R]) -> Callable[P, R]:
@@ -35,30 +54,38 @@ def checked(verb: Callable[P, R]) -> Callable[P, R]:
     """
     signature = inspect.signature(verb)
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    single = [name for name, parameter in signature.parameters.items() if parameter.kind not in kinds]
+    single = [
+        name for name, parameter in signature.parameters.items() if parameter.kind not in kinds
+    ]
 
     @functools.wraps(verb)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            hints, given = _hints(verb), signature.bind(*args, **kwargs).arguments
+            hints, arguments = _hints(verb), signature.bind(*args, **kwargs).arguments
         except TypeError as error:
-            raise TypeError(f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}") from None
+            raise TypeError(
+                f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}"
+            ) from None
         for name in single:
-            if name in given:
-                check_argument(name, given[name], hints[name])
+            if name in arguments:
+                check_argument(name, arguments[name], hints[name])
         return verb(*args, **kwargs)
 
     return held
 
 
 def check_argument(name: str, value: Any, hint: Any) -> None:
-    """Raise InvalidInput, which begins with the name, for a value that an annotation does not allow."""
+    """Raise InvalidInput, which begins with the name, for a value that an annotation does not
+    allow."""
     if not _fits(value, hint):
         raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
 
 
-def settings_from(kind: type[Settings], given: Mapping[str, Any], *, beside: Sequence[str] = ()) -> Settings:
-    """A dataclass of settings from keyword arguments, each held against the annotation of its field.
+def settings_from(
+    kind: type[Settings], given: Mapping[str, Any], *, beside: Sequence[str] = ()
+) -> Settings:
+    """A dataclass of settings from keyword arguments, each held against the annotation of its
+    field.
 
     Arguments:
         kind: the dataclass.
@@ -72,7 +99,9 @@ def settings_from(kind: type[Settings], given: Mapping[str, Any], *, beside: Seq
     for name, value in given.items():
         if name not in known or name in beside:
             wanted = f"one of {', '.join(known)}"
-            raise InvalidInput(f"{name}: expected {wanted}, got an unknown argument{neighbour(name, known)}")
+            raise InvalidInput(
+                f"{name}: expected {wanted}, got an unknown argument{neighbour(name, known)}"
+            )
         check_argument(name, value, hints[name])
     return kind(**given)
 
@@ -98,7 +127,9 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if members := _members(hint):
-        return not isinstance(value, type) and all(_has(value, name, one) for name, one in members.items())
+        return not isinstance(value, type) and all(
+            _has(value, name, one) for name, one in members.items()
+        )
     return isinstance(value, origin or hint)
 
 
@@ -110,7 +141,11 @@ def _members(hint: Any) -> dict[str, Any]:
 
 
 def _has(value: Any, name: str, member: Any) -> bool:
-    return hasattr(value, name) if isinstance(member, property) else callable(getattr(value, name, None))
+    return (
+        hasattr(value, name)
+        if isinstance(member, property)
+        else callable(getattr(value, name, None))
+    )
 
 
 def _expected(hint: Any) -> str:
@@ -123,7 +158,9 @@ def _expected(hint: Any) -> str:
     if origin is Sequence:
         return f"a sequence ({_expected(parts[0])} each)"
     if members := _members(hint):
-        names = (name if isinstance(one, property) else f"{name}(...)" for name, one in members.items())
+        names = (
+            name if isinstance(one, property) else f"{name}(...)" for name, one in members.items()
+        )
         return f"something with {', '.join(names)}"
     kind = origin or hint
     return WORDS.get(kind) or _articled(kind.__name__)

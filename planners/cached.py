@@ -11,8 +11,9 @@ T = TypeVar("T")
 class cached_property(functools.cached_property[T]):
     """Python's own as it is from 3.12 on: without the lock that all instances of a class share.
 
-    A process that is forked off while another thread works a property out finds that lock held, and waits for ever.
-    Two threads may work a value out at the same time; the one that was kept first is what both get.
+    A process that is forked off while another thread works a property out finds that lock held, and
+    waits for ever. Two threads may work a value out at the same time; the one that was kept first
+    is what both get.
     """
 
     @overload
@@ -22,7 +23,8 @@ class cached_property(functools.cached_property[T]):
     def __get__(
         self, instance: object | None, owner: type[Any] | None = None
     ) -> cached_property[T] | T:
-        """The value, which is kept in the instance, where it is found without this the next time."""
+        """The value, which is kept in the instance, where it is found without this the next
+        time."""
         if instance is None:
             return self
         assert self.attrname is not None  # the class has given it its name

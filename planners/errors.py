@@ -18,7 +18,8 @@ class StancekitError(Exception):
 
 
 class InvalidInput(StancekitError, ValueError):
-    """Input that cannot be used. The message says where, what was expected and what came; a ``ValueError``, too.
+    """Input that cannot be used. The message says where, what was expected and what came; a
+    ``ValueError``, too.
 
     Source:
         Every constructor and reader.
@@ -35,11 +36,13 @@ class PlanningFailed(StancekitError):
 
 
 class HardwareFault(StancekitError):
-    """A device did not do what it was told, or fell silent; the message says which part and what was seen."""
+    """A device did not do what it was told, or fell silent; the message says which part and what
+    was seen."""
 
 
 class TimeEnded(StancekitError):
-    """Work that was given a deadline did not end by then; whoever gave it goes on with what there is."""
+    """Work that was given a deadline did not end by then; whoever gave it goes on with what there
+    is."""
 
 
 def check_time(deadline: float) -> None:

@@ -14,7 +14,8 @@ from typing import Any
 
 @contextmanager
 def interruptible(*numbers: signal.Signals) -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether one of these signals came; a second one raises KeyboardInterrupt at once.
+    """Yield a function that says whether one of these signals came; a second one raises
+    KeyboardInterrupt at once.
 
     Outside the main thread, which alone hears of signals, nothing comes.
     """

@@ -1,7 +1,8 @@
 """Plugins: things by name, from the package, from other packages, and from a file on the command
 line.
 
-A kind of thing (worlds, selectors, charts, …) has one ``Registry``. A thing comes in by one registration:
+A kind of thing (worlds, selectors, charts, …) has one ``Registry``. A thing comes in by one
+registration:
 
 - in the package: a line NAME → "module:attribute" in the registry's table;
 - in another package: an entry point NAME in the registry's group, e.g. ``stancekit.worlds``;
@@ -38,18 +39,22 @@ T = TypeVar("T")
 FILE = "stancekit_file_"
 """What the names of modules that were run from a FILE.py begin with."""
 _RUNNING = RLock()
-"""Held while a FILE.py runs: a second thread waits for it, and finds a whole module. So does a fork."""
+"""Held while a FILE.py runs: a second thread waits for it, and finds a whole module. So does a
+fork."""
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_RUNNING.acquire, after_in_parent=_RUNNING.release, after_in_child=_RUNNING.release)
+    os.register_at_fork(
+        before=_RUNNING.acquire, after_in_parent=_RUNNING.release, after_in_child=_RUNNING.release
+    )
 
 
 class Registry(Generic[T]):
     """The things of one kind, by name.
 
-    kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g. "stancekit.worlds".
-    table: those of this package, name → the thing, or "module:attribute". expected, accepts: what a thing must be, in
-    words and as a test of what was found; what fails it is refused. further: what else names one, in words. old_groups:
-    of entry points that count as those of the group for one more release.
+    kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g.
+    "stancekit.worlds". table: those of this package, name → the thing, or "module:attribute".
+    expected, accepts: what a thing must be, in words and as a test of what was found; what fails it
+    is refused. further: what else names one, in words. old_groups: of entry points that count as
+    those of the group for one more release.
 
     >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
     >>> worlds.names()
@@ -76,7 +81,8 @@ class Registry(Generic[T]):
         self._right: dict[str, T] = {}
 
     def register(self, name: str, thing: str | T) -> None:
-        """Add a thing, or where it is to be found, "module:attribute". A name that is there already is taken over."""
+        """Add a thing, or where it is to be found, "module:attribute". A name that is there already
+        is taken over."""
         self._things[name] = thing
 
     def registered(self) -> tuple[str, ...]:
@@ -84,17 +90,19 @@ class Registry(Generic[T]):
         return tuple(self._things)
 
     def names(self) -> tuple[str, ...]:
-        """All names: of this package, as its table has them, then of others. Nothing is imported."""
+        """All names: of this package, as its table has them, then of others. Nothing is
+        imported."""
         return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))
 
     def get(self, name: str, *, called: str = "", known: Sequence[str] = ()) -> T:
         """The thing of this name, or of "FILE.py:NAME".
 
-        called: what messages call it, where not by its kind. known: the names to say in place of all.
+        called: what messages call it, where not by its kind. known: the names to say in place of
+        all.
 
-        A file is run once a process, under a module name of its own; other processes are best told the same text.
-        Raises InvalidInput, one line, for a name that nobody has, a file that is not there or does not run, a name that
-        it lacks, and a thing of the wrong kind.
+        A file is run once a process, under a module name of its own; other processes are best told
+        the same text. Raises InvalidInput, one line, for a name that nobody has, a file that is not
+        there or does not run, a name that it lacks, and a thing of the wrong kind.
         """
         thing, where = self._things.get(name), f"{called or self.kind} {name}"
         if thing is None:
@@ -118,8 +126,8 @@ class Registry(Generic[T]):
         for point in self._points():
             if point.name == name:
                 if point.group in self._old_groups:
-                    said = f"entry point {name} of {point.group}: {self.group} is the group of these now"
-                    warnings.warn(said, DeprecationWarning, stacklevel=3)
+                    message = f"entry point {name} of {point.group}: {self.group} is the group of these now"
+                    warnings.warn(message, DeprecationWarning, stacklevel=3)
                 where = f"{called} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
         raise self.unknown(name, called, known)
@@ -127,10 +135,16 @@ class Registry(Generic[T]):
     def unknown(self, name: Any, called: str = "", known: Sequence[str] = ()) -> InvalidInput:
         """Error to raise for a name that nobody has; called, known: as for ``get``."""
         names = ", ".join([*(known or self.names()), *self._further])
-        return InvalidInput(f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}")
+        return InvalidInput(
+            f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}"
+        )
 
     def _points(self) -> Iterable[EntryPoint]:
-        return [point for group in (self.group, *self._old_groups) for point in entry_points(group=group)]
+        return [
+            point
+            for group in (self.group, *self._old_groups)
+            for point in entry_points(group=group)
+        ]
 
 
 def split_name(name: str) -> tuple[str, list[str]]:
@@ -144,8 +158,8 @@ def split_name(name: str) -> tuple[str, list[str]]:
 
 
 def takes(thing: Any, count: int) -> bool:
-    """Tell whether a thing can be called with so many arguments; True where the thing does not say.
-    """
+    """Tell whether a thing can be called with so many arguments; True where the thing does not
+    say."""
     try:
         inspect.signature(thing).bind(*[None] * count)
     except TypeError:  # not to be called at all, or otherwise
@@ -157,7 +171,9 @@ def takes(thing: Any, count: int) -> bool:
 
 def made_or_class(thing: Any, method: str) -> bool:
     """Tell whether a thing has a method, and, if it is a class, is made without arguments."""
-    return callable(getattr(thing, method, None)) and (not isinstance(thing, type) or takes(thing, 0))
+    return callable(getattr(thing, method, None)) and (
+        not isinstance(thing, type) or takes(thing, 0)
+    )
 
 
 def _imported(module: str, where: str) -> ModuleType:
@@ -173,9 +189,11 @@ def of_file(thing: Any) -> bool:
 
 
 def packed(thing: Any) -> bytes:
-    """A thing as a pickle in which classes and functions of a FILE.py go by the file and their name.
+    """A thing as a pickle in which classes and functions of a FILE.py go by the file and their
+    name.
 
-    So another process, which has not run the file, can load it: ``pickle.loads`` runs the file first.
+    So another process, which has not run the file, can load it: ``pickle.loads`` runs the file
+    first.
     """
     content = io.BytesIO()
     _Pickler(content).dump(thing)
@@ -209,7 +227,9 @@ def _ran_alone(path: Path) -> ModuleType:
     spec = spec_from_file_location(name, path.resolve())
     assert spec is not None
     assert spec.loader is not None
-    sys.modules[name] = module = module_from_spec(spec)  # before it runs: dataclasses look for their module there
+    sys.modules[name] = module = module_from_spec(
+        spec
+    )  # before it runs: dataclasses look for their module there
     try:
         with foreign(f"{path}: cannot be run"):
             spec.loader.exec_module(module)
@@ -221,19 +241,26 @@ def _ran_alone(path: Path) -> ModuleType:
 
 def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
     """Attribute of a module; dots lead into classes."""
-    found: Any = module
+    value: Any = module
     for part in attribute.split("."):
         try:
-            found = getattr(found, part)
+            value = getattr(value, part)
         except AttributeError:
-            has = [name for name, it in vars(module).items() if getattr(it, "__module__", "") == module.__name__]
+            has = [
+                name
+                for name, it in vars(module).items()
+                if getattr(it, "__module__", "") == module.__name__
+            ]
             message = f"; it defines {', '.join(has[:8])}" if has else ""
-            raise InvalidInput(f"{where}: expected {shown(attribute)} in it, found no such name{message}") from None
-    return found
+            raise InvalidInput(
+                f"{where}: expected {shown(attribute)} in it, found no such name{message}"
+            ) from None
+    return value
 
 
 def blamed(error: BaseException) -> str:
-    """An error that came through a FILE.py in one line, with the last place there; empty where it came through none."""
+    """An error that came through a FILE.py in one line, with the last place there; empty where it
+    came through none."""
     place, trace = "", error.__traceback__
     while trace is not None:
         frame = trace.tb_frame
@@ -245,7 +272,8 @@ def blamed(error: BaseException) -> str:
 
 @contextmanager
 def foreign(where: str) -> Iterator[None]:
-    """Whatever another's code raises within, and be it SystemExit, is an InvalidInput: one line that begins so.
+    """Whatever another's code raises within, and be it SystemExit, is an InvalidInput: one line
+    that begins so.
 
     Errors of this package pass, as those of a user who interrupts do.
     """

@@ -1,1 +1,2 @@
-"""The runner: plays accepted plans on a world, simulated or real, and stops when anything is not as it should be."""
+"""The runner: plays accepted plans on a world, simulated or real, and stops when anything is not as
+it should be."""

@@ -1,8 +1,9 @@
 """Motions that may be run: plans and gaits that the verifier accepted, for the robot that the world
 has.
 
-They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified``, and those of gaits, are the
-border. Behind it frozen values pass by reference (SECURITY.md says what that trusts).
+They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified``, and those
+of gaits, are the border. Behind it frozen values pass by reference (SECURITY.md says what that
+trusts).
 """
 
 from __future__ import annotations
@@ -40,41 +41,52 @@ class Accepted:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Accepted:
-        """Read a plan file. Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
-        rejects now: a digest shows that a file is whole, not that it is right."""
+        """Read a plan file. Raises InvalidInput for one that was edited since, that the verifier
+        rejected, or that it rejects now: a digest shows that a file is whole, not that it is
+        right."""
         plan, header = read_plan(path)
         if not (header["verified"] and header["verdict"]["accepted"]):
-            raise InvalidInput(f"{path}: expected a plan that the verifier accepted, this one it rejected")
+            raise InvalidInput(
+                f"{path}: expected a plan that the verifier accepted, this one it rejected"
+            )
         return cls.verified(plan, str(path))
 
     @classmethod
     def verified(cls, plan: Plan, source: str) -> Accepted:
         """Verify a plan now. Raises InvalidInput for one that is rejected."""
         if plan.problem.is_posture:
-            raise InvalidInput(f"{source}: expected the plan of a course, got that of a posture problem")
+            raise InvalidInput(
+                f"{source}: expected the plan of a course, got that of a posture problem"
+            )
         report = judged(plan)
         if not report.accepted:
-            raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
+            raise InvalidInput(
+                f"{source}: expected a plan that the verifier accepts, {_said(report)}"
+            )
         _check_hindrance(report, source)
         return cls(plan=plan, digest=report.digest, source=source)
 
     def check_stands(self, least_push: float) -> None:
-        """Raise InvalidInput for a plan that is about to tip. least_push: that every stance has to bear, as a share of
-        the weight."""
+        """Raise InvalidInput for a plan that is about to tip. least_push: that every stance has to
+        bear, as a share of the weight."""
         if tips := tipping(self.plan, least_push):
             raise InvalidInput(f"{self.source}: {tips}; least_push 0 runs it all the same")
 
     def check_fits(self, world: World) -> None:
-        """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""
+        """Raise InvalidInput unless the world has the plan's robot, and its joints can take every
+        pose of the plan."""
         check_joints(self.source, self.plan.problem.robot, world, self.plan.problem.gravity_m_s2)
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
-            raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
+            raise InvalidInput(
+                f"{self.source}: expected joints that can do it, they cannot: {report.message}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptedGait:
-    """A trajectory that may be run, and the robot that walks it. digest: the verifier's; source: for messages."""
+    """A trajectory that may be run, and the robot that walks it. digest: the verifier's; source:
+    for messages."""
 
     trajectory: Trajectory
     robot: Robot
@@ -84,22 +96,29 @@ class AcceptedGait:
 
     @classmethod
     def from_file(cls, path: str | Path) -> AcceptedGait:
-        """Read a gait. Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
-        rejects now, and for a robot whose joints are not known."""
+        """Read a gait. Raises InvalidInput for one that was edited since, that the verifier
+        rejected, or that it rejects now, and for a robot whose joints are not known."""
         record = read_trajectory(path)
         if not record.verified:
-            raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
-        found = cls.verified(record.trajectory, str(path))
-        if found.digest != record.verdict.get("digest"):
-            raise InvalidInput(f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise")
-        return found
+            raise InvalidInput(
+                f"{path}: expected a gait that the verifier accepted, this one it rejected"
+            )
+        accepted = cls.verified(record.trajectory, str(path))
+        if accepted.digest != record.verdict.get("digest"):
+            raise InvalidInput(
+                f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise"
+            )
+        return accepted
 
     @classmethod
     def verified(cls, trajectory: Trajectory, source: str) -> AcceptedGait:
-        """Verify a gait now. Raises InvalidInput for one that is rejected, or whose robot's joints are not known."""
+        """Verify a gait now. Raises InvalidInput for one that is rejected, or whose robot's joints
+        are not known."""
         report = check_trajectory(trajectory)
         if not report.accepted:
-            raise InvalidInput(f"{source}: expected a gait that the verifier accepts, it says: {report.message}")
+            raise InvalidInput(
+                f"{source}: expected a gait that the verifier accepts, it says: {report.message}"
+            )
         _check_hindrance(report, source)
         robot = walking_robot(trajectory.robot)
         return cls(trajectory=trajectory, robot=robot, digest=report.digest, source=source)
@@ -111,18 +130,23 @@ class AcceptedGait:
 
     def ground(self, friction_share: float = 1.0) -> Ground:
         """The terrain of a world, with this share of the friction that the gait counts on."""
-        return Ground(heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction)
+        return Ground(
+            heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction
+        )
 
 
 def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
     """Raise InvalidInput for what is accepted and no runner executes."""
     if report.hindrance:
         what = "plan" if isinstance(report.answer, Plan) else "gait"
-        raise InvalidInput(f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}")
+        raise InvalidInput(
+            f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}"
+        )
 
 
 def judged(plan: Plan) -> Report[Plan]:
-    """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
+    """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs
+    of its own."""
     return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
 
 
@@ -131,22 +155,25 @@ def _said(report: Report[Plan]) -> str:
 
 
 def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -> None:
-    """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a robot, and pulls as it
-    is planned for, where it says how it pulls."""
-    wanted, found = joint_names(robot), world.joints
-    if tuple(found) != wanted:
-        lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
+    """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a
+    robot, and pulls as it is planned for, where it says how it pulls."""
+    wanted, there = joint_names(robot), world.joints
+    if tuple(there) != wanted:
+        lack, more = sorted(set(wanted) - set(there)), sorted(set(there) - set(wanted))
         differences = "; ".join(
             f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
-            for word, names in (("it lacks", lack), ("it has besides", more)) if names
-        )  # fmt: skip
+            for word, names in (("it lacks", lack), ("it has besides", more))
+            if names
+        )
         raise InvalidInput(
             f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
             + (f": {differences}" if differences else ", it has them in another")
         )
     wrong = _differs(robot, world.robot)
     if wrong:
-        raise InvalidInput(f"{source}: expected the world's robot, the plan is for another: {wrong}")
+        raise InvalidInput(
+            f"{source}: expected the world's robot, the plan is for another: {wrong}"
+        )
     pulls = getattr(world, "gravity_m_s2", None)
     if pulls is not None and not np.isclose(pulls, gravity_m_s2, rtol=1e-6):
         raise InvalidInput(
@@ -160,7 +187,11 @@ def _differs(plan: Robot, world: Robot) -> str:
         return f"{plan.mass_kg:g} kg and {world.mass_kg:g} kg"
     models = [robot.source.digest for robot in (plan, world)]
     if models[0] != models[1]:
-        return "their legs are of different files" if all(models) else "only one of them has legs of its own"
+        return (
+            "their legs are of different files"
+            if all(models)
+            else "only one of them has legs of its own"
+        )
     for mine, other in zip(plan.limbs, world.limbs, strict=True):
         if not np.isclose(mine.reach_m, other.reach_m, rtol=1e-6):
             return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"

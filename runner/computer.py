@@ -1,4 +1,5 @@
-"""This installation and this computer: versions, extras, the library that draws, and how fast it is."""
+"""This installation and this computer: versions, extras, the library that draws, and how fast it
+is."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ def about(
     Returns:
         Plain values by name; solves_s [s] and bus are None where nothing was measured.
     """
-    found: dict[str, Any] = {
+    record: dict[str, Any] = {
         "stancekit": version("stancekit"),
         "folder": str(Path(__file__).parent.parent),
         "python": platform.python_version(),
@@ -46,15 +47,15 @@ def about(
         from stancekit.planners.equilibrium.yardstick import yardstick
 
         progress(0, 2, "1,000 cold solves")
-        found["solves_s"] = yardstick()
+        record["solves_s"] = yardstick()
         progress(1, 2, "an emulated servo bus")
         if sys.platform != "win32":  # it has no pseudo-terminals
             from .emulators.bus_process import bus_pace
 
             pace = bus_pace()
-            found["bus"] = asdict(pace) | {"keeps_up": pace.keeps_up}
+            record["bus"] = asdict(pace) | {"keeps_up": pace.keeps_up}
         progress(2, 2, "done")
-    return found
+    return record
 
 
 def cores() -> int:
@@ -63,7 +64,8 @@ def cores() -> int:
 
 
 def load() -> float:
-    """Processes that wanted a processor in the last minute, for each that there is; NaN where nobody says."""
+    """Processes that wanted a processor in the last minute, for each that there is; NaN where
+    nobody says."""
     return os.getloadavg()[0] / cores() if hasattr(os, "getloadavg") else float("nan")
 
 
@@ -71,27 +73,35 @@ def extras() -> list[str]:
     """The extras that commands need, by the package's own metadata."""
     from importlib.metadata import metadata
 
-    return [name for name in metadata("stancekit").get_all("Provides-Extra") or [] if name not in TOOLS]
+    return [
+        name for name in metadata("stancekit").get_all("Provides-Extra") or [] if name not in TOOLS
+    ]
 
 
 def versions(extra: str | None) -> dict[str, str | None]:
-    """The version of every package of an extra, or of the core for None; None for one that is not installed.
+    """The version of every package of an extra, or of the core for None; None for one that is not
+    installed.
 
-    Packages that an extra has no use for on this platform are left out, and so are those of extras that it includes.
+    Packages that an extra has no use for on this platform are left out, and so are those of extras
+    that it includes.
     """
-    found: dict[str, str | None] = {}
+    result: dict[str, str | None] = {}
     for text in requires("stancekit") or []:
         need = Requirement(text)
-        mine = need.marker is None if extra is None else need.marker is not None and "extra" in str(need.marker)
+        mine = (
+            need.marker is None
+            if extra is None
+            else need.marker is not None and "extra" in str(need.marker)
+        )
         if not mine or need.name == "stancekit":
             continue
         if need.marker is not None and not need.marker.evaluate({"extra": extra or ""}):
             continue
         try:
-            found[need.name] = version(need.name)
+            result[need.name] = version(need.name)
         except PackageNotFoundError:
-            found[need.name] = None
-    return found
+            result[need.name] = None
+    return result
 
 
 def gl() -> str:

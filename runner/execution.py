@@ -1,4 +1,5 @@
-"""Planned against measured: what the record of a run says where the world measures body and forces."""
+"""Planned against measured: what the record of a run says where the world measures body and
+forces."""
 
 from __future__ import annotations
 
@@ -20,9 +21,10 @@ from .safety.guard import SafeWorld
 class Tolerance:
     """When a run is a success, and how far from its plan it is stopped.
 
-    com_m: largest distance of the final centre of mass from the plan's; joint_rad: the same of the joints. slip_m:
-    longest distance that a foot slides while it should stand. body_m, body_rad: a body farther than this from where it
-    should be has fallen, and stops the run, where the world measures it.
+    com_m: largest distance of the final centre of mass from the plan's; joint_rad: the same of the
+    joints. slip_m: longest distance that a foot slides while it should stand. body_m, body_rad: a
+    body farther than this from where it should be has fallen, and stops the run, where the world
+    measures it.
     """
 
     com_m: float = 0.03
@@ -39,15 +41,17 @@ class Tolerance:
 class Execution:
     """Record of how a motion was followed; P footholds, J joints.
 
-    succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not. com_final_m: distance of
-    the final centre of mass from the plan's; com_worst_m, tilt_worst_rad: largest on the path. body_rms_m,
-    body_worst_m, body_final_m: distance of the body's origin from where it should be. slip_m: of every foothold since
-    it touched, and late_s: how long after it should have that was, shape (P,). force_rms_n: root mean square, over time
-    and the feet that should stand, of the difference between measured and planned forces. torque_worst_nm,
-    planned_torque_nm: largest of any joint, measured and as planned; torque_limit_nm: the strongest joint's.
-    torque_share: largest measured torque of every joint in units of its own limit, shape (J,). error_m: worst of the
-    inverse kinematics. shift_m: largest distance of the centre of mass from the body's origin. bump_s: how long
-    anything but feet was touched. seconds: of the world's time; wall_s: what that took.
+    succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not.
+    com_final_m: distance of the final centre of mass from the plan's; com_worst_m, tilt_worst_rad:
+    largest on the path. body_rms_m, body_worst_m, body_final_m: distance of the body's origin from
+    where it should be. slip_m: of every foothold since it touched, and late_s: how long after it
+    should have that was, shape (P,). force_rms_n: root mean square, over time and the feet that
+    should stand, of the difference between measured and planned forces. torque_worst_nm,
+    planned_torque_nm: largest of any joint, measured and as planned; torque_limit_nm: the strongest
+    joint's. torque_share: largest measured torque of every joint in units of its own limit, shape
+    (J,). error_m: worst of the inverse kinematics. shift_m: largest distance of the centre of mass
+    from the body's origin. bump_s: how long anything but feet was touched. seconds: of the world's
+    time; wall_s: what that took.
     """
 
     world: str
@@ -89,14 +93,17 @@ class Execution:
     ) -> Execution:
         """Compare a record, of one period or more, with what was planned.
 
-        goal_m: where the centre of mass should end, shape (3,). stances: what every foothold is called in a message.
-        wall_s: real time taken [s]. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of
-        what is exact, shape (P,); None where feet do not feel.
+        goal_m: where the centre of mass should end, shape (3,). stances: what every foothold is
+        called in a message. wall_s: real time taken [s]. touch_downs_m: how far beyond its place
+        the ground of each foothold may be, 0 of what is exact, shape (P,); None where feet do not
+        feel.
         """
         trace = Trace.of(record, kinematics)
         planned = Rotation.from_rotvec([target.sample.rotation_rad for target, _ in record.pairs])
         turned = (planned.inv() * Rotation.from_matrix(trace.rotation)).magnitude()
-        away = np.linalg.norm(trace.origin_m - [target.origin_m for target, _ in record.pairs], axis=1)
+        away = np.linalg.norm(
+            trace.origin_m - [target.origin_m for target, _ in record.pairs], axis=1
+        )
         down = np.flatnonzero((away > tolerance.body_m) | (turned > tolerance.body_rad))
         fallen_s = float(trace.time_s[down[0]]) if len(down) else None
         final = float(np.linalg.norm(trace.com_m[-1] - goal_m))
@@ -134,12 +141,22 @@ class Execution:
 
     def to_json(self) -> dict[str, Any]:
         """The figures without their trace, JSON-ready."""
-        found = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "trace"}
-        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in found.items()}
+        record = {
+            item.name: getattr(self, item.name) for item in fields(self) if item.name != "trace"
+        }
+        return {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in record.items()
+        }
 
 
 def _wrong(
-    stances: Sequence[str], tolerance: Tolerance, trace: Trace, fallen_s: float | None, final: float, slip: Array
+    stances: Sequence[str],
+    tolerance: Tolerance,
+    trace: Trace,
+    fallen_s: float | None,
+    final: float,
+    slip: Array,
 ) -> list[str]:
     """Faults against the tolerance, in words."""
     worst, wrong = int(np.argmax(slip)), list[str]()
@@ -153,10 +170,13 @@ def _wrong(
 
 
 def _not_found(stances: Sequence[str], trace: Trace, touch_downs_m: Array) -> list[str]:
-    """The footholds on noisy ground whose feet felt nothing all the while they should stand, in words."""
+    """The footholds on noisy ground whose feet felt nothing all the while they should stand, in
+    words."""
     missed = np.flatnonzero((touch_downs_m > 0.0) & ~trace.found(len(stances)))
     if not len(missed):
         return []
     first = int(missed[0])
     more = f", nor did {len(missed) - 1} others" if len(missed) > 1 else ""
-    return [f"{stances[first]} found no ground within {1e3 * touch_downs_m[first]:.0f} mm of its place{more}"]
+    return [
+        f"{stances[first]} found no ground within {1e3 * touch_downs_m[first]:.0f} mm of its place{more}"
+    ]

@@ -1,8 +1,10 @@
-"""The log of a run: MCAP, one JSON message after the other, readable up to the last one whatever ends the process.
+"""The log of a run: MCAP, one JSON message after the other, readable up to the last one whatever
+ends the process.
 
-Five topics, each with its JSON Schema: ``plan`` (which, its digest, how it was timed), ``command`` (what was asked and
-what was sent), ``measurement`` (the world's state), ``decision`` (what the runner did, and why) and ``verdict`` (how it
-ended). There are no chunks: a message is in the file as soon as it is written.
+Five topics, each with its JSON Schema: ``plan`` (which, its digest, how it was timed), ``command``
+(what was asked and what was sent), ``measurement`` (the world's state), ``decision`` (what the
+runner did, and why) and ``verdict`` (how it ended). There are no chunks: a message is in the file
+as soon as it is written.
 """
 
 from __future__ import annotations
@@ -38,8 +40,19 @@ LOADED = "loaded"
 LARGEST_TIME = 1e9
 """Of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
-    "plan": {"format": "string", "digest": "string", "course": "string", "joints": "array", "rate_hz": "number"},
-    "command": {"time_s": "number", "asked_rad": "array", "sent_rad": "array", "planned_rad": "array"},
+    "plan": {
+        "format": "string",
+        "digest": "string",
+        "course": "string",
+        "joints": "array",
+        "rate_hz": "number",
+    },
+    "command": {
+        "time_s": "number",
+        "asked_rad": "array",
+        "sent_rad": "array",
+        "planned_rad": "array",
+    },
     "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
     "target": {"time_s": "number", "origin_m": "array"},
     "decision": {"what": "string", "why": "string"},
@@ -47,10 +60,9 @@ TOPICS: dict[str, dict[str, str]] = {
 }
 """The topics, and what every message of each has at least, by JSON type."""
 ARRAYS_OF = {"joints": str}
-"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not finite is null."""
-KINDS: dict[str, Any] = {
-    "string": str, "number": float | int, "boolean": bool, "array": list
-}  # fmt: skip
+"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not
+finite is null."""
+KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 
 
 class Log(Protocol):
@@ -69,18 +81,22 @@ class NoLog:
 
 
 class McapLog:
-    """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
+    """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without
+    the package mcap.
 
-    A log that is there already stays until this one is ended: then this one takes its place, and until then it grows
-    beside it in NAME.partial.mcap. That is where what was written is found after a run that was killed, or that could
-    not write on; the next log of that name begins there anew. Where nothing is there, the log grows in its own place.
-    Two runs at once do not write one log: the second is refused at its first message.
-    clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter, order is the file's.
+    A log that is there already stays until this one is ended: then this one takes its place, and
+    until then it grows beside it in NAME.partial.mcap. That is where what was written is found
+    after a run that was killed, or that could not write on; the next log of that name begins there
+    anew. Where nothing is there, the log grows in its own place. Two runs at once do not write one
+    log: the second is refused at its first message. clock: of the messages, in nanoseconds since
+    1970; a clock that is set back is no matter, order is the file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
         if find_spec("mcap") is None:
-            raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'")
+            raise InvalidInput(
+                "--log: expected mcap, it is not installed: pip install 'stancekit[log]'"
+            )
         self._path, self._clock = Path(path), clock
         self._target = self._place = check_writable(path)
         self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
@@ -98,14 +114,20 @@ class McapLog:
         self._stream = stream = os.fdopen(self._claimed(os.O_WRONLY | os.O_CREAT), "wb")
         if self._place.is_file():
             stream.truncate()
-        self._writer = Writer(stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE)
+        self._writer = Writer(
+            stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE
+        )
         self._writer.start(profile="", library="stancekit")
         for topic, keys in TOPICS.items():
             schema = {
-                "title": f"stancekit.{topic}", "type": "object", "required": list(keys),
+                "title": f"stancekit.{topic}",
+                "type": "object",
+                "required": list(keys),
                 "properties": {key: {"type": kind} for key, kind in keys.items()},
-            }  # fmt: skip
-            number = self._writer.register_schema(f"stancekit.{topic}", "jsonschema", json.dumps(schema).encode())
+            }
+            number = self._writer.register_schema(
+                f"stancekit.{topic}", "jsonschema", json.dumps(schema).encode()
+            )
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         return stream
 
@@ -116,16 +138,19 @@ class McapLog:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(descriptor)
-            raise InvalidInput(f"{self._path}: expected a log of its own, another run is writing to it") from None
+            raise InvalidInput(
+                f"{self._path}: expected a log of its own, another run is writing to it"
+            ) from None
         except OSError:  # a file system without locks
             pass
         return descriptor
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
-        """Write one message, and hand it to the operating system. Numbers that are not finite become null.
+        """Write one message, and hand it to the operating system. Numbers that are not finite
+        become null.
 
-        Raises OSError, naming the file, where it cannot be written: what was written before stays, and nothing is
-        written any more, so that an ending is not disturbed by a disk that is full.
+        Raises OSError, naming the file, where it cannot be written: what was written before stays,
+        and nothing is written any more, so that an ending is not disturbed by a disk that is full.
         """
         if self._lost:
             return
@@ -138,7 +163,8 @@ class McapLog:
             stream.flush()
 
     def close(self) -> None:
-        """End the file properly, and put it in its place; once is enough. Raises OSError as ``write``."""
+        """End the file properly, and put it in its place; once is enough. Raises OSError as
+        ``write``."""
         if self._stream is None or self._stream.closed:
             return
         with self._named():
@@ -152,7 +178,8 @@ class McapLog:
 
     @contextmanager
     def _named(self) -> Iterator[None]:
-        """An error of the system names the file; it is the end of the log, and of a file without a message."""
+        """An error of the system names the file; it is the end of the log, and of a file without a
+        message."""
         try:
             yield
         except OSError as error:
@@ -169,7 +196,10 @@ class McapLog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -185,7 +215,8 @@ class Message:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """A log that was read. whole: it was ended properly; else the process was, and all that it wrote is here."""
+    """A log that was read. whole: it was ended properly; else the process was, and all that it
+    wrote is here."""
 
     messages: tuple[Message, ...]
     whole: bool
@@ -196,13 +227,16 @@ class Recorded:
 
 
 def read_log(path: str | Path) -> Recorded:
-    """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no log of a run."""
+    """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no
+    log of a run."""
     path = Path(path)
     try:
         from mcap.records import Channel, Chunk, Footer
         from mcap.records import Message as Raw
     except ImportError:
-        raise InvalidInput(f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'") from None
+        raise InvalidInput(
+            f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'"
+        ) from None
     messages, topics, whole = list[Message](), dict[int, str](), False
     for record in _records(path):
         if isinstance(record, Footer):
@@ -218,8 +252,8 @@ def read_log(path: str | Path) -> Recorded:
             messages.append(Message(topic=topic, time_ns=record.log_time, content=content))
     first = messages[0].content if messages else {}
     if first.get("format") != FORMAT:
-        found = first.get("format", "no messages")
-        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {shown(found)}")
+        version = first.get("format", "no messages")
+        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {shown(version)}")
     if messages[0].topic != "plan":
         raise InvalidInput(f"{path}: expected the topic plan first, got {messages[0].topic}")
     return Recorded(messages=tuple(messages), whole=whole)
@@ -234,10 +268,15 @@ def state_from_json(content: Mapping[str, Any], where: str) -> State:
     """Read a state that ``state_json`` wrote. Raises InvalidInput."""
     try:
         numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
-        values: dict[str, Any] = {**numbers, **{name: float(numbers[name]) for name in ("time_s", "bump_n")}}
+        values: dict[str, Any] = {
+            **numbers,
+            **{name: float(numbers[name]) for name in ("time_s", "bump_n")},
+        }
         return State(**values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidInput(f"{where}: expected a whole measurement, got {shown(error, 80)}") from None
+        raise InvalidInput(
+            f"{where}: expected a whole measurement, got {shown(error, 80)}"
+        ) from None
 
 
 def _check_message(topic: str, content: Any, where: str) -> None:
@@ -249,23 +288,32 @@ def _check_message(topic: str, content: Any, where: str) -> None:
         value: Any = content[name]
         if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
             raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
-        if kind == "array" and ARRAYS_OF.get(name) is str and not all(isinstance(item, str) for item in value):
+        if (
+            kind == "array"
+            and ARRAYS_OF.get(name) is str
+            and not all(isinstance(item, str) for item in value)
+        ):
             raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
         if kind == "array" and name not in ARRAYS_OF:
             table(value, (None,), f"{where}: {name}")
         if kind == "number" and not abs(value) <= LARGEST_TIME:
-            raise InvalidInput(f"{where}: {name}: expected a number up to {LARGEST_TIME:g}, got {shown(value)}")
+            raise InvalidInput(
+                f"{where}: {name}: expected a number up to {LARGEST_TIME:g}, got {shown(value)}"
+            )
 
 
 def table(value: Any, shape: tuple[int | None, ...], where: str) -> Array:
-    """Numbers of a message in this shape, None where any length will do; null is NaN. Raises InvalidInput."""
+    """Numbers of a message in this shape, None where any length will do; null is NaN. Raises
+    InvalidInput."""
     try:
-        found = np.array(value, dtype=np.float64)
+        values = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{where}: expected numbers, got {shown(value)}") from None
-    if found.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, found.shape, strict=True)):
-        raise InvalidInput(f"{where}: expected numbers of shape {shape}, got {found.shape}")
-    return found
+    if values.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, values.shape, strict=True)
+    ):
+        raise InvalidInput(f"{where}: expected numbers of shape {shape}, got {values.shape}")
+    return values
 
 
 def _records(path: Path) -> Iterator[Any]:
@@ -274,7 +322,9 @@ def _records(path: Path) -> Iterator[Any]:
     from mcap.stream_reader import StreamReader
 
     content = read_bytes(path)
-    records = StreamReader(io.BytesIO(content), record_size_limit=len(content), emit_chunks=True).records
+    records = StreamReader(
+        io.BytesIO(content), record_size_limit=len(content), emit_chunks=True
+    ).records
     while True:
         try:
             record = next(records, None)

@@ -1,4 +1,5 @@
-"""Motions that are ready to go on a world: checked, timed, and with a tracker that has not begun."""
+"""Motions that are ready to go on a world: checked, timed, and with a tracker that has not
+begun."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tracked(Generic[M_co]):
-    """A motion with a tracker that has not begun. first: the target before the first period. sees: feet are felt."""
+    """A motion with a tracker that has not begun. first: the target before the first period. sees:
+    feet are felt."""
 
     motion: M_co
     tracker: Tracker
@@ -75,10 +77,10 @@ class Tracked(Generic[M_co]):
 class Prepared(Tracked[P_co]):
     """A plan, or a gait, that a run begins with.
 
-    digest: of the verdict on it. terrain: what it was made for; surfaces: what feet stay out of. pace: of that asked
-    for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m: how far feet are lifted where the path
-    to the first pose is not clear. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of
-    what is exact, shape (P,).
+    digest: of the verdict on it. terrain: what it was made for; surfaces: what feet stay out of.
+    pace: of that asked for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m:
+    how far feet are lifted where the path to the first pose is not clear. touch_downs_m: how far
+    beyond its place the ground of each foothold may be, 0 of what is exact, shape (P,).
     """
 
     digest: str
@@ -96,19 +98,37 @@ class Prepared(Tracked[P_co]):
         """Entry of a log before the run."""
         limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
         return {
-            "digest": self.digest, "course": self.name, "source": self.source,
-            "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
-            "dry": world.dry, "pace": self.pace, "bound_by": self.bound_by,
-            "seconds": self.motion.duration_s, "sees": self.sees, "frames": self.motion.last_frame + 1,
-            **self.motion.entry(), **world.drives.entry(),
-        }  # fmt: skip
+            "digest": self.digest,
+            "course": self.name,
+            "source": self.source,
+            "joints": list(world.joints),
+            "limbs": limbs,
+            "rate_hz": world.rate_hz,
+            "world": world.name,
+            "dry": world.dry,
+            "pace": self.pace,
+            "bound_by": self.bound_by,
+            "seconds": self.motion.duration_s,
+            "sees": self.sees,
+            "frames": self.motion.last_frame + 1,
+            **self.motion.entry(),
+            **world.drives.entry(),
+        }
 
-    def execution(self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float) -> Execution:
+    def execution(
+        self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float
+    ) -> Execution:
         """Compare the measurements with the plan."""
         return Execution.of(
-            record, self.kinematics, world, goal_m=self.motion.goal_m, stances=self.motion.stances,
-            tolerance=settings.tolerance, wall_s=wall_s, touch_downs_m=self.touch_downs_m if self.sees else None,
-        )  # fmt: skip
+            record,
+            self.kinematics,
+            world,
+            goal_m=self.motion.goal_m,
+            stances=self.motion.stances,
+            tolerance=settings.tolerance,
+            wall_s=wall_s,
+            touch_downs_m=self.touch_downs_m if self.sees else None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,9 +142,13 @@ class Resumption:
 
 
 def prepare_plan(
-    accepted: Accepted, world: SafeWorld, settings: RunSettings, resumption: Resumption | None = None
+    accepted: Accepted,
+    world: SafeWorld,
+    settings: RunSettings,
+    resumption: Resumption | None = None,
 ) -> Prepared[PlanMotion]:
-    """A plan, timed for a world that it fits. resumption: how a robot that stands already takes it up.
+    """A plan, timed for a world that it fits. resumption: how a robot that stands already takes it
+    up.
 
     Raises InvalidInput where it does not fit.
     """
@@ -140,7 +164,10 @@ def prepare_plan(
     if resumption is None:
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     else:
-        kinematics, settings = resumption.kinematics, replace(settings, timing=settings.timing.at_pace(resumption.pace))
+        kinematics, settings = (
+            resumption.kinematics,
+            replace(settings, timing=settings.timing.at_pace(resumption.pace)),
+        )
     motion, wished = unhurried_plan(
         plan, kinematics, world.capabilities, settings.timing, shared=settings.forces == "shared"
     )
@@ -148,8 +175,15 @@ def prepare_plan(
     if settings.check_limits:
         if not settings.hung:
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-        timed = timed_plan(motion, wished, kinematics, world.capabilities, world.drives, hung=settings.hung)
-        motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
+        timed = timed_plan(
+            motion, wished, kinematics, world.capabilities, world.drives, hung=settings.hung
+        )
+        motion, pace, bound_by, wished = (
+            timed.motion,
+            timed.pace,
+            timed.bound_by,
+            timed.profile.wished,
+        )
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
@@ -157,42 +191,87 @@ def prepare_plan(
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(
-        followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives, touch_downs_m(plan)
+        followed,
+        kinematics,
+        world.rate_hz,
+        feedback,
+        settings.body,
+        wished,
+        world.drives,
+        touch_downs_m(plan),
     )
     first = tracker.start()
     if resumption is not None:
         tracker.take_over(world.last_rad - first.targets_rad, motion.rest_s)
     return Prepared(
-        digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
-        tracker=tracker, first=first, sees=sees, pace=pace, bound_by=bound_by,
-        clearance_m=motion.timing.clearance_m, terrain=course.terrain, surfaces=motion.solids,
+        digest=accepted.digest,
+        source=accepted.source,
+        name=course.name,
+        motion=motion,
+        kinematics=kinematics,
+        tracker=tracker,
+        first=first,
+        sees=sees,
+        pace=pace,
+        bound_by=bound_by,
+        clearance_m=motion.timing.clearance_m,
+        terrain=course.terrain,
+        surfaces=motion.solids,
         touch_downs_m=touch_downs_m(plan),
-    )  # fmt: skip
+    )
 
 
-def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings) -> Prepared[GaitMotion]:
-    """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it, before anything moves."""
+def prepare_gait(
+    accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
+) -> Prepared[GaitMotion]:
+    """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it,
+    before anything moves."""
     check_settings(settings, world)
     if settings.odometry:
-        raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
+        raise InvalidInput(
+            "odometry: expected a plan, got a gait: two feet do not tell how the body is turned"
+        )
     trajectory = accepted.trajectory
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    motion, sees = GaitMotion(trajectory, accepted.robot.source.foot_radii_m), sees_feet(world, settings)
+    motion, sees = (
+        GaitMotion(trajectory, accepted.robot.source.foot_radii_m),
+        sees_feet(world, settings),
+    )
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
-    wished = _check_gait(motion, kinematics, world, hung=settings.hung) if settings.check_limits else None
+    wished = (
+        _check_gait(motion, kinematics, world, hung=settings.hung)
+        if settings.check_limits
+        else None
+    )
     moving = replace(settings.feedback, **WALKING)
-    fall_s = float(np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2))  # of an inverted pendulum
+    fall_s = float(
+        np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2)
+    )  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
     followed: Motion = Hung(motion) if settings.hung else motion
     tracker = Tracker(
-        followed, kinematics, world.rate_hz, moving if sees else STEADY, stepping, wished, world.drives
-    )  # fmt: skip
+        followed,
+        kinematics,
+        world.rate_hz,
+        moving if sees else STEADY,
+        stepping,
+        wished,
+        world.drives,
+    )
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(
-        digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
-        tracker=tracker, first=tracker.start(), sees=sees, clearance_m=settings.timing.clearance_m, terrain=ground,
+        digest=accepted.digest,
+        source=accepted.source,
+        name=accepted.name,
+        motion=motion,
+        kinematics=kinematics,
+        tracker=tracker,
+        first=tracker.start(),
+        sees=sees,
+        clearance_m=settings.timing.clearance_m,
+        terrain=ground,
         surfaces=(ground,),
-    )  # fmt: skip
+    )
 
 
 def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
@@ -210,32 +289,54 @@ def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
 
 
 def check_settings(settings: RunSettings, world: SafeWorld) -> None:
-    """Raise InvalidInput for a robot that hangs where none can, and for limits that only a simulation may break."""
+    """Raise InvalidInput for a robot that hangs where none can, and for limits that only a
+    simulation may break."""
     if settings.hung and not world.real:
-        raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
+        raise InvalidInput(
+            f"hung: expected a robot that can hang in a stand, world {world.name} has none"
+        )
     if not settings.check_limits and (world.real or world.kind != "simulation"):
-        raise InvalidInput(f"check_limits: expected True but in a simulation, got False in world {world.name}")
+        raise InvalidInput(
+            f"check_limits: expected True but in a simulation, got False in world {world.name}"
+        )
 
 
-def _check_bodies(accepted: Accepted, timed: TimedMotion[PlanMotion], kinematics: Kinematics) -> None:
-    """Raise InvalidInput where a link goes through another one or the terrain on the way; log what has no shape."""
+def _check_bodies(
+    accepted: Accepted, timed: TimedMotion[PlanMotion], kinematics: Kinematics
+) -> None:
+    """Raise InvalidInput where a link goes through another one or the terrain on the way; log what
+    has no shape."""
     report = motion_bodies(accepted.plan, timed.profile.targets, kinematics)
     if report.message:
-        raise InvalidInput(f"{accepted.source}: expected a motion in which no bodies collide: {report.message}")
+        raise InvalidInput(
+            f"{accepted.source}: expected a motion in which no bodies collide: {report.message}"
+        )
     if report.missing:
-        LOG.warning("%s: bodies not checked along the motion: %s", accepted.source, "; ".join(report.missing))
+        LOG.warning(
+            "%s: bodies not checked along the motion: %s",
+            accepted.source,
+            "; ".join(report.missing),
+        )
 
 
-def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> RedundancyResolution:
-    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. Returns what its tracker wishes."""
+def _check_gait(
+    motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool
+) -> RedundancyResolution:
+    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. Returns what its
+    tracker wishes."""
     wished = resolved(motion, kinematics)
     if not hung:
         check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)
-    profile = timed_gait(motion, wished, kinematics, world.capabilities, world.drives, hung=hung).profile
+    profile = timed_gait(
+        motion, wished, kinematics, world.capabilities, world.drives, hung=hung
+    ).profile
     _check_heat("gait", profile, world.drives)
     return profile.wished
 
 
 def _check_heat(source: str, profile: JointProfile, drives: Drives) -> None:
-    """Raise InvalidInput for a motion that makes an actuator hotter than it bears, as far as that is known."""
-    check_actuators(source, drives, profile.static_nm + profile.dynamic_nm, 1.0 / RATE_HZ, share=1.0)
+    """Raise InvalidInput for a motion that makes an actuator hotter than it bears, as far as that
+    is known."""
+    check_actuators(
+        source, drives, profile.static_nm + profile.dynamic_nm, 1.0 / RATE_HZ, share=1.0
+    )

@@ -1,7 +1,8 @@
 """Record of a run: for every control period what was sent, and why, and what the world measured
 after it.
 
-There is one record. Reports, figures of tracking, estimates of friction and pictures are computed from it.
+There is one record. Reports, figures of tracking, estimates of friction and pictures are computed
+from it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ TOUCH_N = 1.5
 
 @dataclass
 class Record:
-    """pairs: target and state of every control period. began_s: when each was sent, on the performance counter."""
+    """pairs: target and state of every control period. began_s: when each was sent, on the
+    performance counter."""
 
     pairs: list[tuple[Target, State]] = field(default_factory=list)
     began_s: list[float] = field(default_factory=list)
@@ -40,11 +42,12 @@ class Record:
 class Trace:
     """A record as arrays, a row a control period, T of them; N limbs, J joints.
 
-    com_m, planned_com_m: shape (T, 3). frame: progress in key frames, shape (T,). origin_m, rotation: of the body's
-    frame, shape (T, 3), (T, 3, 3). feet_m: centres, shape (T, N, 3); rolled_m: of that, what they should have rolled
-    since they were put down. forces_n, planned_forces_n: shape (T, N, 3).
-    angles_rad, torques_nm, planned_torques_nm: shape (T, J). foothold: what every limb should stand on, −1 in the
-    air, shape (T, N). bump_n: terrain on anything but feet, shape (T,).
+    com_m, planned_com_m: shape (T, 3). frame: progress in key frames, shape (T,). origin_m,
+    rotation: of the body's frame, shape (T, 3), (T, 3, 3). feet_m: centres, shape (T, N, 3);
+    rolled_m: of that, what they should have rolled since they were put down. forces_n,
+    planned_forces_n: shape (T, N, 3). angles_rad, torques_nm, planned_torques_nm: shape (T, J).
+    foothold: what every limb should stand on, −1 in the air, shape (T, N). bump_n: terrain on
+    anything but feet, shape (T,).
     """
 
     time_s: Array
@@ -71,7 +74,9 @@ class Trace:
         return cls(
             time_s=np.array([s.time_s for s in states]),
             frame=np.array([p.frame for p in samples]),
-            com_m=np.array([s.position_m + s.rotation @ kinematics.com_offset(s.angles_rad) for s in states]),
+            com_m=np.array(
+                [s.position_m + s.rotation @ kinematics.com_offset(s.angles_rad) for s in states]
+            ),
             planned_com_m=np.array([p.com_m for p in samples]),
             origin_m=np.array([s.position_m for s in states]),
             rotation=np.array([s.rotation for s in states]),
@@ -90,26 +95,33 @@ class Trace:
         """Slips of every foothold's foot from where it touched, while it should stand, shape (P,)
         [m].
 
-        That is its centre's path less what it should have rolled; of one that never touches, from where it should have.
+        That is its centre's path less what it should have rolled; of one that never touches, from
+        where it should have.
         """
-        found, feet = np.zeros(footholds), self.feet_m - self.rolled_m
+        result, feet = np.zeros(footholds), self.feet_m - self.rolled_m
         for foothold, (rows, limbs, first) in enumerate(self._stood(footholds)):
             if len(rows):
                 moved = feet[rows[first:], limbs[first:]] - feet[rows[first], limbs[first]]
-                found[foothold] = float(np.linalg.norm(moved, axis=1).max())
-        return found
+                result[foothold] = float(np.linalg.norm(moved, axis=1).max())
+        return result
 
     def late(self, footholds: int) -> Array:
         """Delays with which each foothold's foot touched after it should stand, shape (P,) [s]."""
-        since = [self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
-                 for rows, _, first in self._stood(footholds)]  # fmt: skip
+        since = [
+            self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
+            for rows, _, first in self._stood(footholds)
+        ]
         return np.array(since)
 
     def found(self, footholds: int) -> NDArray[np.bool_]:
-        """Whether every foothold's foot touched while it should stand; true of those that never should, shape (P,)."""
+        """Whether every foothold's foot touched while it should stand; true of those that never
+        should, shape (P,)."""
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
         return np.array(
-            [not len(rows) or bool(touches[rows, limbs].any()) for rows, limbs, _ in self._stood(footholds)]
+            [
+                not len(rows) or bool(touches[rows, limbs].any())
+                for rows, limbs, _ in self._stood(footholds)
+            ]
         )
 
     def _stood(self, footholds: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
@@ -122,5 +134,7 @@ class Trace:
     def to_npz(self) -> bytes:
         """All arrays by their names, as a NumPy archive."""
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, **{item.name: getattr(self, item.name) for item in fields(self)})
+        np.savez_compressed(
+            buffer, **{item.name: getattr(self, item.name) for item in fields(self)}
+        )
         return buffer.getvalue()

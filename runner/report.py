@@ -34,21 +34,27 @@ class RunReport:
         seconds: of the motion [s].
         pace: of that asked for; bound_by: what slowed it down.
         sent, clipped, refused: commands, see ``SafeWorld``.
-        joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never began; joint_worst:
-            the joint, then empty.
-        body_measured: whether the body's pose was measured; body_from: who told the tracker where it is.
+        joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never
+            began; joint_worst: the joint, then empty.
+        body_measured: whether the body's pose was measured; body_from: who told the tracker where
+            it is.
         cycle_s: median and 99th percentile of the control period, from one command to the next [s].
         wall_s: by the clock [s].
-        execution: planned against measured, where body and forces are measured; what ``film`` shows.
-        odometry_m: where the world did not tell it, how far the body was from the plan at most by ``leg_odometry``, NaN
-            elsewhere and in a dry run [m].
+        execution: planned against measured, where body and forces are measured; what ``film``
+            shows.
+        odometry_m: where the world did not tell it, how far the body was from the plan at most by
+            ``leg_odometry``, NaN elsewhere and in a dry run [m].
         replay_rad: largest difference of a command from that in the log which is replayed [rad].
-        needs, loads: of the joints, as planned, and as measured where torques are; None where the motion never began.
-        friction: what feet felt of it, as a share of what was planned with, None where body or forces are not measured.
+        needs, loads: of the joints, as planned, and as measured where torques are; None where the
+        motion never began.
+        friction: what feet felt of it, as a share of what was planned with, None where body or
+            forces are not measured.
         loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
-        stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine share, None where
-            it was not; after: commands on their way at that moment, whose write returned up to after_s later.
-        load: processes that wanted a processor in the last minute, for each that there is; NaN where nobody says.
+        stopped_s: when the latch was tripped, on the monotonic clock that all processes of a
+            machine share, None where it was not; after: commands on their way at that moment, whose
+            write returned up to after_s later.
+        load: processes that wanted a processor in the last minute, for each that there is; NaN
+            where nobody says.
     Source:
         None: planned against measured.
     Example:
@@ -109,8 +115,13 @@ class RunReport:
         if measured and record.pairs:
             execution = prepared.execution(world, record, settings, wall_s)
             message = message or execution.message
-        angles = np.array([state.angles_rad for _, state in record.pairs]).reshape(-1, len(world.joints))
-        away = np.abs(angles - np.array([target.angles_rad for target, _ in record.pairs]).reshape(angles.shape))
+        angles = np.array([state.angles_rad for _, state in record.pairs]).reshape(
+            -1, len(world.joints)
+        )
+        away = np.abs(
+            angles
+            - np.array([target.angles_rad for target, _ in record.pairs]).reshape(angles.shape)
+        )
         planned, felt = _needs(record, world)
         latch, last = world.latch, record.pairs[-1] if record.pairs else None
         cycles = np.diff(record.began_s) if len(record.began_s) > 1 else np.array([np.nan])
@@ -142,7 +153,9 @@ class RunReport:
             replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
             needs=planned,
             loads=felt if measured else None,
-            friction=estimated(record, 1.0 / world.rate_hz) if execution is not None and prepared.sees else None,
+            friction=estimated(record, 1.0 / world.rate_hz)
+            if execution is not None and prepared.sees
+            else None,
             loop_share=1.0 if last is None else last[0].loop_share,
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
@@ -152,30 +165,46 @@ class RunReport:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
-        found = {name: value for name, value in self.__dict__.items() if name not in NESTED}
-        numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in found.items()}
-        nested = {"execution": self.execution, "needs": self.needs, "loads": self.loads, "friction": self.friction}
+        record = {name: value for name, value in self.__dict__.items() if name not in NESTED}
+        numbers = {
+            n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in record.items()
+        }
+        nested = {
+            "execution": self.execution,
+            "needs": self.needs,
+            "loads": self.loads,
+            "friction": self.friction,
+        }
         return numbers | {
             "ended": self.ended.to_json(),
             "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
-            **{name: given and given.to_json() for name, given in nested.items()},
+            **{name: values and values.to_json() for name, values in nested.items()},
         }
 
 
 NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 
 
-def _by_odometry(record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings) -> float:
-    """Largest distance of the body from the plan, where nobody but the joints told the tracker [m].
-    """
+def _by_odometry(
+    record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
+) -> float:
+    """Largest distance of the body from the plan, where nobody but the joints told the tracker
+    [m]."""
     seen = world.dry or body_from(world, settings) == "the world"
-    return float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)
+    return (
+        float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)
+    )
 
 
 def _needs(record: Record, world: SafeWorld) -> tuple[JointNeeds | None, JointNeeds | None]:
     """Torques that the joints were to give, with what moves them, and torques that they gave."""
     if not record.pairs:
         return None, None
-    planned, felt = ([target.torques_nm for target, _ in record.pairs], [s.torques_nm for _, s in record.pairs])
-    make = partial(JointNeeds.of, world.joints, world.drives.actuators, period_s=1.0 / world.rate_hz)
+    planned, felt = (
+        [target.torques_nm for target, _ in record.pairs],
+        [s.torques_nm for _, s in record.pairs],
+    )
+    make = partial(
+        JointNeeds.of, world.joints, world.drives.actuators, period_s=1.0 / world.rate_hz
+    )
     return make(torques_nm=np.array(planned)), make(torques_nm=np.array(felt))

@@ -1,8 +1,10 @@
-"""The runner: an accepted plan, forwarded to a world one control period after the other, and what came of it.
+"""The runner: an accepted plan, forwarded to a world one control period after the other, and what
+came of it.
 
-Before the first motion: the plan's verdict, its robot, and inverse kinematics of the whole motion, slowed down to what
-the joints can do. Then the soft start from the pose that was measured, then the motion; limbs are unloaded before they
-lift and loaded after they land, as ``PlanMotion`` has it. Whatever happens, it ends as was asked for.
+Before the first motion: the plan's verdict, its robot, and inverse kinematics of the whole motion,
+slowed down to what the joints can do. Then the soft start from the pose that was measured, then the
+motion; limbs are unloaded before they lift and loaded after they land, as ``PlanMotion`` has it.
+Whatever happens, it ends as was asked for.
 """
 
 from __future__ import annotations
@@ -30,7 +32,15 @@ from .control.silent_feet import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
 from .motion.soft_start import soft_motion, soft_start
-from .prepared import PlannedMotion, Prepared, Resumption, Tracked, body_from, prepare_gait, prepare_plan
+from .prepared import (
+    PlannedMotion,
+    Prepared,
+    Resumption,
+    Tracked,
+    body_from,
+    prepare_gait,
+    prepare_plan,
+)
 from .record import Record
 from .report import RunReport
 from .safety.ending import Ended, end
@@ -49,9 +59,9 @@ Until = Callable[[Target, State], bool]
 class Runner:
     """Runs plans and gaits on one world, once; it closes the world.
 
-    dry: send nothing to anything real. sources: of stops, beside those of the settings and whoever trips the world's
-    latch. log: of everything.
-    progress: called with (key frames done, all). monitor: entered already; it acts where this process cannot.
+    dry: send nothing to anything real. sources: of stops, beside those of the settings and whoever
+    trips the world's latch. log: of everything. progress: called with (key frames done, all).
+    monitor: entered already; it acts where this process cannot.
     """
 
     def __init__(
@@ -69,7 +79,9 @@ class Runner:
         self._logs = not isinstance(log, NoLog)  # else nothing is made ready to be written
         self.latch, self._progress = world.latch, progress
         sources = (*settings.stops, *sources, *(() if monitor is None else (monitor.gone,)))
-        self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor)
+        self.world = SafeWorld(
+            world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor
+        )
         self._found: Array | None = None
         self._prepared: Prepared[PlannedMotion] | None = None
         self.state: State | None = None
@@ -77,8 +89,8 @@ class Runner:
     def run(self, accepted: Accepted | AcceptedGait, terrain: Terrain | None = None) -> RunReport:
         """One plan, or gait, from its beginning to its end.
 
-        terrain: what the world has, where that is not what the plan says. Raises InvalidInput for what cannot be run,
-        before anything moves; what stops it on the way is in the report.
+        terrain: what the world has, where that is not what the plan says. Raises InvalidInput for
+        what cannot be run, before anything moves; what stops it on the way is in the report.
         """
         begin, record = time.perf_counter(), Record()
         prepared = self.prepare(accepted)
@@ -91,19 +103,29 @@ class Runner:
         if not message and ended.left == "left to the device":
             message = ended.message
         report = RunReport.of(
-            record, prepared, self.world, self.settings, ended=ended, message=message,
+            record,
+            prepared,
+            self.world,
+            self.settings,
+            ended=ended,
+            message=message,
             wall_s=time.perf_counter() - begin,
-        )  # fmt: skip
+        )
         self.log.write("verdict", report.to_json())
         return report
 
     def perform(
-        self, prepared: Prepared[PlannedMotion], motion: Callable[[], str], terrain: Terrain | None = None
+        self,
+        prepared: Prepared[PlannedMotion],
+        motion: Callable[[], str],
+        terrain: Terrain | None = None,
     ) -> tuple[Ended, str]:
-        """Arm, go to the first pose, do what ``motion`` does, and leave the robot as it should be, whatever happens.
+        """Arm, go to the first pose, do what ``motion`` does, and leave the robot as it should be,
+        whatever happens.
 
-        motion: returns what is wrong at its end, empty where nothing is. Returns how the robot was left, and what went
-        wrong. Raises what is no stop and no fault of the hardware, after the robot was left.
+        motion: returns what is wrong at its end, empty where nothing is. Returns how the robot was
+        left, and what went wrong. Raises what is no stop and no fault of the hardware, after the
+        robot was left.
         """
         self._prepared, message = prepared, ""
         with on_signals(self.latch), self.world, watched(self.latch):
@@ -120,7 +142,9 @@ class Runner:
         return ended, message
 
     @overload
-    def prepare(self, accepted: Accepted, resumption: Resumption | None = None) -> Prepared[PlanMotion]: ...
+    def prepare(
+        self, accepted: Accepted, resumption: Resumption | None = None
+    ) -> Prepared[PlanMotion]: ...
     @overload
     def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
     @overload
@@ -142,7 +166,8 @@ class Runner:
         return prepared
 
     def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
-        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear path to it.
+        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no
+        clear path to it.
 
         terrain: what the world has, where that is not what the plan's course says.
         """
@@ -153,7 +178,10 @@ class Runner:
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
         if (wrench := self._carry(0.0)) is not None and wrench.any():
-            self.decide("wrench", f"{np.array2string(wrench, precision=4)} N and Nm on the body beside its weight")
+            self.decide(
+                "wrench",
+                f"{np.array2string(wrench, precision=4)} N and Nm on the body beside its weight",
+            )
         path = self._path(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
@@ -161,30 +189,44 @@ class Runner:
         if (evidence := self.world.evidence) and not self.world.dry:
             self.decide("e-stop", evidence)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
-        self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(path)} pose{'s' * (len(path) > 1)}")
+        self.decide(
+            "soft start",
+            f"{far:.3f} rad to the first pose, over {len(path)} pose{'s' * (len(path) > 1)}",
+        )
         self.go(path)
         if self.world.preload(first.targets_rad):
             self.decide(LOADED, "from the beginning")
         elif not prepared.sees and self.world.drives.yields:
             self.go([first.targets_rad], first.angles_rad)
-        self.decide("motion", f"{prepared.motion.duration_s:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
+        self.decide(
+            "motion",
+            f"{prepared.motion.duration_s:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}",
+        )
 
     def go(self, path: Sequence[Array], stays: Array | None = None) -> None:
-        """Along joint poses, softly, one after the other. stays: where the joints are all the while, the rest loads."""
+        """Along joint poses, softly, one after the other. stays: where the joints are all the
+        while, the rest loads."""
         for pose in path:
-            for targets in soft_motion(self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz):
+            for targets in soft_motion(
+                self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz
+            ):
                 self.send(targets, pose, None if stays is None else targets - stays)
 
-    def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
+    def follow(
+        self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False
+    ) -> bool:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
-        told = body_from(self.world, self.settings)
+        source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
         odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)
         weight_n = kinematics.robot.mass_kg * kinematics.gravity_m_s2
         silent = SilentFeet(rate_hz, weight_n, kinematics.robot.limb_names)
-        seen = self.state if told == "the world" else None
-        felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
+        seen = self.state if source == "the world" else None
+        felt, total = (
+            tracked.first.sample.forces_n,
+            0.0 if self._prepared is None else self._prepared.motion.last_frame,
+        )
         while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
             self._carry(float(target.sample.frame))
@@ -192,8 +234,8 @@ class Runner:
             record.add(target, state, began)
             if self._logs:
                 self.log.write("target", {"time_s": state.time_s, **target.entry()})
-            felt, seen = state.forces_n, state if told == "the world" else None
-            seen = odometry.seen(target, state) if told == "leg odometry" else seen
+            felt, seen = state.forces_n, state if source == "the world" else None
+            seen = odometry.seen(target, state) if source == "leg odometry" else seen
             self.check_body(target, state)
             if tracked.sees and (why := silent.found(target, state)):
                 self.world.trip(why)
@@ -203,7 +245,8 @@ class Runner:
         return True
 
     def _carry(self, frame: float) -> Array | None:
-        """Let a simulated body bear what is on it beside its weight at a key frame, or between two, and return that."""
+        """Let a simulated body bear what is on it beside its weight at a key frame, or between two,
+        and return that."""
         wrench: Array | None = None
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
@@ -217,8 +260,8 @@ class Runner:
         """One command, logged. lean: as of ``SafeWorld.step``. Raises Stopped, HardwareFault."""
         state = self.world.step(targets, lean)
         if self._logs:
-            asked = {"asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned}
-            self.log.write("command", {"time_s": state.time_s, **asked})
+            entry = {"asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned}
+            self.log.write("command", {"time_s": state.time_s, **entry})
             self.log.write("measurement", state_json(state))
         self.state = state
         return state
@@ -234,7 +277,10 @@ class Runner:
 
     def decide(self, what: str, why: str) -> None:
         """Log a decision."""
-        self.log.write("decision", {"what": what, "why": why, "time_s": self.state.time_s if self.state else 0.0})
+        self.log.write(
+            "decision",
+            {"what": what, "why": why, "time_s": self.state.time_s if self.state else 0.0},
+        )
 
     def _finish(self, message: str) -> Ended:
         """Leave the robot as it should be left, and only then say so: a log may be what failed."""
@@ -244,7 +290,12 @@ class Runner:
             self.latch.trip(message)
         if self._found is None:
             return Ended(left="as it was", message="nothing was sent", seconds=0.0)
-        if self.settings.ending == "home" and self._prepared and self.state and not self.latch.tripped:
+        if (
+            self.settings.ending == "home"
+            and self._prepared
+            and self.state
+            and not self.latch.tripped
+        ):
             try:
                 home = self._path(self._prepared, self.state, self._found)
             except Exception as error:
@@ -253,10 +304,15 @@ class Runner:
         for what, why in (("stop", message), ("no way home", lost)):
             if why:
                 self.decide(what, why)
-        self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
+        self.decide(
+            "end",
+            f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}",
+        )
         return ended
 
-    def _path(self, prepared: Prepared[PlannedMotion], state: State, goal_rad: Array) -> list[Array]:
+    def _path(
+        self, prepared: Prepared[PlannedMotion], state: State, goal_rad: Array
+    ) -> list[Array]:
         """A clear path from the measured pose to this one."""
         sample = prepared.first.sample
         return soft_start(
@@ -277,7 +333,10 @@ class Runner:
         away = sqrt(float(off @ off))
         between = target.sample.rotation.T @ state.rotation
         turned = acos(min(max((float(between.trace()) - 1.0) / 2.0, -1.0), 1.0))
-        limits, counted = self.settings.tolerance, "" if self._prepared is None else self._prepared.motion.counted
+        limits, counted = (
+            self.settings.tolerance,
+            "" if self._prepared is None else self._prepared.motion.counted,
+        )
         if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(
                 f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at {target.sample.frame:.1f} {counted}, "
@@ -296,16 +355,20 @@ def simulate(
     actuators: Actuators | None = None,
     progress: Progress = lambda done, total: None,
 ) -> RunReport:
-    """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
+    """Run a plan in a simulated world, at the pace asked for: what was planned against what
+    happened.
 
-    world: "mujoco", "bullet", or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own. rate_hz: targets a
-    second, the world's own where None. terrain: what the world has, where that is not the plan's. actuators: in place
-    of the servo's limits. progress: as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a
-    schedule that lifts all limbs at once, a world that is no simulation, and without pinocchio.
+    world: "mujoco", "bullet", or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's
+    own. rate_hz: targets a second, the world's own where None. terrain: what the world has, where
+    that is not the plan's. actuators: in place of the servo's limits. progress: as of ``Runner``.
+    Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at
+    once, a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.problem.name), plan.problem
     gravity = course.gravity_m_s2
-    made = make_world(world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=gravity, actuators=actuators)
+    made = make_world(
+        world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=gravity, actuators=actuators
+    )
     if made.kind != "simulation":
         made.close()
         raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")

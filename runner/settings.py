@@ -31,20 +31,23 @@ class RunSettings:
         tolerance: when it is stopped, and when it is a success.
         speed_rad_s: of the soft start, and of the path home [rad/s].
         ending: the state to leave the robot in.
-        hung: the robot hangs in a stand, level and off the ground: its feet carry nothing and meet nothing; for what is
-            real only.
-        forces: press with a plan's forces "shared" anew among the limbs of every stance, with a reserve of friction, or
-            as "planned".
-        check_limits: a plan is slowed down to what its joints can do, and refused where no pace helps; False, for
-            simulations only, to see what comes of it.
-        least_push: a plan for a robot's own legs is refused where a stance bears no push of this share of the weight;
-            0 to run it all the same.
-        blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
-        odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
-            measures.
-        friction_share: simulations: the terrain has only this share of the friction that is counted on.
-        wrench: simulations: what is on the body beside its weight, a force at the centre of mass [N] and a moment about
-            it [Nm], in world axes, 3 or 6 numbers; None for what a plan says.
+        hung: the robot hangs in a stand, level and off the ground: its feet carry nothing and meet
+            nothing; for what is real only.
+        forces: press with a plan's forces "shared" anew among the limbs of every stance, with a
+            reserve of friction, or as "planned".
+        check_limits: a plan is slowed down to what its joints can do, and refused where no pace
+            helps; False, for simulations only, to see what comes of it.
+        least_push: a plan for a robot's own legs is refused where a stance bears no push of this
+            share of the weight; 0 to run it all the same.
+        blind: send what a robot that measures its joints alone is sent, and use nothing else that
+            the world measures.
+        odometry: where the body is is taken from its joints and the feet that stand, and fed back,
+            whatever the world measures.
+        friction_share: simulations: the terrain has only this share of the friction that is counted
+            on.
+        wrench: simulations: what is on the body beside its weight, a force at the centre of mass
+            [N] and a moment about it [Nm], in world axes, 3 or 6 numbers; None for what a plan
+            says.
         stops: what stops it from outside, beside signals: functions that return why, or None.
         loop: how a policy plans anew on the way.
     Raises:

@@ -30,19 +30,25 @@ settings.load_profile("the same examples in every run")
 REAL_TIME = ("tests/runner/", "tests/cli/test_run.py", "tests/cli/test_emulate_bus.py")
 """Tests of hosts and robots that have milliseconds to answer each other."""
 LATE_S, TRIES = 0.03, 3
-"""A test of these that fails while the computer kept a thread waiting for longer says nothing: it is tried again."""
+"""A test of these that fails while the computer kept a thread waiting for longer says nothing: it
+is tried again."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Try a test of real time again where the computer, and not the robot, was late; what is wrong fails each time."""
+    """Try a test of real time again where the computer, and not the robot, was late; what is wrong
+    fails each time."""
     if not item.nodeid.startswith(REAL_TIME):
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for turn in range(TRIES):
         with Pulse() as pulse:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
-        if turn + 1 == TRIES or not any(report.failed for report in reports) or pulse.worst_s < LATE_S:
+        if (
+            turn + 1 == TRIES
+            or not any(report.failed for report in reports)
+            or pulse.worst_s < LATE_S
+        ):
             break
         late = f"tried again: the computer kept a thread waiting for {1e3 * pulse.worst_s:.0f} ms"
         item.warn(pytest.PytestWarning(late))
@@ -54,7 +60,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_configure() -> None:
-    """What is imported and collected stays: the collector of cycles does not look at it, then or later."""
+    """What is imported and collected stays: the collector of cycles does not look at it, then or
+    later."""
     gc.disable()
 
 
@@ -66,7 +73,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Workspaces are measured once, by whichever test asks first in any process, and not kept in the user's folder."""
+    """Workspaces are measured once, by whichever test asks first in any process, and not kept in
+    the user's folder."""
     mine = tmp_path_factory.getbasetemp()
     shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
     with pytest.MonkeyPatch.context() as patch:
@@ -94,14 +102,17 @@ def mixed() -> Callable[[int, tuple[int, ...]], Problem]:
 
 @pytest.fixture(scope="session")
 def written() -> Callable[[Problem], Written]:
-    """Paper E §II written from the problem's own numbers, contact by contact, sharing no line with the planners."""
+    """Paper E §II written from the problem's own numbers, contact by contact, sharing no line with
+    the planners."""
     return Written
 
 
 def _mixed(seed: int, corners: tuple[int, ...]) -> Problem:
     rng = np.random.default_rng(seed)
     contacts = []
-    for limb, count in zip(hexapod().select(("RF", "LR", "LF", "RR", "RM", "LM")), corners, strict=False):
+    for limb, count in zip(
+        hexapod().select(("RF", "LR", "LF", "RR", "RM", "LM")), corners, strict=False
+    ):
         normal = np.array([*rng.uniform(-0.5, 0.5, 2), 1.0])
         normal = normal / np.linalg.norm(normal)
         first = np.cross(normal, [0.3, 1.0, 0.2])
@@ -126,14 +137,18 @@ def _mixed(seed: int, corners: tuple[int, ...]) -> Problem:
                 force_max=[rng.uniform(0.5, 1.0), *shear[2:]],
             )
         )
-    return Problem.posture(contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.05)
+    return Problem.posture(
+        contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.05
+    )
 
 
 @dataclass(eq=False)
 class Written:
-    """Variables and convex constraints of one posture problem (all but the bilinear one), non-dimensional.
+    """Variables and convex constraints of one posture problem (all but the bilinear one),
+    non-dimensional.
 
-    positions: p of E2, shape (N, 3); forces: f of E3, shape (N, 3). ``on_patches`` is separate, for toes held.
+    positions: p of E2, shape (N, 3); forces: f of E3, shape (N, 3). ``on_patches`` is separate, for
+    toes held.
     """
 
     problem: Problem
@@ -149,14 +164,17 @@ class Written:
         self.vertices = [contact.patch.vertices_m / length for contact in problem.contacts]
         self.frames = [frame_of(contact.patch) for contact in problem.contacts]
         self.body = [
-            cp.norm(self.com - problem.com_nominal_m[0] / length) <= problem.com_radius_m[0] / length,
+            cp.norm(self.com - problem.com_nominal_m[0] / length)
+            <= problem.com_radius_m[0] / length,
             cp.abs(self.rotation) <= problem.tilt_limit_rad,
         ]
         self.on_patches, self.in_reach, self.in_cones = [], [], []
         net = -self.weight * np.array([0.0, 0.0, 1.0])
         for i, contact in enumerate(problem.contacts):
             toe, f, share = self.toes[i], self.forces[i], self.shares[i]
-            turned = cross_with(contact.shoulder_m / length) @ self.rotation * -1.0  # Θ × v = −v × Θ
+            turned = (
+                cross_with(contact.shoulder_m / length) @ self.rotation * -1.0
+            )  # Θ × v = −v × Θ
             leg = toe - self.com - contact.shoulder_m / length - turned
             self.on_patches += [toe == self.vertices[i].T @ share, cp.sum(share) == 1, share >= 0]
             self.in_reach.append(cp.norm(leg) <= contact.reach_m / length)
@@ -200,8 +218,8 @@ def timed() -> dict[str, Any]:
 
 @pytest.fixture
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of one plan, on one kind of world, at one pace, share its postures, its time parametrisation and whether its
-    bodies collide, most of a run's work."""
+    """Runs of one plan, on one kind of world, at one pace, share its postures, its time
+    parametrisation and whether its bodies collide, most of a run's work."""
     from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
     from stancekit.runner.motion import stream
@@ -212,7 +230,9 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
     def body(kinematics: Any) -> tuple[Any, ...]:
         return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics)
 
-    def once(make: Callable[..., Any], key: tuple[Any, ...], *arguments: Any, **options: Any) -> Any:
+    def once(
+        make: Callable[..., Any], key: tuple[Any, ...], *arguments: Any, **options: Any
+    ) -> Any:
         asked = str(joblib.hash((make.__name__, key)))
         if asked not in timed:
             timed[asked] = make(*arguments, **options)
@@ -225,7 +245,15 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
         return once(resolve, key, motion, kinematics)
 
     def paced(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:
-        return once(parametrize, (plan, body(kinematics), can, how, options), plan, kinematics, can, *how, **options)
+        return once(
+            parametrize,
+            (plan, body(kinematics), can, how, options),
+            plan,
+            kinematics,
+            can,
+            *how,
+            **options,
+        )
 
     def collision(plan: Any, targets: Any, kinematics: Any) -> Any:
         key = (plan, np.array([target.angles_rad for target in targets]), body(kinematics))
@@ -246,9 +274,11 @@ def written_gaits() -> dict[str, Any]:
 
 
 @pytest.fixture
-def each_gait_is_written_once(written_gaits: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walks of one task, in charts without a map of the terrain, share their program and what IPOPT compiled of it,
-    which answers every solve as if it were the first."""
+def each_gait_is_written_once(
+    written_gaits: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Walks of one task, in charts without a map of the terrain, share their program and what IPOPT
+    compiled of it, which answers every solve as if it were the first."""
     from stancekit.planners.gait.charts import CHARTS
     from stancekit.planners.gait.method import attempt
 
@@ -267,7 +297,8 @@ def each_gait_is_written_once(written_gaits: dict[str, Any], monkeypatch: pytest
 
 @pytest.fixture(scope="session")
 def gl() -> None:
-    """Pass a test over where MuJoCo's renderer finds no GL library, which ``test_film`` asserts the message of."""
+    """Pass a test over where MuJoCo's renderer finds no GL library, which ``test_film`` asserts the
+    message of."""
     from stancekit.planners.errors import InvalidInput
     from stancekit.views.film import check_film
 

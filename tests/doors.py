@@ -1,8 +1,10 @@
-"""Forty questions, and the doors that take them: each is asked at every door, and all have to say the same.
+"""Forty questions, and the doors that take them: each is asked at every door, and all have to say
+the same.
 
-A door takes a question where a user can put it there as it is. These do not: ``Traverse-v0`` and the closed loop
-(``run --policy``) ask for windows of a course from where their robot stands, and so are compared with ``replan``, the
-function that both call; the playground takes courses as keys, and no limit of torque; ``solve`` takes postures alone.
+A door takes a question where a user can put it there as it is. These do not: ``Traverse-v0`` and
+the closed loop (``run --policy``) ask for windows of a course from where their robot stands, and so
+are compared with ``replan``, the function that both call; the playground takes courses as keys, and
+no limit of torque; ``solve`` takes postures alone.
 """
 
 from __future__ import annotations
@@ -41,9 +43,11 @@ NARROW = {"com_radius_m": 0.005, "first_radius_m": 0.005, "tilt_limit_rad": 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """A course by its keys, or by a built-in name with a number of key frames, or a posture problem.
+    """A course by its keys, or by a built-in name with a number of key frames, or a posture
+    problem.
 
-    expected: the status that it was made to have. torque_nm: no joint is to take more [Nm]; None: what it has.
+    expected: the status that it was made to have. torque_nm: no joint is to take more [Nm]; None:
+    what it has.
     """
 
     name: str
@@ -66,8 +70,8 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """What a door says: the status, the digest of the problem that a certificate proves, and the objective of a plan
-    that is accepted; one that is not was bent as far as there was time."""
+    """What a door says: the status, the digest of the problem that a certificate proves, and the
+    objective of a plan that is accepted; one that is not was bent as far as there was time."""
 
     status: str
     proved: str = ""
@@ -84,22 +88,37 @@ def questions() -> Iterator[Question]:
     """All of them: hexapods on built-in terrain, a quadruped of a URDF, and postures."""
     for frames in (2, 3):
         for friction in (0.4, 0.7):
-            yield Question(name=f"flat-{frames}-{friction:g}", expected="feasible", keys=_flat(frames, friction))
+            yield Question(
+                name=f"flat-{frames}-{friction:g}",
+                expected="feasible",
+                keys=_flat(frames, friction),
+            )
     for gait in ("all", "wave"):
-        yield Question(name=f"gait-{gait}", expected="feasible", keys=_flat(3, 0.6) | {"gait": gait})
+        yield Question(
+            name=f"gait-{gait}", expected="feasible", keys=_flat(3, 0.6) | {"gait": gait}
+        )
     for frames in (2, 3):
         for friction in (0.05, 0.1, 0.15):
-            yield Question(name=f"slick-{frames}-{friction:g}", expected="infeasible", keys=_walls(frames, friction))
+            yield Question(
+                name=f"slick-{frames}-{friction:g}",
+                expected="infeasible",
+                keys=_walls(frames, friction),
+            )
     yield Question(name="walls", expected="feasible", keys=_walls(3, 1.0))
     for expected, heights_m in (
-        ("feasible", (0.48, 0.5)), ("undecided", (0.52, 0.56, 0.57, 0.58)), ("infeasible", (0.6, 0.62, 0.64, 0.66)),
-    ):  # fmt: skip
+        ("feasible", (0.48, 0.5)),
+        ("undecided", (0.52, 0.56, 0.57, 0.58)),
+        ("infeasible", (0.6, 0.62, 0.64, 0.66)),
+    ):
         for height_m in heights_m:
             yield Question(name=f"dog-{height_m:g}", expected=expected, keys=_dog(height_m))
     for torque_nm in (0.5, 1.0):
         yield Question(
-            name=f"weak-{torque_nm:g}", expected="undecided", keys=_flat(2, 0.6), torque_nm=torque_nm
-        )  # fmt: skip
+            name=f"weak-{torque_nm:g}",
+            expected="undecided",
+            keys=_flat(2, 0.6),
+            torque_nm=torque_nm,
+        )
     for number, problem in enumerate(stancekit.sample("wall-3", 8, rng=7)):
         yield Question(name=f"wall-{number}", expected="", posture=problem)
     for number, problem in enumerate(stancekit.sample("ground-3", 9, rng=7)):
@@ -108,24 +127,37 @@ def questions() -> Iterator[Question]:
 
 def _flat(frames: int, friction: float, height_m: float = 0.2) -> dict[str, Any]:
     return {
-        "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, height_m], "goal_m": [0.06, 0.0, height_m],
+        "frames": frames,
+        "gait": "tripod",
+        "start_m": [0.0, 0.0, height_m],
+        "goal_m": [0.06, 0.0, height_m],
         "terrain": {"kind": "flat", "friction": friction},
-    }  # fmt: skip
+    }
 
 
 def _walls(frames: int, friction: float) -> dict[str, Any]:
     return {
-        "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.0, 0.0, 0.55], "stride_m": 0.05,
-        "stance": {"outward_m": 0.08, "down_m": 0.0}, "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
+        "frames": frames,
+        "gait": "tripod",
+        "start_m": [0.0, 0.0, 0.2],
+        "goal_m": [0.0, 0.0, 0.55],
+        "stride_m": 0.05,
+        "stance": {"outward_m": 0.08, "down_m": 0.0},
+        "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
         "terrain": {"kind": "walls", "friction": friction, "apart_m": 0.38},
-    }  # fmt: skip
+    }
 
 
 def _dog(height_m: float) -> dict[str, Any]:
     return {
-        "robot": "dog.urdf", "frames": 3, "gait": "wave", "start_m": [0.0, 0.0, height_m],
-        "goal_m": [0.1, 0.0, height_m], "body": NARROW, "terrain": {"kind": "flat", "friction": 0.7},
-    }  # fmt: skip
+        "robot": "dog.urdf",
+        "frames": 3,
+        "gait": "wave",
+        "start_m": [0.0, 0.0, height_m],
+        "goal_m": [0.1, 0.0, height_m],
+        "body": NARROW,
+        "terrain": {"kind": "flat", "friction": 0.7},
+    }
 
 
 Door = Callable[[Question, Path], Reply]
@@ -138,7 +170,9 @@ def by_name(question: Question, folder: Path) -> Reply:
 
 def by_value(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of what ``stancekit.load`` gives."""
-    return _reply(stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm))
+    return _reply(
+        stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm)
+    )
 
 
 def by_command(question: Question, folder: Path) -> Reply:
@@ -160,12 +194,15 @@ def by_playground(question: Question, folder: Path) -> Reply:
     return Reply(
         status=answer.status.value,
         proved=digest_of(answer.course) if proved and answer.course is not None else "",
-        objective=objective_of(answer.plan) if answer.plan is not None and answer.accepted else math.nan,
+        objective=objective_of(answer.plan)
+        if answer.plan is not None and answer.accepted
+        else math.nan,
     )
 
 
 def by_replan(question: Question, folder: Path) -> Reply:
-    """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course with its limits."""
+    """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course
+    with its limits."""
     course = stancekit.load(question.file(folder), Problem)
     limits = WholeBodyLimits(torque_nm=question.torque_nm)
     return _reply(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
@@ -188,7 +225,9 @@ def by_label(question: Question, folder: Path) -> Reply:
     """The search that labels problems in batches."""
     assert question.posture is not None
     (outcome,) = solve_all(ExactPlanner(), PostureBatch.stacked([question.posture]))
-    return Reply(status=outcome.status.value, proved=_proved(outcome.status.value, question.posture))
+    return Reply(
+        status=outcome.status.value, proved=_proved(outcome.status.value, question.posture)
+    )
 
 
 def by_plan_of_posture(question: Question, folder: Path) -> Reply:
@@ -206,17 +245,23 @@ DOORS: dict[str, tuple[Door, ...]] = {
 
 
 def ask(question: Question, folder: Path) -> dict[str, dict[str, Reply]]:
-    """What the doors that take a question say, by the kind of the question and the name of the door."""
+    """What the doors that take a question say, by the kind of the question and the name of the
+    door."""
     kinds = ("course",) if question.posture is None else ("posture", "posture as a course")
     replies = dict[str, dict[str, Reply]]()
     for kind in kinds:
-        doors = [door for door in DOORS[kind] if not (door is by_playground and question.torque_nm is not None)]
+        doors = [
+            door
+            for door in DOORS[kind]
+            if not (door is by_playground and question.torque_nm is not None)
+        ]
         replies[kind] = {door.__name__: door(question, folder) for door in doors}
     return replies
 
 
 def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
-    """Where two doors of a kind say different things, and where a proof of one kind meets a plan of another."""
+    """Where two doors of a kind say different things, and where a proof of one kind meets a plan of
+    another."""
     found = list[str]()
     for kind, each in replies.items():
         first, *others = each.items()
@@ -228,7 +273,8 @@ def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
 
 
 def digest_of(problem: Problem) -> str:
-    """SHA-256 of a problem as its file has it, and of the name of nothing: a course of another name is the same."""
+    """SHA-256 of a problem as its file has it, and of the name of nothing: a course of another name
+    is the same."""
     data = problem.to_json() if problem.is_posture else {**problem.to_json(), "name": ""}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 

@@ -25,7 +25,16 @@ from stancekit.views.gaits import GaitView
 from stancekit.views.plans import PlanView, frame_count
 from stancekit.views.scene import Animation, Scene
 
-NAMES = ("com_m", "rotation_rad", "frame", "feet_m", "forces_n", "foothold", "origin_m", "angles_rad")
+NAMES = (
+    "com_m",
+    "rotation_rad",
+    "frame",
+    "feet_m",
+    "forces_n",
+    "foothold",
+    "origin_m",
+    "angles_rad",
+)
 
 
 class Kept(Runner):
@@ -33,7 +42,9 @@ class Kept(Runner):
 
     streamed: tuple[Target, ...] = ()
 
-    def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
+    def follow(
+        self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False
+    ) -> bool:
         """As of ``Runner``."""
         ended = super().follow(tracked, record, until)
         self.streamed = (tracked.first, *(target for target, _ in record.pairs))
@@ -42,13 +53,16 @@ class Kept(Runner):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """What differs most between a film and a stream, by name, in SI units; looked: how many samples that is of."""
+    """What differs most between a film and a stream, by name, in SI units; looked: how many samples
+    that is of."""
 
     differs: dict[str, float]
     looked: int
 
 
-def compared(subject: Plan | Trajectory, rate_hz: float = 100.0, *, blind: bool = True) -> Comparison:
+def compared(
+    subject: Plan | Trajectory, rate_hz: float = 100.0, *, blind: bool = True
+) -> Comparison:
     """Run a plan or a walk in MuJoCo, and compare what was sent with the pictures of its film.
 
     blind: the run uses nothing that is measured; else what its feet feel is fed back.
@@ -61,13 +75,18 @@ def compared(subject: Plan | Trajectory, rate_hz: float = 100.0, *, blind: bool 
         times = view.shown_s(frame_count(view.plan))
     kept = [round(time_s * rate_hz) for time_s in times]
     kept = [row for row in kept if row < len(targets)]
-    sent, seen = stacked([sample_of(targets[row]) for row in kept]), view.motion.at(times[: len(kept)])
+    sent, seen = (
+        stacked([sample_of(targets[row]) for row in kept]),
+        view.motion.at(times[: len(kept)]),
+    )
     differs = {name: _most(getattr(seen, name), getattr(sent, name)) for name in NAMES}
     differs["pictures"] = _drawn(view, film, [targets[row] for row in kept])
     return Comparison(differs=differs, looked=len(kept))
 
 
-def streamed_targets(subject: Plan | Trajectory, rate_hz: float, *, blind: bool = True) -> tuple[Target, ...]:
+def streamed_targets(
+    subject: Plan | Trajectory, rate_hz: float, *, blind: bool = True
+) -> tuple[Target, ...]:
     """What a run in MuJoCo streams from the beginning of the motion to its end."""
     settings = RunSettings(blind=blind, body=BodyFeedback())
     if isinstance(subject, Plan):
@@ -93,7 +112,11 @@ def _drawn(view: PlanView | GaitView, film: Animation, targets: list[Target]) ->
     worst = 0.0
     for moment, target in zip(film.moments, targets, strict=False):
         now = sample_of(target)
-        drawn = view.drawn(now) if isinstance(view, GaitView) else view.at(now, cone_m=0.3 * view.shape.size_m)
+        drawn = (
+            view.drawn(now)
+            if isinstance(view, GaitView)
+            else view.at(now, cone_m=0.3 * view.shape.size_m)
+        )
         worst = max(worst, _apart(moment, drawn))
     return worst
 

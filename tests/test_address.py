@@ -1,4 +1,5 @@
-"""The project's address: README, CITATION and pyproject say what the one constant says, and nothing else does."""
+"""The project's address: README, CITATION and pyproject say what the one constant says, and nothing
+else does."""
 
 import re
 import runpy
@@ -12,7 +13,9 @@ ROOT = Path(__file__).parent.parent
 ADDRESS = runpy.run_path(str(ROOT / ".ci" / "address.py"))["ADDRESS"]
 
 
-def disagreements(readme: str, citation: dict[str, object], project: dict[str, object], address: str) -> list[str]:
+def disagreements(
+    readme: str, citation: dict[str, object], project: dict[str, object], address: str
+) -> list[str]:
     """What names another address than this one, or an address where there is none."""
     found = []
     clones = re.findall(r"git clone (\S+)", readme)

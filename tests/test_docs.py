@@ -1,4 +1,5 @@
-"""What the documents show is true: their Python and commands run, their problem is solved, their tables are whole."""
+"""What the documents show is true: their Python and commands run, their problem is solved, their
+tables are whole."""
 
 import importlib
 import io
@@ -26,7 +27,10 @@ from stancekit.planners.verify import check_plan
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"(?:<!-- file: (\S+) -->\n)?```(\w+)\n(.*?)```", re.DOTALL)
-PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in DOCS.rglob("[!A-Z]*.md"))]
+PAGES = [
+    "README.md",
+    *sorted(path.relative_to(ROOT).as_posix() for path in DOCS.rglob("[!A-Z]*.md")),
+]
 FIRST = ("README.md", "docs/index.md")
 """Pages whose one example is shown with what it prints."""
 COMMANDS = ("docs/quickstart.md", "docs/selectors.md", "docs/scale-out.md")
@@ -38,11 +42,15 @@ BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 FEW = "24"
 """Scenes of a page that learns; its reader has more."""
 NEEDS = {
-    "docs/training.md": "sb3_contrib optuna", "docs/learning.md": "torch",
+    "docs/training.md": "sb3_contrib optuna",
+    "docs/learning.md": "torch",
     "docs/running-on-a-robot.md": "pinocchio",
-    "docs/learning-own-robot.md": "trimesh", "03_own_robot": "pinocchio",
-    "04_own_terrain": "trimesh", "09_train": "stable_baselines3", "10_run_and_export": "mujoco",
-}  # fmt: skip
+    "docs/learning-own-robot.md": "trimesh",
+    "03_own_robot": "pinocchio",
+    "04_own_terrain": "trimesh",
+    "09_train": "stable_baselines3",
+    "10_run_and_export": "mujoco",
+}
 
 PAGE_OF_TWO = """# Page
 ```sh
@@ -79,7 +87,10 @@ def command(line: str) -> None:
     words = shlex.split(line, comments=True)
     words, target = (words[: words.index(">")], words[-1]) if ">" in words else (words, None)
     box = io.StringIO()
-    with nullcontext() if target is None else redirect_stdout(box), pytest.raises(SystemExit) as stop:
+    with (
+        nullcontext() if target is None else redirect_stdout(box),
+        pytest.raises(SystemExit) as stop,
+    ):
         main(words[1:])
     assert stop.value.code == 0, line
     if target is not None:
@@ -102,7 +113,9 @@ def written(page: str) -> None:
             Path(name).write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if "python" in shown(page) and page not in FIRST])
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if "python" in shown(page) and page not in FIRST]
+)
 def test_python_of_a_page_runs_block_after_block(
     page: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,7 +137,10 @@ def test_python_of_a_page_runs_block_after_block(
 def test_what_a_first_page_says_is_printed_is_printed(
     page: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (code,), (said,) = ([text for _, is_, text in blocks(page) if is_ == language] for language in ("python", "text"))
+    (code,), (said,) = (
+        [text for _, is_, text in blocks(page) if is_ == language]
+        for language in ("python", "text")
+    )
     assert len([line for line in code.splitlines() if line]) <= 15
     exec(compile(code, page, "exec"), {})
     assert capsys.readouterr().out == said
@@ -133,15 +149,21 @@ def test_what_a_first_page_says_is_printed_is_printed(
 @pytest.mark.parametrize("page", COMMANDS)
 def test_commands_of_a_page_run_line_after_line(page: str, folder: Path) -> None:
     written(page)
-    lines = [line for _, language, text in blocks(page) if language == "sh" for line in text.splitlines()]
+    lines = [
+        line for _, language, text in blocks(page) if language == "sh" for line in text.splitlines()
+    ]
     ours = [line for line in lines if line.startswith("stancekit ")]
     assert len(ours) >= 3
     for line in ours:
         command(line)
 
 
-@pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("plot_*.py")), ids=lambda path: path.stem)
-def test_an_example_runs_and_draws(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "path", sorted((DOCS / "examples").glob("plot_*.py")), ids=lambda path: path.stem
+)
+def test_an_example_runs_and_draws(
+    path: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip(NEEDS.get(path.stem.removeprefix("plot_"), "numpy"))
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 60
@@ -163,7 +185,9 @@ def test_the_readme_shows_python_and_commands() -> None:
 
 
 def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answers() -> None:
-    examples = [json.loads(text) for _, language, text in blocks("docs/formats.md") if language == "json"]
+    examples = [
+        json.loads(text) for _, language, text in blocks("docs/formats.md") if language == "json"
+    ]
     assert examples
     for example in examples:
         problem = Problem.from_json(example)
@@ -193,7 +217,9 @@ def extension(monkeypatch: pytest.MonkeyPatch) -> object:
     return found
 
 
-def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_reference(extension) -> None:
+def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_reference(
+    extension,
+) -> None:
     keys = extension("keys")
     assert len(keys.forbidding()) > 40
     assert list(keys.missing()) == []
@@ -205,8 +231,10 @@ def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_referen
 def test_what_a_docstring_says_of_keys_is_read_off_it(extension) -> None:
     said = "A thing, of use: never. near, far: how far [m]; tall: how tall, that is: up. other: of no key."
     assert extension("keys").own_meanings(said, {"near", "far", "tall"}) == {
-        "near": "how far [m]", "far": "how far [m]", "tall": "how tall, that is: up. other: of no key",
-    }  # fmt: skip
+        "near": "how far [m]",
+        "far": "how far [m]",
+        "tall": "how tall, that is: up. other: of no key",
+    }
 
 
 def test_an_environments_page_has_its_spaces_reward_and_weights(extension) -> None:
@@ -217,26 +245,47 @@ def test_an_environments_page_has_its_spaces_reward_and_weights(extension) -> No
     assert re.findall(r"^## (.*)$", page, re.M)[0] == "Description"
 
 
-def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writes_them(extension) -> None:
+def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writes_them(
+    extension,
+) -> None:
     environments, keys = extension("environments"), extension("keys")
-    pages = {f"environments/{environments.short(name)}.md": environments.page(name) for name in environments.names()}
+    pages = {
+        f"environments/{environments.short(name)}.md": environments.page(name)
+        for name in environments.names()
+    }
     for name, page in {**pages, "reference/keys.md": keys.page()}.items():
-        assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, f"docs/{name}: make docs writes it anew"
+        assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, (
+            f"docs/{name}: make docs writes it anew"
+        )
         anchors = re.findall(r"^\((.*)\)=$", page, re.M)
-        assert len(anchors) == len(set(anchors)), f"docs/{name}: two places of one name, which Sphinx refuses"
-    verbs = re.findall(r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M)
+        assert len(anchors) == len(set(anchors)), (
+            f"docs/{name}: two places of one name, which Sphinx refuses"
+        )
+    verbs = re.findall(
+        r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M
+    )
     assert verbs == re.findall(r"^## (.*)$", extension("verbs").page(), re.M)
 
 
 def test_every_link_of_a_page_leads_to_a_file_of_the_repository() -> None:
     """But for pages of examples, which are built of ``docs/examples`` when they run."""
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")]
+    pages = [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").glob("*.md"),
+        *(ROOT / "docs").glob("[a-z]*/*.md"),
+    ]
     found = [
-        (page, link) for page in pages for link in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+        (page, link)
+        for page in pages
+        for link in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
         if "://" not in link and not link.startswith(("mailto:", "auto_examples/"))
-    ]  # fmt: skip
+    ]
     assert len(found) > 100
-    assert [f"{page.relative_to(ROOT)}: {link}" for page, link in found if not (page.parent / link).exists()] == []
+    assert [
+        f"{page.relative_to(ROOT)}: {link}"
+        for page, link in found
+        if not (page.parent / link).exists()
+    ] == []
 
 
 def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> None:
@@ -248,14 +297,21 @@ def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> N
 def test_what_the_gallery_shows_is_there_and_made_by_a_command_on_its_page() -> None:
     text = (DOCS / "gallery.md").read_text(encoding="utf-8")
     shown = set(re.findall(r"(?:_static|gallery)/([\w.-]+)", text))
-    made = {name for _, language, block in blocks("docs/gallery.md") if language == "sh" for name in block.split()}
+    made = {
+        name
+        for _, language, block in blocks("docs/gallery.md")
+        if language == "sh"
+        for name in block.split()
+    }
     assert len(shown) >= 10
     assert shown == {path.name for path in (DOCS / "gallery").iterdir()}
     assert shown <= made
     assert sum(path.stat().st_size for path in (DOCS / "gallery").iterdir()) < 8_000_000
 
 
-def test_the_gallery_is_made_by_the_commands_of_its_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_gallery_is_made_by_the_commands_of_its_page(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.syspath_prepend(str(DOCS))
     gallery = importlib.import_module("gallery")
     Path("page.md").write_text(PAGE_OF_TWO, encoding="utf-8")
@@ -274,22 +330,38 @@ def test_the_citation_has_both_papers_and_the_version_of_the_package() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert found["cff-version"] == "1.2.0"
     assert (found["version"], found["license"]) == (project["version"], project["license"])
-    assert [(paper["year"], len(paper["authors"])) for paper in found["references"]] == [(2021, 3), (2022, 6)]
+    assert [(paper["year"], len(paper["authors"])) for paper in found["references"]] == [
+        (2021, 3),
+        (2022, 6),
+    ]
 
 
 def test_an_extra_that_a_message_or_a_page_names_is_one_that_can_be_installed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     folders = ("api", "cli", "docs", "envs", "learners", "planners", "runner", "views")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*.[pm][yd]")]
-    named = [name for path in files for name in re.findall(r"stancekit\[([\w,]+)\]", path.read_text(encoding="utf-8"))]
+    named = [
+        name
+        for path in files
+        for name in re.findall(r"stancekit\[([\w,]+)\]", path.read_text(encoding="utf-8"))
+    ]
     assert len(named) > 20
-    assert {extra for names in named for extra in names.split(",")} <= set(project["optional-dependencies"])
+    assert {extra for names in named for extra in names.split(",")} <= set(
+        project["optional-dependencies"]
+    )
 
 
 def test_what_hosted_checks_run_is_a_target_here() -> None:
     targets = re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
-    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8"))["jobs"]
-    runs = [step["run"].split() for job in jobs.values() for step in job["steps"] if "make" in step.get("run", "")]
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8"))[
+        "jobs"
+    ]
+    runs = [
+        step["run"].split()
+        for job in jobs.values()
+        for step in job["steps"]
+        if "make" in step.get("run", "")
+    ]
     assert {words[1] for words in runs} == {"test", "docs", "smoke"} <= set(targets)
     assert jobs["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
 
@@ -301,7 +373,9 @@ def test_every_equation_and_algorithm_is_on_a_page_of_concepts(extension) -> Non
     finally:
         sys.path.remove(str(DOCS))
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "concepts").glob("*.md"))
-    tied = {name.strip() for names in re.findall(r"```\{tied\} (.*)", text) for name in names.split(",")}
+    tied = {
+        name.strip() for names in re.findall(r"```\{tied\} (.*)", text) for name in names.split(",")
+    }
     assert tied == set(equations.EQUATIONS)
 
 
@@ -314,7 +388,9 @@ def test_every_picture_of_the_pages_has_the_command_that_draws_it_and_one_older_
     assert set(pictures.PICTURES) == kept - films
     assert all(name.removesuffix(".webp") in (DOCS / "gallery.py").read_text() for name in films)
     pages = (page for page in DOCS.rglob("*.md") if "_build" not in page.parts)
-    shown = {name for page in pages for name in re.findall(r"images/([\w-]+\.png)", page.read_text())}
+    shown = {
+        name for page in pages for name in re.findall(r"images/([\w-]+\.png)", page.read_text())
+    }
     assert shown == set(pictures.PICTURES)
     drawn = tmp_path / "gait.png"
     assert pictures.stale("gait.png", tmp_path)

@@ -1,4 +1,5 @@
-"""docs/equations.md: every equation of both papers is tied to code, every tie resolves, and the page is up to date."""
+"""docs/equations.md: every equation of both papers is tied to code, every tie resolves, and the
+page is up to date."""
 
 import importlib
 import importlib.util
@@ -52,7 +53,9 @@ def test_the_page_can_be_checked_from_the_command_line() -> None:
 
 
 def test_what_is_cited_is_read_off_the_text(equations: ModuleType) -> None:
-    text = "Σ f = 0 (E5), E2–E4 and Algorithm W1; not A4, E.5, HE11 or E12a; the dynamics (W2, W11)."
+    text = (
+        "Σ f = 0 (E5), E2–E4 and Algorithm W1; not A4, E.5, HE11 or E12a; the dynamics (W2, W11)."
+    )
     assert list(equations.cited(text)) == ["E5", "E2", "E3", "E4", "Algorithm W1", "W2", "W11"]
 
 

@@ -1,4 +1,5 @@
-"""Extensions, each one file and one registration: a relaxation, a reward term, a verifier group, a command."""
+"""Extensions, each one file and one registration: a relaxation, a reward term, a verifier group, a
+command."""
 
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -65,24 +66,38 @@ def test_a_relaxation_of_ones_own_is_named_in_solve_plan_and_the_environment(min
     assert issubclass(RELAXATIONS.get(name), McCormick)
     for problem in problems:
         own, plain = (
-            stancekit.solve(problem, stancekit.TwoStage(relaxation=each, envelopes=boxes)) for each in (name, "p1")
+            stancekit.solve(problem, stancekit.TwoStage(relaxation=each, envelopes=boxes))
+            for each in (name, "p1")
         )
-        assert own.details["margin"] <= plain.details["margin"] + 1e-6 or np.isinf(plain.details["margin"])
+        assert own.details["margin"] <= plain.details["margin"] + 1e-6 or np.isinf(
+            plain.details["margin"]
+        )
     gym = pytest.importorskip("gymnasium")
     env = gym.make(SELECTION, relaxation=name)
     env.reset(seed=1)
     assert np.isfinite(env.step(env.action_space.sample())[1])
     course = stancekit.load("stairs")
-    with pytest.raises(InvalidInput, match=r"expected|stance"):  # boxes for three limbs, where six stand
+    with pytest.raises(
+        InvalidInput, match=r"expected|stance"
+    ):  # boxes for three limbs, where six stand
         stancekit.plan(course, stancekit.TwoStage(relaxation=name, envelopes=boxes))
 
 
 def test_relaxations_that_do_not_fit_are_one_line(learned):
     problem, boxes = learned[0][0], learned[1]
     for method, line in (
-        ({"relaxation": "magic"}, "relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'magic'"),
-        ({"relaxation": "coned"}, "envelopes: expected an envelope for the relaxation coned, got none"),
-        ({"relaxation": "lift", "envelopes": boxes}, "envelopes: expected none for the lift, which has no use for t"),
+        (
+            {"relaxation": "magic"},
+            "relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'magic'",
+        ),
+        (
+            {"relaxation": "coned"},
+            "envelopes: expected an envelope for the relaxation coned, got none",
+        ),
+        (
+            {"relaxation": "lift", "envelopes": boxes},
+            "envelopes: expected none for the lift, which has no use for t",
+        ),
     ):
         with pytest.raises(InvalidInput) as refused:
             stancekit.solve(problem, stancekit.TwoStage(**method))
@@ -100,8 +115,12 @@ def test_a_reward_term_of_ones_own_is_weighed_and_told(mine):
     _, reward, *_, info = env.step(action)
     assert info["reward_spread"] == pytest.approx(2.0 * 0.75)
     assert info["reward_agreement"] == 0.0
-    assert reward == pytest.approx(sum(value for key, value in info.items() if key.startswith("reward_")))
-    with pytest.raises(InvalidInput, match=r"weights\.beauty: expected one of agreement, projection, tightness"):
+    assert reward == pytest.approx(
+        sum(value for key, value in info.items() if key.startswith("reward_"))
+    )
+    with pytest.raises(
+        InvalidInput, match=r"weights\.beauty: expected one of agreement, projection, tightness"
+    ):
         gym.make(SELECTION, weights={"beauty": 1.0})
 
 
@@ -126,10 +145,17 @@ def test_a_verifier_group_of_ones_own_refuses_and_is_named():
     assert stancekit.verify(plan).accepted
 
 
-def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(mine, monkeypatch, capsys):
+def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(
+    mine, monkeypatch, capsys
+):
     monkeypatch.syspath_prepend(mine.parent)
-    points = [EntryPoint("count", "mine:Count", command.COMMANDS), EntryPoint("plan", "mine:Count", command.COMMANDS)]
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points if group == command.COMMANDS else [])
+    points = [
+        EntryPoint("count", "mine:Count", command.COMMANDS),
+        EntryPoint("plan", "mine:Count", command.COMMANDS),
+    ]
+    monkeypatch.setattr(
+        "importlib.metadata.entry_points", lambda group: points if group == command.COMMANDS else []
+    )
     with pytest.raises(SystemExit) as done:
         command.main(["count", "--most", "4"])
     assert done.value.code == 0

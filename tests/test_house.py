@@ -1,4 +1,5 @@
-"""The house itself: the wheel is whole, imports never point up, nothing is undocumented, no machine is named."""
+"""The house itself: the wheel is whole, imports never point up, nothing is undocumented, no machine
+is named."""
 
 import ast
 import json
@@ -18,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
 """Each is the package of its name, but api, which is the root."""
 
-# Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install takes part.
-# gurobipy wants the builtin `help`, which only site provides.
+# Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install
+# takes part. gurobipy wants the builtin `help`, which only site provides.
 IMPORT_ALL = """
 import importlib, json, site, sys
 site.sethelper()
@@ -71,10 +72,15 @@ NOT_OURS = {
 
 
 def project_files() -> list[Path]:
-    """Return the files of the project, relative to ROOT: what git would keep, or without git all but what is built."""
+    """Return the files of the project, relative to ROOT: what git would keep, or without git all
+    but what is built."""
     files = _git_files()
     if files is None:
-        files = [path.relative_to(ROOT) for path in ROOT.rglob("*") if not _is_built(path.relative_to(ROOT))]
+        files = [
+            path.relative_to(ROOT)
+            for path in ROOT.rglob("*")
+            if not _is_built(path.relative_to(ROOT))
+        ]
     return sorted(path for path in files if (ROOT / path).is_file() and not _through_a_link(path))
 
 
@@ -97,7 +103,19 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def wheel(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built by way of the source distribution, as it is published."""
     dist = tmp_path_factory.mktemp("dist")
-    _run([sys.executable, "-m", "build", "--sdist", "--wheel", "--no-isolation", "--outdir", str(dist), str(tree)])
+    _run(
+        [
+            sys.executable,
+            "-m",
+            "build",
+            "--sdist",
+            "--wheel",
+            "--no-isolation",
+            "--outdir",
+            str(dist),
+            str(tree),
+        ]
+    )
     (packed,), (built,) = dist.glob("*.tar.gz"), dist.glob("*.whl")
     assert packed.stat().st_size > 100_000
     return built
@@ -112,7 +130,9 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def editable(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment of its own with an editable install."""
-    return _environment(tmp_path_factory.mktemp("editable"), "--no-build-isolation", "--editable", str(tree))
+    return _environment(
+        tmp_path_factory.mktemp("editable"), "--no-build-isolation", "--editable", str(tree)
+    )
 
 
 @pytest.fixture(params=["installed", "editable"])
@@ -129,17 +149,31 @@ def test_a_script_from_another_folder_finds_the_library(environment: Path, tmp_p
 def test_pyright_sees_the_library_from_another_folder(environment: Path, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     (tmp_path / "wrong.py").write_text(WRONG)
-    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", str(environment / "bin" / "python")]
-    done = subprocess.run([*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "pyright",
+        "--outputjson",
+        "--pythonpath",
+        str(environment / "bin" / "python"),
+    ]
+    done = subprocess.run(
+        [*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     said = json.loads(done.stdout)
     assert said["summary"]["filesAnalyzed"] == 2
-    found = [(Path(one["file"]).name, one["range"]["start"]["line"]) for one in said["generalDiagnostics"]]
+    found = [
+        (Path(one["file"]).name, one["range"]["start"]["line"])
+        for one in said["generalDiagnostics"]
+    ]
     assert found == [("wrong.py", 3), ("wrong.py", 4), ("wrong.py", 5)], said
     for word, one in zip(("Problem", "toes", "slove"), said["generalDiagnostics"], strict=True):
         assert word in one["message"]
 
 
-def test_a_new_file_of_a_room_is_seen_by_an_editable_install(tree: Path, editable: Path, tmp_path: Path) -> None:
+def test_a_new_file_of_a_room_is_seen_by_an_editable_install(
+    tree: Path, editable: Path, tmp_path: Path
+) -> None:
     new = tree / "planners" / "terrain" / "just_made.py"
     new.write_text("HERE = 1\n")
     script = "from stancekit.planners.terrain.just_made import HERE; print(HERE)"
@@ -158,12 +192,16 @@ def test_every_module_imports_from_the_installed_wheel(installed: Path, tmp_path
     assert len(files) == len(list((target / "stancekit").rglob("*.py"))) > 10
 
 
-def test_the_wheel_holds_every_module_data_file_and_type_marker_and_nothing_else(wheel: Path) -> None:
+def test_the_wheel_holds_every_module_data_file_and_type_marker_and_nothing_else(
+    wheel: Path,
+) -> None:
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     ours = [path for path in project_files() if path.parts[0] in FOLDERS and path.suffix != ".md"]
     assert packed == {f"stancekit/{path.as_posix().removeprefix('api/')}" for path in ours}
-    assert {f"stancekit/{folder}/py.typed" for folder in FOLDERS[1:]} | {"stancekit/py.typed"} <= packed
+    assert {f"stancekit/{folder}/py.typed" for folder in FOLDERS[1:]} | {
+        "stancekit/py.typed"
+    } <= packed
 
 
 def test_imports_never_point_up(tmp_path: Path) -> None:
@@ -181,7 +219,11 @@ def test_imports_never_point_up(tmp_path: Path) -> None:
 
 def test_every_module_says_what_it_is_for() -> None:
     looked_at = modules()
-    silent = [str(path) for path in looked_at if not ast.get_docstring(ast.parse((ROOT / path).read_text("utf-8")))]
+    silent = [
+        str(path)
+        for path in looked_at
+        if not ast.get_docstring(ast.parse((ROOT / path).read_text("utf-8")))
+    ]
     assert silent == []
     assert len(looked_at) > 10
 
@@ -195,14 +237,24 @@ def test_no_file_names_a_machine_or_a_package_host() -> None:
             continue  # a picture or an array
         looked_at += 1
         for number, line in enumerate(text.splitlines(), start=1):
-            found += [f"{path}:{number}: {what}" for what, pattern in NOT_OURS.items() if pattern.search(line)]
+            found += [
+                f"{path}:{number}: {what}"
+                for what, pattern in NOT_OURS.items()
+                if pattern.search(line)
+            ]
     assert found == []
     assert looked_at > 20
 
 
 @pytest.mark.parametrize(
     ("start", "rest"),
-    [("cd /", "work/main"), ("'/", "root/x'"), ("file:///", "opt/wheels"), ("..", "/shared/a"), ("//pypi", ".org/")],
+    [
+        ("cd /", "work/main"),
+        ("'/", "root/x'"),
+        ("file:///", "opt/wheels"),
+        ("..", "/shared/a"),
+        ("//pypi", ".org/"),
+    ],
 )
 def test_the_guard_sees_what_it_looks_for(start: str, rest: str) -> None:
     assert [bool(pattern.search(start + rest)) for pattern in NOT_OURS.values()].count(True) == 1
@@ -214,17 +266,28 @@ def _module_name(path: Path) -> str:
 
 
 def _environment(folder: Path, *install: str) -> Path:
-    """A virtual environment with this installed, which sees everything else that this interpreter sees."""
+    """A virtual environment with this installed, which sees everything else that this interpreter
+    sees."""
     venv.create(folder)
     site = _site(folder)
     (site / "others.pth").write_text("\n".join(_site_packages()) + "\n")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-deps", "--no-index"]
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--quiet",
+        "install",
+        "--no-deps",
+        "--no-index",
+    ]
     _run([*pip, "--target", str(site), *install])
     return folder
 
 
 def _site_packages() -> list[str]:
-    """Where this interpreter finds what is installed; nothing there that a .pth file adds takes part."""
+    """Where this interpreter finds what is installed; nothing there that a .pth file adds takes
+    part."""
     return [path for path in sys.path if path.endswith("site-packages")]
 
 
@@ -238,12 +301,24 @@ def _git_files() -> list[Path] | None:
         return None
     command = ["git", "-C", str(ROOT), "ls-files", "-z", "-co", "--exclude-standard"]
     listed = subprocess.run(command, capture_output=True, text=True, check=False)
-    return [Path(name) for name in listed.stdout.split("\0") if name] if listed.returncode == 0 else None
+    return (
+        [Path(name) for name in listed.stdout.split("\0") if name]
+        if listed.returncode == 0
+        else None
+    )
 
 
 def _is_built(path: Path) -> bool:
     built = {".editable", "build", "dist", "out", "__pycache__"}
-    hidden = {".git", ".venv", ".mypy_cache", ".ruff_cache", ".pytest_cache", ".hypothesis", ".import_linter_cache"}
+    hidden = {
+        ".git",
+        ".venv",
+        ".mypy_cache",
+        ".ruff_cache",
+        ".pytest_cache",
+        ".hypothesis",
+        ".import_linter_cache",
+    }
     return any(part in built | hidden or part.endswith(".egg-info") for part in path.parts)
 
 
@@ -253,6 +328,8 @@ def _through_a_link(path: Path) -> bool:
 
 def _run(command: list[str], **options: Any) -> str:
     """Run a command and return what it wrote to standard output; fail with everything it said."""
-    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, **options)
+    done = subprocess.run(
+        command, capture_output=True, text=True, stdin=subprocess.DEVNULL, **options
+    )
     assert done.returncode == 0, f"{' '.join(command)[:200]}\n{done.stdout}\n{done.stderr}"
     return str(done.stdout)

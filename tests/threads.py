@@ -1,4 +1,5 @@
-"""Calls of every function that threads may call, and what is compared of their answers: every bit that is no time."""
+"""Calls of every function that threads may call, and what is compared of their answers: every bit
+that is no time."""
 
 from __future__ import annotations
 
@@ -112,9 +113,7 @@ def calls(folder: Path) -> dict[str, Call]:
         return path.read_text(encoding="utf-8")
 
     def labelled(k: int) -> Any:
-        made = stancekit.label(
-            "ground-3", folder / f"label-{k}", rows=(1, 1), seed=k % 2
-        )
+        made = stancekit.label("ground-3", folder / f"label-{k}", rows=(1, 1), seed=k % 2)
         return [list(made.labels), list(made.problems())]
 
     return {

@@ -14,7 +14,8 @@ from stancekit.planners.files.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """A perspective on a target, shape (3,) [m], so far away [m]; what is at the target is drawn to scale."""
+    """A perspective on a target, shape (3,) [m], so far away [m]; what is at the target is drawn to
+    scale."""
 
     target_m: Array
     azimuth_rad: float
@@ -39,9 +40,12 @@ class Camera:
         return np.asarray(towards / np.linalg.norm(towards))
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Points, shape (…, 3), on the picture plane, shape (…, 2) [m], and how near they are, shape (…) [m]."""
+        """Points, shape (…, 3), on the picture plane, shape (…, 2) [m], and how near they are,
+        shape (…) [m]."""
         local = (points - self.target_m) @ self.axes.T
-        away = np.maximum(self.distance_m - local[..., 2], 0.2 * self.distance_m)  # what is behind the viewer: ahead
+        away = np.maximum(
+            self.distance_m - local[..., 2], 0.2 * self.distance_m
+        )  # what is behind the viewer: ahead
         return local[..., :2] * (self.distance_m / away)[..., None], local[..., 2]
 
     def near(self, point: Array) -> float:
@@ -72,7 +76,12 @@ def best_view(
     """The camera of most merit, of those around the target at these elevations."""
     angles = product(np.deg2rad(np.arange(-180.0, 180.0, step_deg)), np.deg2rad(elevations_deg))
     cameras = (
-        Camera(target_m=target_m, azimuth_rad=float(azimuth), elevation_rad=float(elevation), distance_m=distance_m)
+        Camera(
+            target_m=target_m,
+            azimuth_rad=float(azimuth),
+            elevation_rad=float(elevation),
+            distance_m=distance_m,
+        )
         for azimuth, elevation in angles
     )
     return max(cameras, key=merit)

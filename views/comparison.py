@@ -12,15 +12,26 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.errors import InvalidInput
 
-from .sheet import DEFAULT_STYLE, INK, MEASURE_COLOURS, PLOT_PX, QUIET, Size, headline, quiet_axes, sheet
+from .sheet import (
+    DEFAULT_STYLE,
+    INK,
+    MEASURE_COLOURS,
+    PLOT_PX,
+    QUIET,
+    Size,
+    headline,
+    quiet_axes,
+    sheet,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonBar:
     """One row of a comparison table.
 
-    values: measure → share of problems in [0, 1], e.g. "P1 correct feasible", "fix-p". A measure that a selector does
-    not have is left out. paper: what the paper printed for the same measures, where it did.
+    values: measure → share of problems in [0, 1], e.g. "P1 correct feasible", "fix-p". A measure
+    that a selector does not have is left out. paper: what the paper printed for the same measures,
+    where it did.
     """
 
     selector: str
@@ -36,10 +47,14 @@ class ComparisonBar:
 
 
 @DEFAULT_STYLE
-def draw_comparison(rows: Sequence[ComparisonBar], *, caption: str = "", size_px: Size = PLOT_PX) -> Figure:
-    """Grouped bars: a group a selector, a bar a measure, in percent; hollow diamonds are the paper's values.
+def draw_comparison(
+    rows: Sequence[ComparisonBar], *, caption: str = "", size_px: Size = PLOT_PX
+) -> Figure:
+    """Grouped bars: a group a selector, a bar a measure, in percent; hollow diamonds are the
+    paper's values.
 
-    Measures come in the order in which the rows name them. Raises InvalidInput without rows or values.
+    Measures come in the order in which the rows name them. Raises InvalidInput without rows or
+    values.
     """
     measures = list(dict.fromkeys(measure for row in rows for measure in (*row.values, *row.paper)))
     if not measures:
@@ -50,7 +65,9 @@ def draw_comparison(rows: Sequence[ComparisonBar], *, caption: str = "", size_px
     axes = figure.add_axes((0.055, 0.62 / high, 0.925, 1.0 - 2.15 / high))
     _frame(axes, [row.selector for row in rows])
     width = 0.84 / len(measures)
-    room = 92.5 * figure.get_figwidth() * width / len(rows)  # width of a bar, in hundredths of an inch
+    room = (
+        92.5 * figure.get_figwidth() * width / len(rows)
+    )  # width of a bar, in hundredths of an inch
     for position, measure in enumerate(measures):
         colour = MEASURE_COLOURS[position % len(MEASURE_COLOURS)]
         at = np.arange(len(rows)) - 0.42 + width * (position + 0.5)
@@ -69,20 +86,33 @@ def _name_measures(axes: Axes) -> None:
     pairs = sorted(zip(handles, names, strict=True), key=lambda pair: pair[1] == "paper")
     lines = 1 if sum(len(name) + 5 for name in names) < 125 else 2
     axes.legend(
-        *zip(*pairs, strict=True), ncols=-(-len(names) // lines), loc="lower left", bbox_to_anchor=(-0.005, 1.02),
-        frameon=False, fontsize=11, labelcolor=INK, handlelength=1.0, handleheight=1.0, columnspacing=1.5,
-        handletextpad=0.5, borderpad=0.0,
-    )  # fmt: skip
+        *zip(*pairs, strict=True),
+        ncols=-(-len(names) // lines),
+        loc="lower left",
+        bbox_to_anchor=(-0.005, 1.02),
+        frameon=False,
+        fontsize=11,
+        labelcolor=INK,
+        handlelength=1.0,
+        handleheight=1.0,
+        columnspacing=1.5,
+        handletextpad=0.5,
+        borderpad=0.0,
+    )
 
 
 def _frame(axes: Axes, selectors: Sequence[str]) -> None:
     axes.set(xlim=(-0.52, len(selectors) - 0.48), ylim=(0.0, 104.0))
     axes.set_xticks(range(len(selectors)), selectors, size=12.5, color=INK, parse_math=False)
-    axes.set_yticks(range(0, 101, 20), [str(tick) for tick in range(0, 101, 20)], size=11, color=QUIET)
+    axes.set_yticks(
+        range(0, 101, 20), [str(tick) for tick in range(0, 101, 20)], size=11, color=QUIET
+    )
     quiet_axes(axes)
 
 
-def _bar(axes: Axes, x: float, width: float, row: ComparisonBar, measure: str, colour: str, room: float) -> None:
+def _bar(
+    axes: Axes, x: float, width: float, row: ComparisonBar, measure: str, colour: str, room: float
+) -> None:
     value, paper = row.values.get(measure), row.paper.get(measure)
     if value is None:
         axes.text(x, 0.8, "–", size=11, color=QUIET, ha="center", va="bottom")
@@ -91,14 +121,24 @@ def _bar(axes: Axes, x: float, width: float, row: ComparisonBar, measure: str, c
         if room >= 13.0:
             _bar_number(axes, x, 100.0 * value, colour, room)
     if paper is not None:
-        axes.plot([x], [100.0 * paper], "D", ms=6, mfc="white", mec=INK, mew=1.2, zorder=4, clip_on=False)
+        axes.plot(
+            [x], [100.0 * paper], "D", ms=6, mfc="white", mec=INK, mew=1.2, zorder=4, clip_on=False
+        )
 
 
 def _bar_number(axes: Axes, x: float, percent: float, colour: str, room: float) -> None:
-    """The number at the foot of its bar, where no marker hides it, or above a short bar; upright in a narrow one."""
+    """The number at the foot of its bar, where no marker hides it, or above a short bar; upright in
+    a narrow one."""
     dark = float(np.dot(to_rgba(colour)[:3], (0.299, 0.587, 0.114))) < 0.6
     tall = percent > 12.0
     axes.text(
-        x, 1.8 if tall else percent + 1.2, f"{percent:.1f}", size=min(11.5, 0.5 * room), ha="center", va="bottom",
-        rotation=0 if room > 42.0 else 90, color="white" if tall and dark else INK, zorder=3,
-    )  # fmt: skip
+        x,
+        1.8 if tall else percent + 1.2,
+        f"{percent:.1f}",
+        size=min(11.5, 0.5 * room),
+        ha="center",
+        va="bottom",
+        rotation=0 if room > 42.0 else 90,
+        color="white" if tall and dark else INK,
+        zorder=3,
+    )

@@ -24,13 +24,25 @@ def draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArray
     for row in range(len(feet)):
         steps = np.diff(trajectory.contact[:, row].astype(int), prepend=0, append=0)
         begins, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
-        spans = [(times_s[a], max(times_s[b] - times_s[a], 1e-9)) for a, b in zip(begins, ends, strict=True)]
+        spans = [
+            (times_s[a], max(times_s[b] - times_s[a], 1e-9))
+            for a, b in zip(begins, ends, strict=True)
+        ]
         axes.broken_barh(spans, (row - 0.36, 0.72), color=leg_colour(row), lw=0)
     axes.set(xlim=(0.0, trajectory.duration_s), ylim=(len(feet) - 0.4, -0.6), facecolor="#eef1f4")
     quiet_axes(axes, grid=None, sides=())
     axes.set_yticks(range(len(feet)), [foot.name for foot in feet], size=10.5, color=INK)
     axes.tick_params(labelsize=10.5)
-    axes.annotate("s", (1.0, 0.0), (14, -4), "axes fraction", "offset points", size=10.5, color=QUIET, va="top")
+    axes.annotate(
+        "s",
+        (1.0, 0.0),
+        (14, -4),
+        "axes fraction",
+        "offset points",
+        size=10.5,
+        color=QUIET,
+        va="top",
+    )
     return to_rgb(figure)[-height:]
 
 

@@ -1,4 +1,5 @@
-"""Difficulty curves of terrain families: by level, the share of scenes with a plan, and with a proof of none."""
+"""Difficulty curves of terrain families: by level, the share of scenes with a plan, and with a
+proof of none."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ PLANNED, NONE = "#2c8173", ACCENT
 def difficulty_curves(rows: Sequence[Mapping[str, Any]], size_px: Size = SIZE_PX) -> Figure:
     """A panel a family.
 
-    rows: each with family, level, scenes, planned, proved_none, undecided and half_width, shares of 1; the band is the
-    half-width. Raises InvalidInput without any.
+    rows: each with family, level, scenes, planned, proved_none, undecided and half_width, shares of
+    1; the band is the half-width. Raises InvalidInput without any.
     """
     families = list(dict.fromkeys(str(row["family"]) for row in rows))
     if not families:
@@ -30,16 +31,26 @@ def difficulty_curves(rows: Sequence[Mapping[str, Any]], size_px: Size = SIZE_PX
     scenes = [row["scenes"] for row in rows]
     worst = max(row["undecided"] for row in rows)
     headline(
-        figure, "How hard is a level?",
+        figure,
+        "How hard is a level?",
         f"{min(scenes)} to {max(scenes)} scenes a level; at most {100.0 * worst:.1f} % of a level's undecided",
-    )  # fmt: skip
+    )
     grid = figure.add_gridspec(
-        -(-len(families) // COLUMNS), COLUMNS, left=0.06, right=0.98, bottom=0.07, top=0.84, hspace=0.35, wspace=0.25
+        -(-len(families) // COLUMNS),
+        COLUMNS,
+        left=0.06,
+        right=0.98,
+        bottom=0.07,
+        top=0.84,
+        hspace=0.35,
+        wspace=0.25,
     )
     for k, family in enumerate(families):
         axes = figure.add_subplot(grid[divmod(k, COLUMNS)])
         quiet_axes(axes)
-        mine = sorted((row for row in rows if row["family"] == family), key=lambda row: float(row["level"]))
+        mine = sorted(
+            (row for row in rows if row["family"] == family), key=lambda row: float(row["level"])
+        )
         level = np.array([row["level"] for row in mine])
         half = np.array([row["half_width"] for row in mine])
         for name, colour in (("planned", PLANNED), ("proved_none", NONE)):
@@ -53,6 +64,8 @@ def difficulty_curves(rows: Sequence[Mapping[str, Any]], size_px: Size = SIZE_PX
         if k % COLUMNS == 0:
             axes.set_ylabel("% of scenes", color=QUIET)
     height = figure.get_figheight()
-    figure.text(0.72, 1.0 - 0.36 / height, "● a verified plan", color=PLANNED, va="center", weight="bold")
+    figure.text(
+        0.72, 1.0 - 0.36 / height, "● a verified plan", color=PLANNED, va="center", weight="bold"
+    )
     figure.text(0.72, 1.0 - 0.66 / height, "● proved: none", color=NONE, va="center", weight="bold")
     return figure

@@ -1,4 +1,5 @@
-"""Pictures and films of an execution: the robot as the world had it, its joints, what its feet felt, and its path."""
+"""Pictures and films of an execution: the robot as the world had it, its joints, what its feet
+felt, and its path."""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ class ExecutionView(PlanView):
     execution: Execution
 
     def instant(self, row: int) -> Samples:
-        """Sample of the world after a control period, with the footholds of the nearest key frame.
-        """
+        """Sample of the world after a control period, with the footholds of the nearest key
+        frame."""
         trace = self.execution.trace
         key = self.keys.key(min(round(float(trace.frame[row])), self.plan.problem.frames - 1))
         return replace(
@@ -62,7 +63,11 @@ class ExecutionView(PlanView):
     def path(self, row: int) -> Scene:
         """The path that the centre of mass went, over the planned one."""
         went = self.execution.trace.com_m[: row + 1 : 20]
-        return Scene(paths=[Path(pieces_m=polyline(went), colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)])
+        return Scene(
+            paths=[
+                Path(pieces_m=polyline(went), colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)
+            ]
+        )
 
     def note(self, row: int) -> str:
         """Note on the distance from the plan."""
@@ -82,29 +87,45 @@ class ExecutionView(PlanView):
         return Animation(
             fixed=self.fixed + self.path(len(times) - 1),
             moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows],
-            step_s=1.0 / FPS, camera=self.camera,
+            step_s=1.0 / FPS,
+            camera=self.camera,
             title=f"{self.plan.problem.name} in {self.execution.world}, at {SPEED:g} times its pace",
-            notes=[self.note(row) for row in rows], legend=[*self.legend, (REAL, "path that was gone")],
-        )  # fmt: skip
+            notes=[self.note(row) for row in rows],
+            legend=[*self.legend, (REAL, "path that was gone")],
+        )
 
 
 @DEFAULT_STYLE
 def draw_execution(
-    plan: Plan, execution: Execution, *, time_s: float | None = None, caption: str = "", size_px: Size = SIZE_PX
+    plan: Plan,
+    execution: Execution,
+    *,
+    time_s: float | None = None,
+    caption: str = "",
+    size_px: Size = SIZE_PX,
 ) -> Figure:
-    """Draw the robot as the world had it at a time, at the end unless one is named, and the path it went (red)."""
+    """Draw the robot as the world had it at a time, at the end unless one is named, and the path it
+    went (red)."""
     view, trace = ExecutionView(plan, execution), execution.trace
     last = len(trace.time_s) - 1
     row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
     figure = sheet(size_px, SIZE_PX)
-    Still(view.fixed + view.row(row) + view.path(row), view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
-    title = caption or f"{plan.problem.name} in {execution.world}: {'done' if execution.succeeded else 'failed'}"
+    Still(view.fixed + view.row(row) + view.path(row), view.camera).paint(
+        plain_axes(figure, 10.0, 10.0, 92.0)
+    )
+    title = (
+        caption
+        or f"{plan.problem.name} in {execution.world}: {'done' if execution.succeeded else 'failed'}"
+    )
     headline(figure, title, view.note(row))
     return figure
 
 
-def execution_frames(plan: Plan, execution: Execution, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
-    """The frames of a film, uint8 of shape (H, W, 3), one by one, ``FPS`` a second at ``SPEED`` times the pace."""
+def execution_frames(
+    plan: Plan, execution: Execution, *, size_px: Size = FILM_PX
+) -> Iterator[Frame]:
+    """The frames of a film, uint8 of shape (H, W, 3), one by one, ``FPS`` a second at ``SPEED``
+    times the pace."""
     return film_frames(ExecutionView(plan, execution).played(), size_px)
 
 
@@ -114,18 +135,26 @@ def frame_count(execution: Execution) -> int:
 
 
 def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
-    """A trajectory as the world had it: the body, the feet and what they felt, a sample a control period."""
+    """A trajectory as the world had it: the body, the feet and what they felt, a sample a control
+    period."""
     trace, legs = execution.trace, trajectory.robot.source
     centre, radii = legs.origin_m, legs.foot_radii_m
     return replace(
-        trajectory, times_s=trace.time_s, torso_m=trace.origin_m + trace.rotation @ centre, rotation=trace.rotation,
-        feet_m=trace.feet_m - radii[:, None] * UP, forces_n=trace.forces_n,
+        trajectory,
+        times_s=trace.time_s,
+        torso_m=trace.origin_m + trace.rotation @ centre,
+        rotation=trace.rotation,
+        feet_m=trace.feet_m - radii[:, None] * UP,
+        forces_n=trace.forces_n,
         contact=np.linalg.norm(trace.forces_n, axis=2) > TOUCH_N,
-    )  # fmt: skip
+    )
 
 
-def walk_frames(trajectory: Trajectory, execution: Execution, *, size_px: Size = WALK_PX) -> Iterator[Frame]:
-    """The frames of an executed walk's film, ``WALK_FPS`` a second at its own pace; below, which feet felt forces."""
+def walk_frames(
+    trajectory: Trajectory, execution: Execution, *, size_px: Size = WALK_PX
+) -> Iterator[Frame]:
+    """The frames of an executed walk's film, ``WALK_FPS`` a second at its own pace; below, which
+    feet felt forces."""
     done = "to its end" if execution.fallen_s is None else f"fell after {execution.fallen_s:.1f} s"
     note = (
         f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "
@@ -133,6 +162,10 @@ def walk_frames(trajectory: Trajectory, execution: Execution, *, size_px: Size =
         f"{execution.torque_share.max():.0%} of a joint's torque at most   ·   grid {GRID_M:g} m"
     )
     return motion_frames(
-        walked(trajectory, execution), caption=f"{trajectory.robot.name} in {execution.world}: {done}", note=note,
-        joints_rad=execution.trace.angles_rad, fps=WALK_FPS, size_px=size_px,
-    )  # fmt: skip
+        walked(trajectory, execution),
+        caption=f"{trajectory.robot.name} in {execution.world}: {done}",
+        note=note,
+        joints_rad=execution.trace.angles_rad,
+        fps=WALK_FPS,
+        size_px=size_px,
+    )

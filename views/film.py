@@ -1,4 +1,5 @@
-"""Films of motions: MuJoCo's renderer off screen, which needs a GL library; pictures and pages never do."""
+"""Films of motions: MuJoCo's renderer off screen, which needs a GL library; pictures and pages
+never do."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def check_film(path: str | File) -> File:
 
 
 def film_frames(motion: Animation, size_px: Size, *, foot_px: int = 0) -> Iterator[Frame]:
-    """The frames of a film, uint8 of shape (H, W, 3): words above, the scene below, and room at the foot.
+    """The frames of a film, uint8 of shape (H, W, 3): words above, the scene below, and room at the
+    foot.
 
     One camera sees all of the motion. Raises InvalidInput without MuJoCo or a GL library.
     """
@@ -68,7 +70,8 @@ def film_frames(motion: Animation, size_px: Size, *, foot_px: int = 0) -> Iterat
 
 
 def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
-    """The scene alone, moment by moment, seen by the motion's camera through a window that holds all of it."""
+    """The scene alone, moment by moment, seen by the motion's camera through a window that holds
+    all of it."""
     stage = _Stage(motion)
     low, high = motion.window(size_px[0] / size_px[1])
     with _renderer(stage.model, (FINER * size_px[0], FINER * size_px[1])) as draw:
@@ -78,38 +81,61 @@ def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
 
 
 class _Stage:
-    """A motion as MuJoCo has it: what stays in a model with all meshes, and what moves put into the scene by hand."""
+    """A motion as MuJoCo has it: what stays in a model with all meshes, and what moves put into the
+    scene by hand."""
 
     def __init__(self, motion: Animation) -> None:
         self._mujoco, self._camera, self._fixed = _mujoco(), motion.camera, motion.fixed
-        light, sun_m = self._camera.light, self._camera.target_m + self._camera.distance_m * self._camera.light
+        light, sun_m = (
+            self._camera.light,
+            self._camera.target_m + self._camera.distance_m * self._camera.light,
+        )
         self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-light, *sun_m))
         self._meshes: dict[int, str] = {}
         for ground in motion.fixed.sheets:
             self._add_sheet(ground)
         flat = _facets(motion.fixed.facets, self._camera)
-        for colour, opacity, triangles, normals in [*flat, *_ribbons(motion.fixed.paths, self._camera)]:
+        for colour, opacity, triangles, normals in [
+            *flat,
+            *_ribbons(motion.fixed.paths, self._camera),
+        ]:
             self._add_geom(meshname=self._add_flat(triangles, normals), rgba=(*colour, opacity))
         for scene in (motion.fixed, *motion.moments):
             for body in scene.bodies:
                 if isinstance(body.shape, Mesh) and id(body.shape) not in self._meshes:
-                    self._meshes[id(body.shape)] = self._add_mesh(body.shape.vertices_m, body.shape.faces)
+                    self._meshes[id(body.shape)] = self._add_mesh(
+                        body.shape.vertices_m, body.shape.faces
+                    )
         self.model = self._spec.compile()
         self._data = self._mujoco.MjData(self.model)
         self._mujoco.mj_forward(self.model, self._data)
 
     def pose(self, scene: Any, moment: Scene, low: Array, high: Array) -> None:
-        """Fill MuJoCo's scene with a moment, seen through a window of the picture plane, corners of shape (2,) [m]."""
+        """Fill MuJoCo's scene with a moment, seen through a window of the picture plane, corners of
+        shape (2,) [m]."""
         mujoco = self._mujoco
         mujoco.mjv_updateScene(
-            self.model, self._data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene
+            self.model,
+            self._data,
+            mujoco.MjvOption(),
+            None,
+            mujoco.MjvCamera(),
+            mujoco.mjtCatBit.mjCAT_ALL,
+            scene,
         )
         self._aim(scene, low, high)
         for each in (self._fixed, moment):
             for body in each.bodies:
                 self._put_body(scene, body)
             for arrow in filter(lambda arrow: arrow.visible, each.arrows):
-                geom = self._put(scene, mujoco.mjtGeom.mjGEOM_ARROW, np.ones(3), np.zeros(3), np.eye(3), arrow.colour)
+                geom = self._put(
+                    scene,
+                    mujoco.mjtGeom.mjGEOM_ARROW,
+                    np.ones(3),
+                    np.zeros(3),
+                    np.eye(3),
+                    arrow.colour,
+                )
                 ends = arrow.start_m, arrow.start_m + 2.0 * arrow.vector_m  # it draws half the way
                 mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 1.3 * arrow.radius_m, *ends)
 
@@ -135,25 +161,39 @@ class _Stage:
             case Mesh():
                 self._put_mesh(scene, body).castshadow = casts
                 return
-        self._put(scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity).castshadow = casts
+        self._put(
+            scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity
+        ).castshadow = casts
 
     def _put_mesh(self, scene: Any, body: DrawnBody) -> Any:
         """A mesh, which MuJoCo keeps about its centre and along its axes of inertia."""
-        index, own = self.model.mesh(self._meshes[id(body.shape)]).id, np.zeros(9)
-        self._mujoco.mju_quat2Mat(own, self.model.mesh_quat[index])
-        centre, turn = body.position_m + body.rotation @ self.model.mesh_pos[index], body.rotation @ own.reshape(3, 3)
+        index, matrix = self.model.mesh(self._meshes[id(body.shape)]).id, np.zeros(9)
+        self._mujoco.mju_quat2Mat(matrix, self.model.mesh_quat[index])
+        centre, turn = (
+            body.position_m + body.rotation @ self.model.mesh_pos[index],
+            body.rotation @ matrix.reshape(3, 3),
+        )
         kind = self._mujoco.mjtGeom.mjGEOM_MESH
         geom = self._put(scene, kind, np.ones(3), centre, turn, body.colour, body.opacity)
         geom.dataid = 2 * index
         return geom
 
     def _put(
-        self, scene: Any, kind: Any, size: Array, at: Array, turn: Array, colour: Colour, opacity: float = 1.0
+        self,
+        scene: Any,
+        kind: Any,
+        size: Array,
+        at: Array,
+        turn: Array,
+        colour: Colour,
+        opacity: float = 1.0,
     ) -> Any:
         """One more shape in the scene."""
         geom = scene.geoms[scene.ngeom]
         rgba = np.array([*rgb(colour), opacity], dtype=np.float32)
-        self._mujoco.mjv_initGeom(geom, kind, size, np.asarray(at, dtype=np.float64), turn.ravel(), rgba)
+        self._mujoco.mjv_initGeom(
+            geom, kind, size, np.asarray(at, dtype=np.float64), turn.ravel(), rgba
+        )
         geom.castshadow = False
         scene.ngeom += 1
         return geom
@@ -162,10 +202,16 @@ class _Stage:
         """A surface whose texture has a pixel a node."""
         rows, columns = ground.points_m.shape[:2]
         at = (np.moveaxis(np.indices((rows, columns)), 0, -1) + 0.5) / [rows, columns]
-        name = self._add_mesh(ground.points_m.reshape(-1, 3), triangles_of(ground.faces), usertexcoord=at.ravel())
+        name = self._add_mesh(
+            ground.points_m.reshape(-1, 3), triangles_of(ground.faces), usertexcoord=at.ravel()
+        )
         picture = np.round(255.0 * ground.colours.swapaxes(0, 1)).astype(np.uint8)
         texture = self._spec.add_texture(
-            name=name, type=self._mujoco.mjtTexture.mjTEXTURE_2D, width=rows, height=columns, nchannel=3
+            name=name,
+            type=self._mujoco.mjtTexture.mjTEXTURE_2D,
+            width=rows,
+            height=columns,
+            nchannel=3,
         )
         texture.data = picture.tobytes()
         material = self._spec.add_material(name=name)
@@ -175,16 +221,21 @@ class _Stage:
     def _add_mesh(self, points: Array, faces: Faces, **more: Any) -> str:
         """A mesh of triangles in the model; returns its name."""
         mesh = self._spec.add_mesh(
-            name=f"mesh {len(self._spec.meshes)}", uservert=points.ravel(), userface=faces.ravel().astype(np.int32),
-            inertia=self._mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL, **more,
-        )  # fmt: skip
+            name=f"mesh {len(self._spec.meshes)}",
+            uservert=points.ravel(),
+            userface=faces.ravel().astype(np.int32),
+            inertia=self._mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+            **more,
+        )
         return str(mesh.name)
 
     def _add_flat(self, triangles: Array, normals: Array) -> str:
         faces = np.arange(3 * len(triangles)).reshape(-1, 3)
         normals = np.repeat(normals, 3, axis=0).ravel()
-        own = faces.ravel().astype(np.int32)
-        return self._add_mesh(triangles.reshape(-1, 3), faces, usernormal=normals, userfacenormal=own)
+        indices = faces.ravel().astype(np.int32)
+        return self._add_mesh(
+            triangles.reshape(-1, 3), faces, usernormal=normals, userfacenormal=indices
+        )
 
     def _add_geom(self, **more: Any) -> None:
         kind = self._mujoco.mjtGeom.mjGEOM_MESH
@@ -192,22 +243,32 @@ class _Stage:
 
 
 Flat = tuple[tuple[float, ...], float, Array, Array]
-"""Colour, opacity, triangles of shape (F, 3, 3) [m] and their normals in the light, shape (F, 3)."""
+"""Colour, opacity, triangles of shape (F, 3, 3) [m] and their normals in the light, shape (F,
+3)."""
 
 
 def _facets(facets: Sequence[Facet], camera: Camera) -> list[Flat]:
     """Facets and their edges; what would hide the robot is glass."""
     seen = [
-        replace(each, opacity=GLASS * each.opacity, normal=-each.normal,
-                edge=each.edge and (*rgb(each.edge), 0.2 * to_rgba(each.edge)[3])) if is_glass(each, camera) else each
+        replace(
+            each,
+            opacity=GLASS * each.opacity,
+            normal=-each.normal,
+            edge=each.edge and (*rgb(each.edge), 0.2 * to_rgba(each.edge)[3]),
+        )
+        if is_glass(each, camera)
+        else each
         for each in facets
-    ]  # fmt: skip
-    return [(*key, each, normals_of(each)) for key, each in fans(seen).items()] + _ribbons(borders(seen), camera)
+    ]
+    return [(*key, each, normals_of(each)) for key, each in fans(seen).items()] + _ribbons(
+        borders(seen), camera
+    )
 
 
 def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
-    """Lines as bands that face the viewer, those of one colour together, a little before what they are on."""
-    found: dict[tuple[tuple[float, ...], float], list[Array]] = {}
+    """Lines as bands that face the viewer, those of one colour together, a little before what they
+    are on."""
+    ribbons: dict[tuple[tuple[float, ...], float], list[Array]] = {}
     for path in paths:
         a, b = path.pieces_m[:, 0], path.pieces_m[:, 1]
         towards = camera.position_m - a
@@ -220,20 +281,31 @@ def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
         a, b = (end + (0.003 + 1.5 * half + min(path.lift_m, 0.02)) * towards for end in (a, b))
         quads = np.stack([a - side, a + side, b + side, b - side], axis=1)[seen]
         triangles = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
-        found.setdefault((rgb(path.colour), path.opacity), []).append(triangles)
-    joined = {key: np.concatenate(parts) for key, parts in found.items() if sum(map(len, parts))}
-    return [(*key, each, np.broadcast_to(0.7 * camera.light, (len(each), 3))) for key, each in joined.items()]
+        ribbons.setdefault((rgb(path.colour), path.opacity), []).append(triangles)
+    joined = {key: np.concatenate(parts) for key, parts in ribbons.items() if sum(map(len, parts))}
+    return [
+        (*key, each, np.broadcast_to(0.7 * camera.light, (len(each), 3)))
+        for key, each in joined.items()
+    ]
 
 
 @contextmanager
 def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], None]], Frame]]:
-    """A function that draws what another one puts into MuJoCo's scene. Raises InvalidInput without a GL library."""
+    """A function that draws what another one puts into MuJoCo's scene. Raises InvalidInput without
+    a GL library."""
     mujoco, (width, height) = _mujoco(), size_px
     model.vis.quality.shadowsize = SHADOW_PX
-    model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = *size_px, 0
+    model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = (
+        *size_px,
+        0,
+    )
     backend = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
     try:
-        source = import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        source = (
+            import_module(f"mujoco.{backend}")
+            if backend in ("egl", "osmesa", "glfw", "cgl")
+            else mujoco
+        )
         context = source.GLContext(width, height)
         context.make_current()
     except Exception as error:  # every backend and every missing library has its own
@@ -243,7 +315,10 @@ def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], N
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, target)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = True
-        rect, pixels = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), dtype=np.uint8)
+        rect, pixels = (
+            mujoco.MjrRect(0, 0, width, height),
+            np.empty((height, width, 3), dtype=np.uint8),
+        )
 
         def draw(fill: Callable[[Any], None]) -> Frame:
             fill(scene)
@@ -261,7 +336,9 @@ def _mujoco() -> Any:
     try:
         return import_module("mujoco")
     except ImportError:
-        raise InvalidInput("video: expected MuJoCo; install it with pip install 'stancekit[film]'") from None
+        raise InvalidInput(
+            "video: expected MuJoCo; install it with pip install 'stancekit[film]'"
+        ) from None
 
 
 @DEFAULT_STYLE

@@ -18,7 +18,18 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLoca
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 
-from .sheet import ACCENT, DEFAULT_STYLE, INK, PLOT_PX, QUIET, RULE, Size, headline, quiet_axes, sheet
+from .sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    INK,
+    PLOT_PX,
+    QUIET,
+    RULE,
+    Size,
+    headline,
+    quiet_axes,
+    sheet,
+)
 
 TOLERANCE = 1e-4
 """Pan et al. §V: a solve succeeds when its largest violation falls below this."""
@@ -42,7 +53,8 @@ TALL_PX = (1200, 980)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitRun:
-    """One solve. violations: the largest one at every iterate, the first that of the guess, shape (iterations + 1,).
+    """One solve. violations: the largest one at every iterate, the first that of the guess, shape
+    (iterations + 1,).
 
     direction_rad: the walk's, from the world's y towards x as in Pan et al. §V; seconds: CPU time.
     """
@@ -53,7 +65,9 @@ class GaitRun:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "violations", read_only(np.minimum(self.violations, 1e6), (None,), "violations"))
+        object.__setattr__(
+            self, "violations", read_only(np.minimum(self.violations, 1e6), (None,), "violations")
+        )
         if not len(self.violations):
             raise InvalidInput("violations: expected one or more, got none")
 
@@ -72,23 +86,39 @@ class GaitRun:
 
 @DEFAULT_STYLE
 def draw_convergence(
-    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = PLOT_PX
+    runs: Sequence[GaitRun],
+    *,
+    caption: str = "",
+    methods: Sequence[str] = (),
+    size_px: Size = PLOT_PX,
 ) -> Figure:
-    """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a cross where it ends.
+    """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a
+    cross where it ends.
 
-    Many solves of a method are thin lines with their median, which ends where half of them have. methods: in the order
-    of their colours, the order of the runs where there are none. Raises InvalidInput without runs.
+    Many solves of a method are thin lines with their median, which ends where half of them have.
+    methods: in the order of their colours, the order of the runs where there are none. Raises
+    InvalidInput without runs.
     """
     colours = _colours(runs, methods)
     figure = sheet(size_px, PLOT_PX)
-    headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
+    headline(
+        figure,
+        caption or "Convergence",
+        f"largest constraint violation; success is below {TOLERANCE:g}",
+    )
     labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
     high = figure.get_figheight()
-    columns = min(len(colours), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
+    columns = min(
+        len(colours),
+        max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))),
+    )
     top = 0.92 + 0.26 * -(-len(colours) // columns)
     axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - (0.72 + top) / high))
     most = max(run.iterations for run in runs)
-    axes.set(yscale="log", ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)))
+    axes.set(
+        yscale="log",
+        ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)),
+    )
     axes.set_xlabel("iteration", size=11.5, color=INK)
     _iterations(axes, most)
     axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
@@ -99,9 +129,16 @@ def draw_convergence(
         _draw_lines(axes, [run for run in runs if run.method == method], colour)
         axes.plot([], [], color=colour, lw=2.5, label=label)
     axes.legend(
-        ncols=columns, loc="lower left", bbox_to_anchor=(-0.005, 1.01), frameon=False, fontsize=11,
-        labelcolor=INK, handlelength=1.4, columnspacing=1.6, borderpad=0.0,
-    )  # fmt: skip
+        ncols=columns,
+        loc="lower left",
+        bbox_to_anchor=(-0.005, 1.01),
+        frameon=False,
+        fontsize=11,
+        labelcolor=INK,
+        handlelength=1.4,
+        columnspacing=1.6,
+        borderpad=0.0,
+    )
     return figure
 
 
@@ -113,18 +150,34 @@ def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
         width, alpha = (2.0, 1.0) if len(runs) < 4 else (1.1, 0.55) if few else (0.6, 0.18)
         axes.plot(shown, color=colour, lw=width, alpha=alpha)
         if few or not run.success:
-            _draw_end(axes, len(shown) - 1, float(shown[-1]), colour, run.success, 8.0 if few else 5.0)
+            _draw_end(
+                axes, len(shown) - 1, float(shown[-1]), colour, run.success, 8.0 if few else 5.0
+            )
     if not few:
         ends = np.array([run.iterations for run in runs])
         last = int(np.median(ends))
-        held = np.array([run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs])
+        held = np.array(
+            [run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs]
+        )
         middle = np.maximum(np.median(held, axis=0), 0.15 * TOLERANCE)
-        axes.plot(middle, color=colour, lw=2.8, zorder=3, path_effects=[withStroke(linewidth=4.6, foreground="white")])
+        axes.plot(
+            middle,
+            color=colour,
+            lw=2.8,
+            zorder=3,
+            path_effects=[withStroke(linewidth=4.6, foreground="white")],
+        )
         _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < TOLERANCE), 10.0)
 
 
-def _draw_end(axes: Axes, iteration: int, violation: float, colour: str, success: bool, size: float) -> None:
-    end = {"marker": "o", "mec": "white", "mfc": colour} if success else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
+def _draw_end(
+    axes: Axes, iteration: int, violation: float, colour: str, success: bool, size: float
+) -> None:
+    end = (
+        {"marker": "o", "mec": "white", "mfc": colour}
+        if success
+        else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
+    )
     axes.plot([iteration], [violation], ms=size, zorder=4, **end)  # type: ignore[arg-type]
 
 
@@ -142,15 +195,21 @@ def _iterations(axes: Axes, most: int) -> None:
 
 
 @DEFAULT_STYLE
-def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None) -> Figure:
-    """Violation by walking direction (Pan et al. Fig. 8), a panel a method: iterations run outward in its colours.
+def draw_directions(
+    runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None
+) -> Figure:
+    """Violation by walking direction (Pan et al. Fig. 8), a panel a method: iterations run outward
+    in its colours.
 
-    A solve that fails has a red mark at the rim. size_px: ``PLOT_PX`` where there is none, taller for more than three
-    methods. Raises InvalidInput without runs.
+    A solve that fails has a red mark at the rim. size_px: ``PLOT_PX`` where there is none, taller
+    for more than three methods. Raises InvalidInput without runs.
     """
     methods = _methods(runs)
     figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else TALL_PX), PLOT_PX)
-    words = "iterations from the centre outward, coloured by the largest violation; red: no success; " + COMPASS
+    words = (
+        "iterations from the centre outward, coloured by the largest violation; red: no success; "
+        + COMPASS
+    )
     headline(figure, caption or "Violation by walking direction", words)
     most = max(run.iterations for run in runs)
     rim = float(_radius(max(most, 3)))
@@ -158,18 +217,33 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
     titles = [_label(method, [run for run in runs if run.method == method]) for method in methods]
     size = min(12.0, 12.0 * ROOM / max(map(len, titles)))
     for axes, method, title in zip(_panels(figure, len(methods)), methods, titles, strict=True):
-        own = [run for run in runs if run.method == method]
-        width = _wedge(own)
+        runs_of_method = [run for run in runs if run.method == method]
+        width = _wedge(runs_of_method)
         turns = 0.96 * width * np.linspace(-0.5, 0.5, 2 + int(np.rad2deg(width) / 3.0))
         axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
         _polar(axes, 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
-        for run in own:
+        for run in runs_of_method:
             shown = np.clip(run.violations[: run.iterations + 1], LEAST, 1e6)
             edges = _radius(np.arange(len(shown) + 1))
             cells = np.repeat(shown[:, None], len(turns) - 1, axis=1)
-            axes.pcolormesh(run.direction_rad + turns, edges, cells, norm=colours.norm, cmap=colours.cmap, zorder=1.5)
+            axes.pcolormesh(
+                run.direction_rad + turns,
+                edges,
+                cells,
+                norm=colours.norm,
+                cmap=colours.cmap,
+                zorder=1.5,
+            )
             if not run.success:
-                axes.plot([run.direction_rad], [1.07 * rim], "X", color=ACCENT, ms=6, clip_on=False, zorder=4)
+                axes.plot(
+                    [run.direction_rad],
+                    [1.07 * rim],
+                    "X",
+                    color=ACCENT,
+                    ms=6,
+                    clip_on=False,
+                    zorder=4,
+                )
     middle, high = 0.36, figure.get_figheight()
     place = (middle, 0.35 / high, 1.0 - 2.0 * middle, 0.11 / high)
     bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal")
@@ -180,13 +254,18 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
 
 @DEFAULT_STYLE
 def draw_times(
-    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = PLOT_PX
+    runs: Sequence[GaitRun],
+    *,
+    caption: str = "",
+    methods: Sequence[str] = (),
+    size_px: Size = PLOT_PX,
 ) -> Figure:
-    """CPU time by walking direction (Pan et al. Fig. 9), a line a method; solves that fail are crosses.
+    """CPU time by walking direction (Pan et al. Fig. 9), a line a method; solves that fail are
+    crosses.
 
-    Several runs of a method in one direction are shown by their median. Rings are closer together for longer times.
-    methods: in the order of their colours, the order of the runs where there are none. Raises InvalidInput without
-    runs.
+    Several runs of a method in one direction are shown by their median. Rings are closer together
+    for longer times. methods: in the order of their colours, the order of the runs where there are
+    none. Raises InvalidInput without runs.
     """
     colours = _colours(runs, methods)
     figure = sheet(size_px, PLOT_PX)
@@ -194,15 +273,22 @@ def draw_times(
     headline(figure, caption or "CPU time by walking direction", words)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
-    axes = figure.add_axes((0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
+    axes = figure.add_axes(
+        (0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar"
+    )
     longest = 0.0
     for method, colour in colours.items():
-        own = [run for run in runs if run.method == method]
-        turns = sorted({run.direction_rad for run in own})
-        medians = [float(np.median([run.seconds for run in own if run.direction_rad == turn])) for turn in turns]
+        runs_of_method = [run for run in runs if run.method == method]
+        turns = sorted({run.direction_rad for run in runs_of_method})
+        medians = [
+            float(np.median([run.seconds for run in runs_of_method if run.direction_rad == turn]))
+            for turn in turns
+        ]
         shown = _radius_of_time([*medians, medians[0]])
-        axes.plot([*turns, turns[0]], shown, color=colour, lw=2.0, label=_label(method, own))
-        failed = [run for run in own if not run.success]
+        axes.plot(
+            [*turns, turns[0]], shown, color=colour, lw=2.0, label=_label(method, runs_of_method)
+        )
+        failed = [run for run in runs_of_method if not run.success]
         at = _radius_of_time([run.seconds for run in failed])
         axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
         longest = max(longest, *medians, *(run.seconds for run in failed))
@@ -210,7 +296,12 @@ def draw_times(
     ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
     _polar(axes, 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
     axes.legend(
-        loc="center left", bbox_to_anchor=(1.12, 0.5), frameon=False, fontsize=11, labelcolor=INK, labelspacing=0.9
+        loc="center left",
+        bbox_to_anchor=(1.12, 0.5),
+        frameon=False,
+        fontsize=11,
+        labelcolor=INK,
+        labelspacing=0.9,
     )
     return figure
 
@@ -248,7 +339,11 @@ def _radius_of_time(seconds: Any) -> Any:
 def _wedge(runs: Sequence[GaitRun]) -> float:
     """Angle between neighbouring directions [rad]."""
     turns = np.unique(np.round(np.mod([run.direction_rad for run in runs], 2.0 * np.pi), 9))
-    return float(np.diff(turns, append=turns[0] + 2.0 * np.pi).min()) if len(turns) > 1 else 0.25 * np.pi
+    return (
+        float(np.diff(turns, append=turns[0] + 2.0 * np.pi).min())
+        if len(turns) > 1
+        else 0.25 * np.pi
+    )
 
 
 def _panels(figure: Figure, count: int) -> list[Any]:
@@ -257,13 +352,15 @@ def _panels(figure: Figure, count: int) -> list[Any]:
     columns = -(-count // rows)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = min((wide - 0.5) / columns - 0.95, (high - 1.75) / rows - 0.55)
-    found = []
+    panels = []
     for index in range(count):
         row, column = divmod(index, columns)
         x = (wide - 0.5) / columns * (column + 0.5) + 0.25 - 0.5 * side
         y = 0.85 + ((high - 1.75) / rows) * (rows - 1 - row) + 0.1
-        found.append(figure.add_axes((x / wide, y / high, side / wide, side / high), projection="polar"))
-    return found
+        panels.append(
+            figure.add_axes((x / wide, y / high, side / wide, side / high), projection="polar")
+        )
+    return panels
 
 
 def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str = "") -> None:
@@ -272,12 +369,20 @@ def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str
     axes.set_theta_direction(-1)
     axes.set_ylim(0.0, rim)
     axes.set_yticks(
-        [float(radius(tick)) for tick in ticks], [f"{tick:g}{unit}" for tick in ticks], size=9.5, color=QUIET
+        [float(radius(tick)) for tick in ticks],
+        [f"{tick:g}{unit}" for tick in ticks],
+        size=9.5,
+        color=QUIET,
     )
     for label in axes.get_yticklabels():
         label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
         label.set_zorder(5)
-    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), [f"{turn}°" for turn in range(0, 360, 45)], size=10, color=QUIET)
+    axes.set_xticks(
+        np.deg2rad(np.arange(0, 360, 45)),
+        [f"{turn}°" for turn in range(0, 360, 45)],
+        size=10,
+        color=QUIET,
+    )
     axes.set_rlabel_position(22.5)
     axes.grid(color=RULE, lw=0.8)
     axes.set_axisbelow(True)

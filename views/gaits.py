@@ -1,4 +1,5 @@
-"""Pictures, pages and films of a trajectory: terrain with a map's grid, the robot, its contact forces and footholds."""
+"""Pictures, pages and films of a trajectory: terrain with a map's grid, the robot, its contact
+forces and footholds."""
 
 from __future__ import annotations
 
@@ -41,7 +42,7 @@ from .sheet import (
     leg_colour,
     plain_axes,
     sheet,
-)  # fmt: skip
+)
 from .still import Still
 from .terrain import block, grid_on_ground
 from .video import Frame
@@ -58,10 +59,12 @@ WEIGHT_ARROW = 1.1
 
 @dataclass(frozen=True, eq=False)
 class GaitView:
-    """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain, None for x and y.
+    """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain,
+    None for x and y.
 
-    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were measured: the samples are then
-    shown as they are. moves_as: its motion, where that is not to be what ``run`` streams.
+    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were measured:
+    the samples are then shown as they are. moves_as: its motion, where that is not to be what
+    ``run`` streams.
     """
 
     trajectory: Trajectory
@@ -71,7 +74,9 @@ class GaitView:
 
     def __post_init__(self) -> None:
         samples = ("torso_m", "rotation", "feet_m", "forces_n")
-        if self.trajectory.samples < 2 or not all(np.isfinite(getattr(self.trajectory, n)).all() for n in samples):
+        if self.trajectory.samples < 2 or not all(
+            np.isfinite(getattr(self.trajectory, n)).all() for n in samples
+        ):
             raise InvalidInput("trajectory: expected two or more samples of finite numbers")
 
     @cached_property
@@ -86,19 +91,28 @@ class GaitView:
 
     @cached_property
     def bounds_m(self) -> Array:
-        """Corners of the terrain that is shown, shape (2, 2): where feet go with room around, inside the grid."""
+        """Corners of the terrain that is shown, shape (2, 2): where feet go with room around,
+        inside the grid."""
         feet = self.trajectory.feet_m[..., :2].reshape(-1, 2)
         room = 1.6 * self.shape.size_m
         low, high = feet.min(axis=0) - room, feet.max(axis=0) + room
         least, most = np.array(self.trajectory.terrain.domain_m).T
         inside = np.array([np.clip(low, least, most), np.clip(high, least, most)])
-        return inside if float(np.min(inside[1] - inside[0])) > 0.5 * room else np.array([low, high])
+        return (
+            inside if float(np.min(inside[1] - inside[0])) > 0.5 * room else np.array([low, high])
+        )
 
     @cached_property
     def ground(self) -> list[Sheet]:
         """The terrain on its block."""
         size = self.shape.size_m
-        return block(self.trajectory.terrain, *self.bounds_m, facets=CELLS, depth_m=0.25 * size, relief_m=0.5 * size)
+        return block(
+            self.trajectory.terrain,
+            *self.bounds_m,
+            facets=CELLS,
+            depth_m=0.25 * size,
+            relief_m=0.5 * size,
+        )
 
     @cached_property
     def camera(self) -> Camera:
@@ -115,23 +129,38 @@ class GaitView:
             sight = torso + rays * span * towards
             free = np.all(sight[..., 2] > terrain.height(sight[..., :2]), axis=0)
             across = 1.0 - abs(float(along @ unit(towards * [1.0, 1.0, 0.0])))
-            return 3.0 * float(free.mean()) + across + 0.8 * float(camera.axes[1] @ UP)  # low enough to see heights
+            return (
+                3.0 * float(free.mean()) + across + 0.8 * float(camera.axes[1] @ UP)
+            )  # low enough to see heights
 
-        return best_view(0.5 * (low + high), 1.9 * span, merit, step_deg=15.0, elevations_deg=[28.0, 38.0, 50.0])
+        return best_view(
+            0.5 * (low + high), 1.9 * span, merit, step_deg=15.0, elevations_deg=[28.0, 38.0, 50.0]
+        )
 
     @cached_property
     def shown(self) -> list[int]:
-        """Samples at which a picture has the robot: the ends, and where it has gone on by its own length."""
+        """Samples at which a picture has the robot: the ends, and where it has gone on by its own
+        length."""
         steps = np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1)
         path = np.concatenate([[0.0], np.cumsum(steps)])
-        count = int(np.clip(round(path[-1] / (2.6 * float(self.trajectory.robot.trunk_half_m[0]))), 1, 8))
-        return sorted({int(np.searchsorted(path, share * path[-1])) for share in np.linspace(0.0, 1.0, count + 1)})
+        count = int(
+            np.clip(round(path[-1] / (2.6 * float(self.trajectory.robot.trunk_half_m[0]))), 1, 8)
+        )
+        return sorted(
+            {
+                int(np.searchsorted(path, share * path[-1]))
+                for share in np.linspace(0.0, 1.0, count + 1)
+            }
+        )
 
     def lines(self) -> Array:
-        """Lines of constant x̄ and ȳ where they run over the surface, in pieces of shape (L, 2, 3) [m]."""
+        """Lines of constant x̄ and ȳ where they run over the surface, in pieces of shape (L, 2, 3)
+        [m]."""
         field = self.trajectory.terrain
         longest = float(np.max(np.diff(field.domain_m)))
-        return grid_on_ground(field, self.bounds_m[0], self.bounds_m[1], GRID_M, 1 + round(24 * longest), self.warp)
+        return grid_on_ground(
+            field, self.bounds_m[0], self.bounds_m[1], GRID_M, 1 + round(24 * longest), self.warp
+        )
 
     @cached_property
     def fixed(self) -> Scene:
@@ -146,7 +175,9 @@ class GaitView:
         return Scene(
             sheets=self.ground,
             paths=[
-                Path(pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell),
+                Path(
+                    pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell
+                ),
                 *ways,
                 Path(pieces_m=polyline(torso), colour=INK, width=2.0, lift_m=0.02),
             ],
@@ -154,7 +185,8 @@ class GaitView:
 
     @property
     def ways_m(self) -> list[Array]:
-        """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another, and the last."""
+        """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another,
+        and the last."""
         told = self.trajectory.provenance.get("guide_m", "")
         with suppress(ValueError, RecursionError):
             return lines_told(json.loads(told)) if isinstance(told, str) else []
@@ -165,14 +197,23 @@ class GaitView:
         """Every touch-down with its sample."""
         contact, trajectory = self.trajectory.contact, self.trajectory
         began = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
-        found, radius = list[tuple[int, DrawnBody]](), 0.06 * self.shape.size_m
+        bodies, radius = list[tuple[int, DrawnBody]](), 0.06 * self.shape.size_m
         for k, foot in np.argwhere(began).tolist():
             at = trajectory.feet_m[k, foot]
-            found.append((k, DrawnBody(
-                name=f"{self.shape.limbs[foot]} foothold {k}", shape=disc(trajectory.terrain.normal(at[:2]), radius),
-                position_m=at, colour=leg_colour(foot), edge="white", lift_m=1.8 * radius,
-            )))  # fmt: skip
-        return found
+            bodies.append(
+                (
+                    k,
+                    DrawnBody(
+                        name=f"{self.shape.limbs[foot]} foothold {k}",
+                        shape=disc(trajectory.terrain.normal(at[:2]), radius),
+                        position_m=at,
+                        colour=leg_colour(foot),
+                        edge="white",
+                        lift_m=1.8 * radius,
+                    ),
+                )
+            )
+        return bodies
 
     @cached_property
     def motion(self) -> Motion:
@@ -180,33 +221,41 @@ class GaitView:
         return self.moves_as or streamed(self.trajectory)
 
     def limbs(self, sample: int) -> list[Array]:
-        """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3) [m], and where knees
-        bend is a guess, for the eye."""
+        """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3)
+        [m], and where knees bend is a guess, for the eye."""
         trajectory, links = self.trajectory, self.shape.links
         if links is None:
-            return self._bent(trajectory.torso_m[sample], trajectory.rotation[sample], trajectory.feet_m[sample])
+            return self._bent(
+                trajectory.torso_m[sample], trajectory.rotation[sample], trajectory.feet_m[sample]
+            )
         if self.joints_rad is not None:
             return links.split(self.joints_rad[sample])
         return [angles[0] for angles in walk_joints(trajectory, slice(sample, sample + 1)).angles]
 
     def _bent(self, torso: Array, turn: Array, toes_m: Array) -> list[Array]:
         """Hip, knee and toe of every leg, shape (3, 3) [m]."""
-        found = []
+        chains = []
         for foot, toe in zip(self.trajectory.robot.feet, toes_m, strict=True):
             hip = torso + turn @ foot.hip_m
             bone = max(0.7 * self.shape.size_m, 0.505 * float(np.linalg.norm(toe - hip)))
             bend = turn @ np.append([0.5, 0.9] * np.sign(foot.hip_m[:2]), 0.3)
-            found.append(bent(hip, toe, bend, bone, bone))
-        return found
+            chains.append(bent(hip, toe, bend, bone, bone))
+        return chains
 
     def at(self, sample: int, *, prefix: str = "", strength: float = 1.0) -> Scene:
         """The robot and its contact forces at a sample; paler with less strength."""
         trajectory = self.trajectory
         bodies = self.shape.bodies(
-            trajectory.torso_m[sample], trajectory.rotation[sample], self.limbs(sample), prefix=prefix
+            trajectory.torso_m[sample],
+            trajectory.rotation[sample],
+            self.limbs(sample),
+            prefix=prefix,
         )
         arrows = self._forces(
-            trajectory.feet_m[sample], trajectory.forces_n[sample], trajectory.contact[sample], prefix=prefix
+            trajectory.feet_m[sample],
+            trajectory.forces_n[sample],
+            trajectory.contact[sample],
+            prefix=prefix,
         )
         return Scene(bodies=faded(bodies, strength), arrows=arrows)
 
@@ -218,11 +267,11 @@ class GaitView:
         times_s = self.trajectory.times_s - self.trajectory.times_s[0]
         if self.joints_rad is not None:
             sample = int(np.argmin(np.abs(times_s - time_s)))
-            found = self.at(sample)
+            scene = self.at(sample)
         else:
             sample = int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
-            found = self.drawn(self.now(time_s))
-        return found + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
+            scene = self.drawn(self.now(time_s))
+        return scene + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
 
     def drawn(self, now: Samples) -> Scene:
         """The robot and its contact forces at one time."""
@@ -246,40 +295,57 @@ class GaitView:
             return self._bent(now.com_m, turn, now.toes_m)
         if now.angles_rad is not None:
             return links.split(now.angles_rad)
-        found = ToeKinematics(links.model).solve(now.com_m[None], turn[None], now.toes_m[None], now.normals[None])
-        return [angles[0] for angles in found.angles]
+        postures = ToeKinematics(links.model).solve(
+            now.com_m[None], turn[None], now.toes_m[None], now.normals[None]
+        )
+        return [angles[0] for angles in postures.angles]
 
-    def _forces(self, toes_m: Array, forces_n: Array, stands: NDArray[np.bool_], *, prefix: str = "") -> list[Arrow]:
+    def _forces(
+        self, toes_m: Array, forces_n: Array, stands: NDArray[np.bool_], *, prefix: str = ""
+    ) -> list[Arrow]:
         """Arrows of the forces of the feet that stand."""
         return [
-            self.shape.force(prefix + self.shape.limbs[k], toes_m[k], self.metres_a_newton * forces_n[k])
+            self.shape.force(
+                prefix + self.shape.limbs[k], toes_m[k], self.metres_a_newton * forces_n[k]
+            )
             for k in np.flatnonzero(stands).tolist()
         ]
 
     def scene(self) -> Scene:
         """The picture: the robot at a few moments, the earlier the paler, and every foothold."""
-        found = self.fixed + Scene(bodies=[body for _, body in self.footholds])
+        result = self.fixed + Scene(bodies=[body for _, body in self.footholds])
         for place, sample in enumerate(self.shown):
             strength = 0.35 + 0.65 * place / max(len(self.shown) - 1, 1)
-            found += self.at(sample, prefix=f"{sample} ", strength=strength)
+            result += self.at(sample, prefix=f"{sample} ", strength=strength)
         ends = ((0, "start"), (-1, f"goal, {self.trajectory.duration_s:g} s"))
         above = self.trajectory.torso_m + 0.62 * self.shape.size_m * UP
-        return found + Scene(labels=[
-            Label(name=text, position_m=above[k], text=text, colour=INK) for k, text in ends
-        ])  # fmt: skip
+        return result + Scene(
+            labels=[
+                Label(name=text, position_m=above[k], text=text, colour=INK) for k, text in ends
+            ]
+        )
 
     def film(
-        self, report: Report[Trajectory] | None, *, caption: str = "", note: str = "not verified", step_s: float = 0.05
+        self,
+        report: Report[Trajectory] | None,
+        *,
+        caption: str = "",
+        note: str = "not verified",
+        step_s: float = 0.05,
     ) -> Animation:
-        """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down. note: what is
-        said where there is no report."""
+        """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down.
+        note: what is said where there is no report."""
         count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
         return Animation(
-            fixed=self.fixed, moments=[self.moment(index * step_s) for index in range(count)], step_s=step_s,
-            camera=self.camera, title=caption or self.title,
-            note=note if report is None else report.message, alarm=_refused(report),
+            fixed=self.fixed,
+            moments=[self.moment(index * step_s) for index in range(count)],
+            step_s=step_s,
+            camera=self.camera,
+            title=caption or self.title,
+            note=note if report is None else report.message,
+            alarm=_refused(report),
             legend=self.legend,
-        )  # fmt: skip
+        )
 
     @property
     def title(self) -> str:
@@ -303,7 +369,8 @@ def draw_motion(
     caption: str = "",
     size_px: Size = SIZE_PX,
 ) -> Figure:
-    """Draw a trajectory over its terrain: the robot at a few moments with its contact forces, and every foothold.
+    """Draw a trajectory over its terrain: the robot at a few moments with its contact forces, and
+    every foothold.
 
     warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (Pan
     et al. Fig. 3); without one they are those of x and y. report: what the verifier says, put below
@@ -315,18 +382,26 @@ def draw_motion(
     sticky = trajectory.adhesive
     entries = [
         force_entry(scale / view.metres_a_newton, 150.0),
-        *(Entry(text=limb + "*" * bool(sticky[k]), sign="dot", colour=leg_colour(k))
-          for k, limb in enumerate(view.shape.limbs)),
+        *(
+            Entry(text=limb + "*" * bool(sticky[k]), sign="dot", colour=leg_colour(k))
+            for k, limb in enumerate(view.shape.limbs)
+        ),
         *([Entry(text="* adhesive")] if sticky.any() else []),
-        Entry(text=f"{'grid' if warp is None else 'lines of the map'}, {GRID_M:g} m", sign="line", colour=GRID),
+        Entry(
+            text=f"{'grid' if warp is None else 'lines of the map'}, {GRID_M:g} m",
+            sign="line",
+            colour=GRID,
+        ),
         *([Entry(text="guide path", sign="line", colour=GUIDE)] if view.ways_m else []),
-    ]  # fmt: skip
+    ]
     draw_legend(figure, 12.0, entries)
     made = trajectory.provenance.get("chart", "")
     length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
     verdict = "not verified" if report is None else report.message
     words = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.friction:g}   ·   {verdict}"
-    headline(figure, caption or view.title + (f", {made}" if made else ""), words, alarm=_refused(report))
+    headline(
+        figure, caption or view.title + (f", {made}" if made else ""), words, alarm=_refused(report)
+    )
     return figure
 
 
@@ -342,14 +417,20 @@ def motion_frames(
     joints_rad: Array | None = None,
     size_px: Size = FILM_PX,
 ) -> Iterator[Frame]:
-    """The frames of a trajectory's film, uint8 of shape (H, W, 3), one by one; below, which feet stand when.
+    """The frames of a trajectory's film, uint8 of shape (H, W, 3), one by one; below, which feet
+    stand when.
 
-    speed: seconds of the motion to a second of the film. note, joints_rad: as of ``GaitView``. What else is drawn, and
-    the arguments, are those of ``draw_motion``. Raises InvalidInput, also without MuJoCo or a GL library.
+    speed: seconds of the motion to a second of the film. note, joints_rad: as of ``GaitView``. What
+    else is drawn, and the arguments, are those of ``draw_motion``. Raises InvalidInput, also
+    without MuJoCo or a GL library.
     """
     if not (0.0 < fps <= 1000.0 and 0.0 < speed <= 1000.0):
-        raise InvalidInput(f"fps, speed: expected numbers above 0, up to 1000, got {fps:g} and {speed:g}")
-    motion = GaitView(trajectory, warp, joints_rad).film(report, caption=caption, note=note, step_s=speed / fps)
+        raise InvalidInput(
+            f"fps, speed: expected numbers above 0, up to 1000, got {fps:g} and {speed:g}"
+        )
+    motion = GaitView(trajectory, warp, joints_rad).film(
+        report, caption=caption, note=note, step_s=speed / fps
+    )
     foot_px = round(0.22 * size_px[1])
     strip = draw_contacts(trajectory, size_px, foot_px)
     for index, pixels in enumerate(film_frames(motion, size_px, foot_px=foot_px)):

@@ -1,4 +1,5 @@
-"""Pictures, pages and films of a leap: patches, the body on its way through the air, and the forces of its legs."""
+"""Pictures, pages and films of a leap: patches, the body on its way through the air, and the forces
+of its legs."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ from .terrain import SCALE, patches
 from .video import Frame
 
 FPS, PACE, HOLD_S = 25.0, 0.25, 0.4
-"""Of films: pictures per second, the pace at which a leap is shown, and for how long its ends are held [s]."""
+"""Of films: pictures per second, the pace at which a leap is shown, and for how long its ends are
+held [s]."""
 UNJUDGED = "joints and bodies are not judged"
 """What every picture of a leap says of its verdict."""
 
@@ -51,8 +53,8 @@ UNJUDGED = "joints and bodies are not judged"
 class LeapView:
     """A leap as something to look at, with the viewpoint and the colours of its pictures.
 
-    Legs of a robot's file are bent by inverse kinematics, those of limbs alone as they might be: nobody has judged
-    whether joints can do it.
+    Legs of a robot's file are bent by inverse kinematics, those of limbs alone as they might be:
+    nobody has judged whether joints can do it.
     """
 
     plan: LeapPlan
@@ -65,7 +67,9 @@ class LeapView:
     @cached_property
     def candidates(self) -> list[Patch]:
         """Every patch that a toe was offered, once."""
-        offered = {id(p): p for foothold in self.plan.problem.footholds for p in foothold.candidates}
+        offered = {
+            id(p): p for foothold in self.plan.problem.footholds for p in foothold.candidates
+        }
         return list(offered.values())
 
     @cached_property
@@ -88,7 +92,7 @@ class LeapView:
     def colours(self) -> list[str]:
         """The limb's colour, by foothold."""
         names = self.plan.problem.robot.limb_names
-        return [leg_colour(names.index(put.limb)) for put in self.plan.problem.footholds]
+        return [leg_colour(names.index(foothold.limb)) for foothold in self.plan.problem.footholds]
 
     @cached_property
     def path_m(self) -> Array:
@@ -138,27 +142,37 @@ class LeapView:
             halo=True,
         )
         mark = DrawnBody(
-            name="goal", shape=Sphere(0.06 * size), position_m=goal, colour=GOAL, edge="white",
-            layer=Layer.TOP, lift_m=70.0,
-        )  # fmt: skip
+            name="goal",
+            shape=Sphere(0.06 * size),
+            position_m=goal,
+            colour=GOAL,
+            edge="white",
+            layer=Layer.TOP,
+            lift_m=70.0,
+        )
         rings = [
-            Path(pieces_m=ring(patch.vertices_m + ON_M * patch.normal), colour=colour, width=1.4,
-                 layer=Layer.TERRAIN, lift_m=8.0)
+            Path(
+                pieces_m=ring(patch.vertices_m + ON_M * patch.normal),
+                colour=colour,
+                width=1.4,
+                layer=Layer.TERRAIN,
+                lift_m=8.0,
+            )
             for patch, colour in zip(self.chosen, self.colours, strict=True)
-        ]  # fmt: skip
+        ]
         return patches(self.candidates, self.bounds_m, self.friction) + Scene(
             paths=[*rings, way], bodies=[mark]
         )
 
     def limbs(self, now: Samples) -> Sequence[Array]:
-        """Poses of the limbs: angles of a robot's own legs, or where the joints of a limb might be.
-        """
+        """Poses of the limbs: angles of a robot's own legs, or where the joints of a limb might
+        be."""
         robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
-            found = self._legs.solve(
+            postures = self._legs.solve(
                 now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None
             )
-            return [angles[0] for angles in found.angles]
+            return [angles[0] for angles in postures.angles]
         return [
             limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
             for limb, toe in zip(robot.limbs, now.toes_m, strict=True)
@@ -190,12 +204,17 @@ class LeapView:
         """The chosen patches, framed in the colour of their limb."""
         return [
             DrawnBody(
-                name=f"chosen {p}", shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
-                position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
-                edge=self.colours[p], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0,
+                name=f"chosen {p}",
+                shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
+                position_m=np.zeros(3),
+                colour=self.friction.to_rgba(np.array(patch.friction))[:3],
+                edge=self.colours[p],
+                opacity=0.55,
+                layer=Layer.TERRAIN,
+                lift_m=9.0,
             )
             for p, patch in enumerate(self.chosen)
-        ]  # fmt: skip
+        ]
 
     @cached_property
     def _cones(self) -> list[Mesh]:
@@ -203,21 +222,23 @@ class LeapView:
         return [cone(min(patch.friction, 4.0), patch.frame, high) for patch in self.chosen]
 
     def scene(self) -> Scene:
-        """The whole picture: the robot in full as it takes off, and as ghosts at its ends and in the air."""
+        """The whole picture: the robot in full as it takes off, and as ghosts at its ends and in
+        the air."""
         ends, flight = self.plan.times_s, self.flight_s
         full = self.motion.at(max(flight[0] - 1e-6, 0.0))
-        found = self.fixed + self.at(full)
+        result = self.fixed + self.at(full)
         for time_s in (float(ends[0]), 0.5 * (flight[0] + flight[1]), float(ends[-1])):
             now = self.motion.at(time_s)
-            found += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
+            result += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
         labels = [
             Label(name="goal", position_m=self.plan.problem.goal.com_m, text="goal", colour=GOAL)
         ]
-        return found + Scene(labels=labels)
+        return result + Scene(labels=labels)
 
     @cached_property
     def flight_s(self) -> tuple[float, float]:
-        """When the first flight begins and ends [s]; the whole leap where some limb always stands."""
+        """When the first flight begins and ends [s]; the whole leap where some limb always
+        stands."""
         ends = self.plan.times_s
         airborne = (self.plan.problem.holds[self.plan.problem.interval_phases] < 0).all(axis=1)
         k = int(np.argmax(airborne)) if airborne.any() else 0
@@ -236,9 +257,14 @@ class LeapView:
             for time_s, now in zip(times, shown, strict=True)
         ]
         return Animation(
-            fixed=self.fixed, moments=[self.at(now) for now in shown], step_s=1.0 / fps, camera=self.camera,
-            title=f"{self.plan.problem.name}, at {pace:.2g} times its pace", legend=self.legend, notes=notes,
-        )  # fmt: skip
+            fixed=self.fixed,
+            moments=[self.at(now) for now in shown],
+            step_s=1.0 / fps,
+            camera=self.camera,
+            title=f"{self.plan.problem.name}, at {pace:.2g} times its pace",
+            legend=self.legend,
+            notes=notes,
+        )
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
@@ -258,7 +284,8 @@ class LeapView:
 
 @DEFAULT_STYLE
 def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None) -> Figure:
-    """Draw a leap: the robot as it takes off, ghosts of it in the air and at its ends, and its way."""
+    """Draw a leap: the robot as it takes off, ghosts of it in the air and at its ends, and its
+    way."""
     view = LeapView(plan)
     still = Still(view.scene(), view.camera)
     low, high = still.frame()

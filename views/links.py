@@ -1,4 +1,5 @@
-"""A robot's own links: what they look like, or collide with, as one mesh for all that moves together."""
+"""A robot's own links: what they look like, or collide with, as one mesh for all that moves
+together."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
 TINT = 0.3
 """How much of its leg's colour a link has."""
 TRIANGLES = 3000
-"""Of the mesh of one file at most: a quadruped is drawn with 20,000 to 50,000, and its page opens at once."""
+"""Of the mesh of one file at most: a quadruped is drawn with 20,000 to 50,000, and its page opens
+at once."""
 SMALLEST = 0.012
 """Radius of the ball that marks a foot, in stand heights, where the foot is a point."""
 
@@ -42,61 +44,85 @@ class Links:
         the base's."""
         pieces = dict[tuple[int | None, int], list[tuple[Array, Faces]]]()
         for shape in self._shapes():
-            found = _mesh(shape)
-            if found is not None:
+            mesh = _mesh(shape)
+            if mesh is not None:
                 mount = self.model.mounts[shape.link]
-                points = (shape.origin_m + found.vertices_m @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
-                pieces.setdefault((mount.leg, mount.joint), []).append((points, found.faces))
+                points = (
+                    shape.origin_m + mesh.vertices_m @ shape.rotation.T
+                ) @ mount.rotation.T + mount.origin_m
+                pieces.setdefault((mount.leg, mount.joint), []).append((points, mesh.faces))
         return {key: _joined(each) for key, each in pieces.items()}
 
     def _shapes(self) -> Iterator[Shape]:
         """For each link what it looks like, or where that cannot be had what it collides with."""
         for link in self.model.mounts:
-            own = [shape for shape in self.model.shapes if shape.link == link]
-            seen = [shape for shape in own if not shape.collides and (shape.kind != "mesh" or _drawable(shape))]
-            yield from seen or [shape for shape in own if shape.collides]
+            shapes = [shape for shape in self.model.shapes if shape.link == link]
+            seen = [
+                shape
+                for shape in shapes
+                if not shape.collides and (shape.kind != "mesh" or _drawable(shape))
+            ]
+            yield from seen or [shape for shape in shapes if shape.collides]
 
     @cached_property
     def outline_m(self) -> Array:
         """Outline of the trunk from above, or where nothing is seen of it the hips: corners about
         the centre of mass, shape (K, 3) [m]."""
         trunk = self.meshes.get((None, -1))
-        points = np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
+        points = (
+            np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
+        )
         flat = (points - self.model.body.com_m)[:, :2]
         try:
             return np.pad(flat[ConvexHull(flat).vertices], ((0, 0), (0, 1)))
         except QhullError:
             return np.pad(flat, ((0, 0), (0, 1)))
 
-    def bodies(self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = "") -> list[DrawnBody]:
-        """The robot with its centre of mass at p_WC, R_WB, and the angles of every leg, shape (n,) [rad].
+    def bodies(
+        self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = ""
+    ) -> list[DrawnBody]:
+        """The robot with its centre of mass at p_WC, R_WB, and the angles of every leg, shape (n,)
+        [rad].
 
         Legs without shapes are bars from joint to joint.
         """
         base, model = base_of(self.model, com_m, rotation), self.model
         chains, trunk = self.chains(com_m, rotation, angles), self.meshes.get((None, -1))
-        found = [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, SHELL)]
+        result = (
+            [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, SHELL)]
+        )
         for i, (leg, q, chain) in enumerate(zip(model.legs, angles, chains, strict=True)):
             colour = _mixed(STEEL, leg_colour(i), TINT)
             turns, places = (part[0] for part in leg.chain.frames(np.asarray(q)[None]))
-            own = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
-            found += [
-                self._body(f"{prefix}{leg.name} link {k}", self.meshes[i, k], base + rotation @ places[k],
-                           rotation @ turns[k], colour)
-                for k in own
-            ]  # fmt: skip
-            if not own:
+            joints = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
+            result += [
+                self._body(
+                    f"{prefix}{leg.name} link {k}",
+                    self.meshes[i, k],
+                    base + rotation @ places[k],
+                    rotation @ turns[k],
+                    colour,
+                )
+                for k in joints
+            ]
+            if not joints:
                 thick = 0.05 * model.stand_height_m
-                found += [
+                result += [
                     between(f"{prefix}{leg.name} bar {k}", a, b, (1.2 * thick, thick), colour, RIM)
-                    for k, (a, b) in enumerate(pairwise(chain)) if np.linalg.norm(b - a) > 1e-9
-                ]  # fmt: skip
+                    for k, (a, b) in enumerate(pairwise(chain))
+                    if np.linalg.norm(b - a) > 1e-9
+                ]
             radius = max(leg.radius_m, SMALLEST * model.stand_height_m)
             foot = Sphere(radius)
-            found.append(
-                DrawnBody(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i))
+            result.append(
+                DrawnBody(
+                    name=f"{prefix}{leg.name} foot",
+                    shape=foot,
+                    position_m=chain[-1],
+                    colour=leg_colour(i),
+                )
             )
-        return found
+        return result
 
     def split(self, angles: Array) -> list[Array]:
         """Angles of all joints, shape (J,), leg by leg."""
@@ -104,11 +130,13 @@ class Links:
 
     def chains(self, com_m: Array, rotation: Array, angles: Sequence[Array]) -> list[Array]:
         """Joints of every leg in the world, the foot last, shape (n + 1, 3) [m]."""
-        base, found = base_of(self.model, com_m, rotation), []
+        base, result = base_of(self.model, com_m, rotation), []
         for leg, q in zip(self.model.legs, angles, strict=True):
             q = np.asarray(q)[None]
-            found.append(base + np.vstack([leg.chain.frames(q)[1][0], leg.chain.feet(q)]) @ rotation.T)
-        return found
+            result.append(
+                base + np.vstack([leg.chain.frames(q)[1][0], leg.chain.feet(q)]) @ rotation.T
+            )
+        return result
 
     @staticmethod
     def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> DrawnBody:
@@ -122,11 +150,12 @@ def _drawable(shape: Shape) -> bool:
 
 
 def _mesh(shape: Shape) -> Mesh | None:
-    """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat or unknown."""
+    """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat
+    or unknown."""
     if shape.kind == "mesh":
-        found = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
-        if found is not None and len(found.faces):
-            return Mesh(found.vertices_m, found.faces)
+        mesh = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
+        if mesh is not None and len(mesh.faces):
+            return Mesh(mesh.vertices_m, mesh.faces)
     try:
         points = shape_points(shape)
         return None if points is None else hull(points)

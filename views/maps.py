@@ -1,4 +1,5 @@
-"""Pictures of warp maps: the map's grid over its terrain, conformal error (Pan et al. Fig. 4), convergence (Fig. 5)."""
+"""Pictures of warp maps: the map's grid over its terrain, conformal error (Pan et al. Fig. 4),
+convergence (Fig. 5)."""
 
 from __future__ import annotations
 
@@ -40,9 +41,15 @@ FACETS, LINES, POINTS = 80, 25, 121
 
 @DEFAULT_STYLE
 def draw_map(
-    warp: SplineMap, field: HeightField, report: MapReport, *, caption: str = "", size_px: Size = SIZE_PX
+    warp: SplineMap,
+    field: HeightField,
+    report: MapReport,
+    *,
+    caption: str = "",
+    size_px: Size = SIZE_PX,
 ) -> Figure:
-    """Draw a map: its ground grid on the terrain, a section through its middle, and the conformal error of its ground.
+    """Draw a map: its ground grid on the terrain, a section through its middle, and the conformal
+    error of its ground.
 
     Raises InvalidInput where the map was made for another terrain.
     """
@@ -63,10 +70,13 @@ def draw_map(
 
 
 @DEFAULT_STYLE
-def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX) -> Figure:
+def draw_map_convergence(
+    reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX
+) -> Figure:
     """Conformal and match energy by CPU time and by iteration, a line a method (Pan et al. Fig. 5).
 
-    The barrier is left out, so that methods with and without one compare. Raises InvalidInput without reports.
+    The barrier is left out, so that methods with and without one compare. Raises InvalidInput
+    without reports.
     """
     if not reports:
         raise InvalidInput("reports: expected one or more, got none")
@@ -84,7 +94,13 @@ def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", siz
             colour = MEASURE_COLOURS[index % len(MEASURE_COLOURS)]
             least = float(report.energy[-1, 4])
             name = report.method + ("" if least > 0.0 else f" (folded: min det J {least:.2f})")
-            axes.plot(np.maximum(at, 1e-3) if over == "seconds" else at, value, color=colour, lw=2.0, label=name)
+            axes.plot(
+                np.maximum(at, 1e-3) if over == "seconds" else at,
+                value,
+                color=colour,
+                lw=2.0,
+                label=name,
+            )
             axes.plot([max(float(at[-1]), 1e-3)], [value[-1]], "o", color=colour, ms=6)
         axes.set(yscale="log", xlabel=word)
         for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
@@ -93,8 +109,16 @@ def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", siz
             axes.set_xscale("log")
         _quiet(axes)
     handles, names = axes.get_legend_handles_labels()
-    figure.legend(handles, names, loc="upper left", bbox_to_anchor=(0.065, 0.885), ncols=len(names), frameon=False,
-                  fontsize=11, labelcolor=INK)  # fmt: skip
+    figure.legend(
+        handles,
+        names,
+        loc="upper left",
+        bbox_to_anchor=(0.065, 0.885),
+        ncols=len(names),
+        frameon=False,
+        fontsize=11,
+        labelcolor=INK,
+    )
     return figure
 
 
@@ -114,10 +138,14 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
     sheets = block(field, low, high, facets=FACETS, depth_m=0.08 * span, relief_m=0.0)
     points = sheets[0].points_m.reshape(-1, 3)
     camera = Camera(
-        target_m=0.5 * (points.min(axis=0) + points.max(axis=0)), azimuth_rad=np.deg2rad(-60.0),
-        elevation_rad=np.deg2rad(38.0), distance_m=2.2 * span,
-    )  # fmt: skip
-    lines, along = ([np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (LINES, POINTS))
+        target_m=0.5 * (points.min(axis=0) + points.max(axis=0)),
+        azimuth_rad=np.deg2rad(-60.0),
+        elevation_rad=np.deg2rad(38.0),
+        distance_m=2.2 * span,
+    )
+    lines, along = (
+        [np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (LINES, POINTS)
+    )
     first = np.moveaxis(warp.ground_on_grid(lines[0], along[1]), 0, -1)
     second = np.moveaxis(warp.ground_on_grid(along[0], lines[1]), 0, -1).swapaxes(0, 1)
     pieces = np.concatenate([polyline(line) for line in (*first, *second)])
@@ -126,14 +154,19 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
 
 
 def _draw_section(axes: Axes, warp: SplineMap) -> None:
-    """Images of lines of constant x̄ and z̄ in the world's x and z, at the ȳ where the ground rises the most."""
+    """Images of lines of constant x̄ and z̄ in the world's x and z, at the ȳ where the ground rises
+    the most."""
     (x0, x1), (y0, y1) = warp.domain_m
     candidates = np.linspace(y0, y1, POINTS)[POINTS // 4 : -(POINTS // 4)]
     rise = np.ptp(warp.ground_on_grid(np.linspace(x0, x1, POINTS), candidates)[2], axis=0)
     near = np.abs(candidates - 0.5 * (y0 + y1)) / (y1 - y0)  # of equal ones the middle
     middle = candidates[[int(np.argmax(rise - 0.02 * rise.max() * near))]]
-    upright = warp.on_grid(np.linspace(x0, x1, 2 * LINES - 1), middle, np.linspace(0.0, warp.height_m, POINTS))[0]
-    level = warp.on_grid(np.linspace(x0, x1, 4 * POINTS), middle, np.linspace(0.0, warp.height_m, 13))[0]
+    upright = warp.on_grid(
+        np.linspace(x0, x1, 2 * LINES - 1), middle, np.linspace(0.0, warp.height_m, POINTS)
+    )[0]
+    level = warp.on_grid(
+        np.linspace(x0, x1, 4 * POINTS), middle, np.linspace(0.0, warp.height_m, 13)
+    )[0]
     axes.plot(upright[0, :, 0].T, upright[2, :, 0].T, color=LINE, lw=0.6, alpha=0.6)
     axes.plot(level[0, :, 0], level[2, :, 0], color=LINE, lw=0.6, alpha=0.6)
     x, heights = level[0, :, 0, 0], level[2, :, 0, 0]
@@ -148,7 +181,12 @@ def _draw_section(axes: Axes, warp: SplineMap) -> None:
         xlabel="x [m]",
         ylabel="z [m]",
     )
-    axes.set_title(f"section at ȳ = {middle[0]:.2g} m: lines of constant x̄ and z̄", size=11, color=INK, loc="left")
+    axes.set_title(
+        f"section at ȳ = {middle[0]:.2g} m: lines of constant x̄ and z̄",
+        size=11,
+        color=INK,
+        loc="left",
+    )
     _quiet(axes, grid=None)
 
 
@@ -157,7 +195,9 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
     (x0, x1), (y0, y1) = warp.domain_m
     error = 100.0 * report.ground_error
     most = max(1.0, float(np.quantile(error, 0.995)))
-    image = axes.imshow(error.T, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis", vmin=0.0, vmax=most)
+    image = axes.imshow(
+        error.T, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis", vmin=0.0, vmax=most
+    )
     axes.set_title("conformal error at the ground [%]", size=11, color=INK, loc="left")
     axes.set(xlabel="x̄ [m]", anchor="SW")
     _quiet(axes, grid=None)
@@ -167,12 +207,13 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
 
 
 def _draw_error_shares(axes: Axes, report: MapReport) -> None:
-    """Draw the share of the ground, and of the level of the torso, whose error is below each value.
-    """
+    """Draw the share of the ground, and of the level of the torso, whose error is below each
+    value."""
     share = np.linspace(0.0, 100.0, report.ground_error.size)
     for name, error, colour in (
-        ("ground", report.ground_error, MEASURE_COLOURS[0]), ("0.5 m above", report.torso_error, MEASURE_COLOURS[1])
-    ):  # fmt: skip
+        ("ground", report.ground_error, MEASURE_COLOURS[0]),
+        ("0.5 m above", report.torso_error, MEASURE_COLOURS[1]),
+    ):
         axes.plot(100.0 * np.sort(error, axis=None), share, color=colour, lw=2.0, label=name)
     axes.set(xlim=(0.0, None), ylim=(0.0, 100.0), xlabel="error below [%]")
     axes.set_title("share of the domain [%]", size=11, color=INK, loc="left")

@@ -1,6 +1,8 @@
-"""A motion as one HTML page in three dimensions, which any browser opens from disk without a network: viser's client.
+"""A motion as one HTML page in three dimensions, which any browser opens from disk without a
+network: viser's client.
 
-The page plays the motion like a film with a time line to pull, and can be turned and zoomed. Everything is in the file.
+The page plays the motion like a film with a time line to pull, and can be turned and zoomed.
+Everything is in the file.
 """
 
 from __future__ import annotations
@@ -8,7 +10,13 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from contextlib import (
+    AbstractContextManager,
+    contextmanager,
+    nullcontext,
+    redirect_stderr,
+    redirect_stdout,
+)
 from importlib import import_module
 from pathlib import Path as File
 from typing import Any
@@ -29,10 +37,13 @@ __all__ = ["check_page", "page", "write_page"]
 def check_page(path: str | File) -> File:
     """The file behind the name of a page, asked for before the work whose result goes there.
 
-    Raises InvalidInput for a name that does not end in .html, where nothing can be written, and without viser 1.1.
+    Raises InvalidInput for a name that does not end in .html, where nothing can be written, and
+    without viser 1.1.
     """
     if File(path).suffix.lower() not in (".html", ".htm"):
-        raise InvalidInput(f"{path}: expected a name that ends in .html, got {File(path).suffix or 'no suffix'}")
+        raise InvalidInput(
+            f"{path}: expected a name that ends in .html, got {File(path).suffix or 'no suffix'}"
+        )
     viser_module()
     return check_writable(path)
 

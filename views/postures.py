@@ -1,4 +1,5 @@
-"""The picture of a posture: patches, the robot on them, its contact forces in their cones, and an envelope."""
+"""The picture of a posture: patches, the robot on them, its contact forces in their cones, and an
+envelope."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ from .sheet import (
     leg_colour,
     plain_axes,
     sheet,
-)  # fmt: skip
+)
 from .still import Still
 from .terrain import plane, stone
 
@@ -60,7 +61,9 @@ class PostureView:
     @property
     def com_m(self) -> Array:
         """Centre of mass of the posture, else the nominal one, shape (3,)."""
-        return np.asarray((self.problem.com_nominal_m if self.posture is None else self.posture.com_m)[0])
+        return np.asarray(
+            (self.problem.com_nominal_m if self.posture is None else self.posture.com_m)[0]
+        )
 
     @cached_property
     def rotation_rad(self) -> Array:
@@ -94,7 +97,8 @@ class PostureView:
 
     @cached_property
     def extent_m(self) -> Array:
-        """Lowest and highest coordinates of patches and shoulders before anything is solved, shape (2, 3)."""
+        """Lowest and highest coordinates of patches and shoulders before anything is solved, shape
+        (2, 3)."""
         vertices = [patch.vertices_m for patch in self.patches]
         points = np.concatenate([*vertices, self.problem.com_nominal_m[0] + self.mounts_m])
         return np.array([points.min(axis=0), points.max(axis=0)])
@@ -102,7 +106,10 @@ class PostureView:
     @property
     def grid_m(self) -> float:
         """0.1 m, or in a large scene a larger power of ten."""
-        return float(0.1 * 10.0 ** max(0.0, np.ceil(np.log10(np.max(self.extent_m[1] - self.extent_m[0]) / 3.0))))
+        return float(
+            0.1
+            * 10.0 ** max(0.0, np.ceil(np.log10(np.max(self.extent_m[1] - self.extent_m[0]) / 3.0)))
+        )
 
     @property
     def metres_a_newton(self) -> float:
@@ -117,72 +124,106 @@ class PostureView:
     @cached_property
     def camera(self) -> Camera:
         """From where the patches show their faces, stand apart and are not behind the body."""
-        centres, normals = np.array([(patch.centre_m, patch.normal) for patch in self.patches]).swapaxes(0, 1)
+        centres, normals = np.array(
+            [(patch.centre_m, patch.normal) for patch in self.patches]
+        ).swapaxes(0, 1)
         home = self.problem.com_nominal_m[0]
         points = np.concatenate([centres, home + self.mounts_m])
-        radius = max(float(np.mean(np.linalg.norm(self.mounts_m[:, :2], axis=1))), 0.1 * self.size_m)
+        radius = max(
+            float(np.mean(np.linalg.norm(self.mounts_m[:, :2], axis=1))), 0.1 * self.size_m
+        )
 
         def merit(camera: Camera) -> float:
             shown = float(camera.facing(centres, normals).min())
             xy, _ = camera.project(points)
             apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) + 9.0 * np.eye(len(xy))
             clear = np.linalg.norm(xy[: len(centres)] - camera.project(home)[0], axis=1)
-            return 3.0 * min(shown, 0.3) + float(apart.min()) / self.size_m + min(float(clear.min()) / radius, 1.2)
+            return (
+                3.0 * min(shown, 0.3)
+                + float(apart.min()) / self.size_m
+                + min(float(clear.min()) / radius, 1.2)
+            )
 
-        away_m = max(4.5 * self.size_m, 1.5 * float(np.linalg.norm(self.extent_m[1] - self.extent_m[0])))
-        return best_view(self.extent_m.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[20.0, 27.0])
+        away_m = max(
+            4.5 * self.size_m, 1.5 * float(np.linalg.norm(self.extent_m[1] - self.extent_m[0]))
+        )
+        return best_view(
+            self.extent_m.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[20.0, 27.0]
+        )
 
     def chains(self) -> list[Array]:
         """Shoulder, hip, knee and toe of every limb, shape (4, 3) each; none without a posture."""
         if self.posture is None:
             return []
         parts = zip(self.shoulders_m, self.posture.toes_m, self.problem.contacts, strict=True)
-        return [limb_of_three(at, toe, unit(self.turn @ each.shoulder_m), each.reach_m) for at, toe, each in parts]
+        return [
+            limb_of_three(at, toe, unit(self.turn @ each.shoulder_m), each.reach_m)
+            for at, toe, each in parts
+        ]
 
     def scene(self, envelope: Envelope | None) -> Scene:
         """All of it."""
         shape, rotation = self.shape, rotation_of(self.rotation_rad)
-        found = self._terrain() + self._com()
+        result = self._terrain() + self._com()
         if self.posture is None:
-            found += Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55)) + self._missing()
+            result += (
+                Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55)) + self._missing()
+            )
         else:
-            found += Scene(bodies=shape.bodies(self.com_m, rotation, self.chains())) + self._forces(self.posture)
+            result += Scene(
+                bodies=shape.bodies(self.com_m, rotation, self.chains())
+            ) + self._forces(self.posture)
         if envelope is not None:
-            found += Scene(bodies=self._boxes(envelope))
-        return found
+            result += Scene(bodies=self._boxes(envelope))
+        return result
 
     def _terrain(self) -> Scene:
-        """Patches as the faces of stones on a wall or on the ground: one plane for each direction they face."""
+        """Patches as the faces of stones on a wall or on the ground: one plane for each direction
+        they face."""
         sides: dict[tuple[int, float], list[Patch]] = {}
         for patch in self.patches:
             axis = int(np.argmax(np.abs(patch.normal)))
             sides.setdefault((axis, float(np.sign(patch.normal[axis]))), []).append(patch)
-        found = Scene()
+        scene = Scene()
         for (axis, sign), patches in sides.items():
-            level = sign * (min(float(np.min(sign * patch.vertices_m[:, axis])) for patch in patches) - 0.02)
+            level = sign * (
+                min(float(np.min(sign * patch.vertices_m[:, axis])) for patch in patches) - 0.02
+            )
             low, high = self.extent_m + 0.1 * self.size_m * np.array([[-1.0], [1.0]])
-            found += plane(axis, sign, np.where(np.arange(3) == axis, level, [low, high]), self.grid_m)
+            scene += plane(
+                axis, sign, np.where(np.arange(3) == axis, level, [low, high]), self.grid_m
+            )
             if (axis, sign) == (2, 1.0):
-                found += self._shadow(level)
+                scene += self._shadow(level)
             for patch in patches:
                 behind = bool(self.camera.facing(patch.centre_m, patch.normal) < 0.0)
                 colour = self.friction.to_rgba(np.array(patch.friction))[:3]
-                found += stone(patch, axis, level, colour, behind=behind)
-        return found
+                scene += stone(patch, axis, level, colour, behind=behind)
+        return scene
 
     def _shadow(self, level: float) -> Scene:
         """Shadow of the robot on level ground under a high sun."""
         outlines = [self.com_m + self.shape.outline_m @ rotation_of(self.rotation_rad).T]
         for a, b in (pair for joints in self.chains() for pair in pairwise(joints)):
-            aside, on = 0.035 * self.size_m * unit(np.cross(UP, b - a)), 0.02 * self.size_m * unit(b - a)
-            outlines.append(np.array([a - on + aside, b + on + aside, b + on - aside, a - on - aside]))
+            aside, on = (
+                0.035 * self.size_m * unit(np.cross(UP, b - a)),
+                0.02 * self.size_m * unit(b - a),
+            )
+            outlines.append(
+                np.array([a - on + aside, b + on + aside, b + on - aside, a - on - aside])
+            )
         return Scene(
             facets=[
-                Facet(corners_m=np.where([False, False, True], level, outline), normal=UP, colour="#e3e7ec",
-                      layer=Layer.BACKDROP, lift_m=-66.0)
+                Facet(
+                    corners_m=np.where([False, False, True], level, outline),
+                    normal=UP,
+                    colour="#e3e7ec",
+                    layer=Layer.BACKDROP,
+                    lift_m=-66.0,
+                )
                 for outline in outlines
             ]
-        )  # fmt: skip
+        )
 
     def _forces(self, posture: Plan) -> Scene:
         """Contact forces from the toes in cones as high as the normal force, and the weight."""
@@ -192,38 +233,68 @@ class PostureView:
             patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[0, k]
             height = max(float(force @ patch.normal) * scale, 0.15 * self.size_m)
             height = min(height, self.size_m / max(patch.friction, 1e-9))
-            bodies.append(cone_body(f"{contact.leg} cone", cone(patch.friction, patch.frame, height), toe))
+            bodies.append(
+                cone_body(f"{contact.leg} cone", cone(patch.friction, patch.frame, height), toe)
+            )
             arrows.append(
-                Arrow(name=contact.leg, start_m=toe, vector_m=scale * force, radius_m=thickness, colour=ACCENT)
+                Arrow(
+                    name=contact.leg,
+                    start_m=toe,
+                    vector_m=scale * force,
+                    radius_m=thickness,
+                    colour=ACCENT,
+                )
             )
             text = f"{contact.leg} {np.linalg.norm(force):.0f} N"
             labels.append(Label(name=contact.leg, position_m=toe, text=text, colour=leg_colour(k)))
         weight = -scale * self.problem.weight_n * UP
-        arrows.append(Arrow(name="weight", start_m=self.com_m, vector_m=weight, radius_m=thickness, colour=INK))
+        arrows.append(
+            Arrow(
+                name="weight", start_m=self.com_m, vector_m=weight, radius_m=thickness, colour=INK
+            )
+        )
         words = f"{self.problem.weight_n:.1f} N"
         return Scene(
-            bodies=bodies, arrows=arrows,
-            labels=[Label(name="weight", position_m=self.com_m + weight, text=words, colour=INK), *labels],
-        )  # fmt: skip
+            bodies=bodies,
+            arrows=arrows,
+            labels=[
+                Label(name="weight", position_m=self.com_m + weight, text=words, colour=INK),
+                *labels,
+            ],
+        )
 
     def _missing(self) -> Scene:
         """Without a posture: a line from every shoulder to its patch, where the limb's name is."""
         bodies, paths, labels = list[DrawnBody](), list[Path](), list[Label]()
-        for k, (contact, shoulder) in enumerate(zip(self.problem.contacts, self.shoulders_m, strict=True)):
+        for k, (contact, shoulder) in enumerate(
+            zip(self.problem.contacts, self.shoulders_m, strict=True)
+        ):
             centre, colour = contact.patch.centre_m, leg_colour(k)
-            paths.append(Path(pieces_m=dashed(np.linspace(shoulder, centre, 26)), colour=colour, width=1.6))
+            paths.append(
+                Path(pieces_m=dashed(np.linspace(shoulder, centre, 26)), colour=colour, width=1.6)
+            )
             bodies.append(ball(f"{contact.leg} shoulder", shoulder, 0.05 * self.size_m, colour))
-            labels.append(Label(name=contact.leg, position_m=centre, text=contact.leg, colour=colour))
+            labels.append(
+                Label(name=contact.leg, position_m=centre, text=contact.leg, colour=colour)
+            )
         return Scene(bodies=bodies, paths=paths, labels=labels)
 
     def _boxes(self, envelope: Envelope) -> list[DrawnBody]:
         """The envelope's bounds on p about the centre of mass."""
-        low, high = (self.com_m + self.problem.length_scale_m * bounds for bounds in envelope.position)
+        low, high = (
+            self.com_m + self.problem.length_scale_m * bounds for bounds in envelope.position
+        )
         return [
-            DrawnBody(name=f"{leg} bounds", shape=Box(0.5 * (high[k] - low[k])), position_m=0.5 * (low[k] + high[k]),
-                 colour=leg_colour(k), edge=leg_colour(k), opacity=0.05)
+            DrawnBody(
+                name=f"{leg} bounds",
+                shape=Box(0.5 * (high[k] - low[k])),
+                position_m=0.5 * (low[k] + high[k]),
+                colour=leg_colour(k),
+                edge=leg_colour(k),
+                opacity=0.05,
+            )
             for k, leg in enumerate(self.problem.legs)
-        ]  # fmt: skip
+        ]
 
     def _com(self) -> Scene:
         """The outline of the ball that the centre of mass may move in."""
@@ -231,7 +302,12 @@ class PostureView:
         circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ self.camera.axes[:2]
         outline = self.problem.com_nominal_m[0] + self.problem.com_radius_m * circle
         fill = Facet(
-            corners_m=outline, normal=self.camera.axes[2], colour=INK, opacity=0.04, layer=Layer.TOP, lift_m=-9.0
+            corners_m=outline,
+            normal=self.camera.axes[2],
+            colour=INK,
+            opacity=0.04,
+            layer=Layer.TOP,
+            lift_m=-9.0,
         )
         edge = Path(pieces_m=dashed(outline), colour=INK, opacity=0.5, layer=Layer.TOP, lift_m=-9.0)
         return Scene(facets=[fill], paths=[edge])
@@ -249,15 +325,21 @@ def draw_posture(
 ) -> Figure:
     """Draw a posture problem, and a posture and an envelope where given.
 
-    Patches are coloured by friction and stand out of the wall or ground behind them; the force at a toe is an arrow in
-    its friction cone, which is as high as the normal force. The envelope's bounds on p are boxes about the centre of
-    mass, and a strip below shows all of its bounds with the posture in them. Without a posture the body is shown at the
-    nominal centre of mass, and the line below the caption is ``why`` there is none, or says that this is not known.
-    size_px: width and height. Raises InvalidInput.
+    Patches are coloured by friction and stand out of the wall or ground behind them; the force at a
+    toe is an arrow in its friction cone, which is as high as the normal force. The envelope's
+    bounds on p are boxes about the centre of mass, and a strip below shows all of its bounds with
+    the posture in them. Without a posture the body is shown at the nominal centre of mass, and the
+    line below the caption is ``why`` there is none, or says that this is not known. size_px: width
+    and height. Raises InvalidInput.
     """
     count = len(problem.contacts)
     if posture is not None:
-        shapes = {"com_m": (1, 3), "rotation_rad": (1, 3), "toes_m": (count, 3), "forces_n": (1, count, 3)}
+        shapes = {
+            "com_m": (1, 3),
+            "rotation_rad": (1, 3),
+            "toes_m": (count, 3),
+            "forces_n": (1, count, 3),
+        }
         for name, shape in shapes.items():
             read_only(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
@@ -272,8 +354,12 @@ def draw_posture(
         force = force_entry(scale / view.metres_a_newton, 160.0 if envelope is None else 95.0)
         entries = [force, Entry(text="friction cone", sign="cone", colour=ACCENT), *entries]
     if envelope is not None:
-        entries.append(Entry(text="envelope on $p$", sign="box", colour=LEG_COLOURS[0], fill="#e7f1f3"))
-        draw_strip(figure, problem.legs, envelope, None if posture is None else _point(problem, posture))
+        entries.append(
+            Entry(text="envelope on $p$", sign="box", colour=LEG_COLOURS[0], fill="#e7f1f3")
+        )
+        draw_strip(
+            figure, problem.legs, envelope, None if posture is None else _point(problem, posture)
+        )
     draw_legend(figure, foot + 12.0, entries, view.friction)
     headline(figure, *_words(view, caption, why), alarm=posture is None)
     return figure
@@ -297,5 +383,9 @@ def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
 def _point(problem: Problem, posture: Plan) -> Array:
     """[p, f] of E2–E4, shape (N, 6)."""
     frames = np.array([contact.patch.frame for contact in problem.contacts])
-    forces = np.einsum("nji,nj->ni", frames, posture.forces_n[0]) / float(problem.force_scale_n or 1.0)
-    return np.concatenate([(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1)
+    forces = np.einsum("nji,nj->ni", frames, posture.forces_n[0]) / float(
+        problem.force_scale_n or 1.0
+    )
+    return np.concatenate(
+        [(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1
+    )

@@ -1,4 +1,5 @@
-"""The one drawer of robots: a trunk of any shapes, limbs as bars between joints, and feet in the limbs' colours."""
+"""The one drawer of robots: a trunk of any shapes, limbs as bars between joints, and feet in the
+limbs' colours."""
 
 from __future__ import annotations
 
@@ -37,9 +38,10 @@ class Part:
 class RobotShape:
     """Shape of a robot, as it is drawn.
 
-    outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces and marks are drawn
-    to; bone_m: thickness of its limbs. links: its own, where it is a URDF's; what is said of limbs are then angles,
-    shape (n,) [rad], instead of the places of their joints, shape (J, 3) [m], foot last.
+    outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces
+    and marks are drawn to; bone_m: thickness of its limbs. links: its own, where it is a URDF's;
+    what is said of limbs are then angles, shape (n,) [rad], instead of the places of their joints,
+    shape (J, 3) [m], foot last.
     """
 
     limbs: Sequence[str]
@@ -59,59 +61,89 @@ class RobotShape:
         """The robot with its centre of mass at p_WB, R_WB, and its limbs."""
         if self.links is not None:
             return self.links.bodies(position_m, rotation, limbs, prefix=prefix)
-        found = self.trunk_at(position_m, rotation, prefix=prefix)
+        result = self.trunk_at(position_m, rotation, prefix=prefix)
         for k, (limb, joints) in enumerate(zip(self.limbs, limbs, strict=True)):
             name = f"{prefix}{limb}"
             sizes = self.bone_m * np.linspace(1.4, 0.95, len(joints))
             ends = [*0.85 * sizes[:-1], 0.5 * sizes[-1]]
-            found += [
-                between(f"{name} link {j}", joints[j], joints[j + 1], (ends[j], ends[j + 1]), STEEL, RIM)
+            result += [
+                between(
+                    f"{name} link {j}", joints[j], joints[j + 1], (ends[j], ends[j + 1]), STEEL, RIM
+                )
                 for j in range(len(joints) - 1)
             ]
             colours = [JOINT] * (len(joints) - 1) + [leg_colour(k)]
-            found += [
+            result += [
                 ball(f"{name} joint {j}", at, float(size), colour)
                 for j, (at, size, colour) in enumerate(zip(joints, sizes, colours, strict=True))
             ]
-        return found
+        return result
 
     def trunk_at(
         self, position_m: Array, rotation: Array, *, prefix: str = "", opacity: float = 1.0
     ) -> list[DrawnBody]:
         """The trunk alone."""
         return [
-            DrawnBody(name=f"{prefix}trunk {k}", shape=part.shape, position_m=position_m, rotation=rotation,
-                 colour=part.colour, edge=STEEL, opacity=opacity, lift_m=part.lift_m)
+            DrawnBody(
+                name=f"{prefix}trunk {k}",
+                shape=part.shape,
+                position_m=position_m,
+                rotation=rotation,
+                colour=part.colour,
+                edge=STEEL,
+                opacity=opacity,
+                lift_m=part.lift_m,
+            )
             for k, part in enumerate(self.trunk)
-        ]  # fmt: skip
+        ]
 
     def ghost(self, position_m: Array, rotation: Array, limbs: Sequence[Array]) -> Scene:
         """Trunk and limbs as a drawing in thin lines."""
         trunk = Facet(
-            corners_m=position_m + self.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
-            edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
-        )  # fmt: skip
-        pieces = np.concatenate([polyline(joints) for joints in self.lines(position_m, rotation, limbs)])
-        return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
+            corners_m=position_m + self.outline_m @ rotation.T,
+            normal=rotation[:, 2],
+            colour=GHOST,
+            edge=(*rgb(GHOST), 0.75),
+            width=1.0,
+            opacity=0.16,
+            layer=Layer.SPACE,
+        )
+        pieces = np.concatenate(
+            [polyline(joints) for joints in self.lines(position_m, rotation, limbs)]
+        )
+        return Scene(
+            facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)]
+        )
 
     def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:
         """The arrow of a contact force at a foot, as long as drawn."""
         return Arrow(
-            name=f"{prefix}{limb}", start_m=foot_m, vector_m=vector_m, radius_m=0.019 * self.size_m, colour=ACCENT
+            name=f"{prefix}{limb}",
+            start_m=foot_m,
+            vector_m=vector_m,
+            radius_m=0.019 * self.size_m,
+            colour=ACCENT,
         )
 
 
 def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotShape:
-    """A deck with six corners, one at the first shoulder; shoulders in the body's frame, shape (N, 3) [m]."""
+    """A deck with six corners, one at the first shoulder; shoulders in the body's frame, shape (N,
+    3) [m]."""
     radius = max(float(np.mean(np.linalg.norm(shoulders_m[:, :2], axis=1))), 0.1 * size_m)
     turn = np.arctan2(shoulders_m[0, 1], shoulders_m[0, 0]) + np.pi / 3.0 * np.arange(6)
     ring, thick = radius * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn]), 0.06 * size_m
-    deck = [share * ring + height * UP for share, height in ((0.97, -thick), (0.97, thick), (0.72, 2.0 * thick))]
+    deck = [
+        share * ring + height * UP
+        for share, height in ((0.97, -thick), (0.97, thick), (0.72, 2.0 * thick))
+    ]
     nose = _nose(0.36 * radius, 0.55 * radius, 0.2 * radius, 2.0 * thick)
     return RobotShape(
-        limbs=limbs, trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL, radius)],
-        outline_m=0.97 * ring, size_m=size_m, bone_m=0.033 * size_m,
-    )  # fmt: skip
+        limbs=limbs,
+        trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL, radius)],
+        outline_m=0.97 * ring,
+        size_m=size_m,
+        bone_m=0.033 * size_m,
+    )
 
 
 def climber(robot: Robot) -> RobotShape:
@@ -128,32 +160,46 @@ def single_body(robot: GaitRobot) -> RobotShape:
     if robot.model is not None:
         return linked(robot.model, size)
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
-    outline = np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
+    outline = (
+        np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
+    )
     return RobotShape(
-        limbs=robot.foot_names, trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
-        outline_m=outline, size_m=size, bone_m=0.045 * size,
-    )  # fmt: skip
+        limbs=robot.foot_names,
+        trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
+        outline_m=outline,
+        size_m=size,
+        bone_m=0.045 * size,
+    )
 
 
 def linked(model: RobotModel, size_m: float) -> RobotShape:
     """A URDF's robot, its own links."""
     links = Links(model)
     return RobotShape(
-        limbs=model.leg_names, trunk=(), outline_m=links.outline_m, size_m=size_m, bone_m=0.045 * size_m, links=links
+        limbs=model.leg_names,
+        trunk=(),
+        outline_m=links.outline_m,
+        size_m=size_m,
+        bone_m=0.045 * size_m,
+        links=links,
     )
 
 
 def bent(hip: Array, foot: Array, bend: Array, thigh_m: float, shank_m: float) -> Array:
-    """Hip, knee and foot of a leg whose knee bends this way, shape (3, 3) [m]: a guess, for the eye."""
+    """Hip, knee and foot of a leg whose knee bends this way, shape (3, 3) [m]: a guess, for the
+    eye."""
     line = foot - hip
     length = max(float(np.linalg.norm(line)), 1e-6)
     ahead = (length**2 + thigh_m**2 - shank_m**2) / (2.0 * length)
     aside = unit(bend - (bend @ line) * line / length**2)
-    return np.array([hip, hip + ahead / length * line + np.sqrt(max(thigh_m**2 - ahead**2, 0.0)) * aside, foot])
+    return np.array(
+        [hip, hip + ahead / length * line + np.sqrt(max(thigh_m**2 - ahead**2, 0.0)) * aside, foot]
+    )
 
 
 def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) -> Array:
-    """Shoulder, hip, knee and foot of a limb whose knee bends up and outward, shape (4, 3) [m]: a guess."""
+    """Shoulder, hip, knee and foot of a limb whose knee bends up and outward, shape (4, 3) [m]: a
+    guess."""
     hip = shoulder + 0.13 * reach_m * unit(outward + 0.5 * unit(foot - shoulder))
     thigh, shank = np.array([0.44, 0.54]) * max(reach_m, 1.03 * float(np.linalg.norm(foot - hip)))
     return np.vstack([shoulder, bent(hip, foot, UP + 0.5 * outward, thigh, shank)])
@@ -161,11 +207,14 @@ def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) 
 
 def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> DrawnBody:
     """A joint or a foot."""
-    return DrawnBody(name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM)
+    return DrawnBody(
+        name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM
+    )
 
 
 def cone(friction: float, frame: Array, height_m: float) -> Mesh:
-    """The friction cone μ over a contact frame, shape (3, 3), normal first, with its tip at the origin."""
+    """The friction cone μ over a contact frame, shape (3, 3), normal first, with its tip at the
+    origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     across = np.column_stack([np.cos(turn), np.sin(turn)]) @ frame[:, 1:].T
     return hull(np.vstack([np.zeros(3), height_m * (frame[:, 0] + max(friction, 1e-3) * across)]))
@@ -173,18 +222,25 @@ def cone(friction: float, frame: Array, height_m: float) -> Mesh:
 
 def cone_body(name: str, shape: Mesh, foot_m: Array) -> DrawnBody:
     """A friction cone at a foot."""
-    return DrawnBody(name=name, shape=shape, position_m=foot_m, colour=ACCENT, edge=ACCENT, opacity=0.10)
+    return DrawnBody(
+        name=name, shape=shape, position_m=foot_m, colour=ACCENT, edge=ACCENT, opacity=0.10
+    )
 
 
 def faded(bodies: Sequence[DrawnBody], strength: float) -> list[DrawnBody]:
     """Bodies that are paler the smaller the strength, 0 to 1."""
 
     def tone(colour: Colour) -> Colour:
-        return None if colour is None else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * PAPER)
+        return (
+            None
+            if colour is None
+            else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * PAPER)
+        )
 
     return [replace(body, colour=tone(body.colour), edge=tone(body.edge)) for body in bodies]
 
 
 def _nose(back: float, tip: float, half: float, height: float) -> Mesh:
-    """A thin triangle that points ahead. On paper it is lifted off the deck that it lies on, or that hides some."""
+    """A thin triangle that points ahead. On paper it is lifted off the deck that it lies on, or
+    that hides some."""
     return prism(np.array([[tip, 0.0], [back, half], [back, -half]]), height, height + 0.1 * half)

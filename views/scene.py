@@ -1,8 +1,9 @@
 """Scenes as plain data in the world frame and metres: a robot's bodies, terrain, forces, paths and
 footholds.
 
-A picture is one ``Scene``, a page or a film an ``Animation``; ``still``, ``page`` and ``film`` draw them, whatever they
-are of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up limbs and a URDF's links look alike.
+A picture is one ``Scene``, a page or a film an ``Animation``; ``still``, ``page`` and ``film`` draw
+them, whatever they are of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up
+limbs and a URDF's links look alike.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnBody:
-    """A shape at p_WB, shape (3,) [m], and R_WB, shape (3, 3). edge: colour of its outline, if it has one.
+    """A shape at p_WB, shape (3,) [m], and R_WB, shape (3, 3). edge: colour of its outline, if it
+    has one.
 
     lift_m: how much nearer than it is it counts on paper.
     """
@@ -62,7 +64,8 @@ class DrawnBody:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Facet:
-    """A flat piece of terrain, corners of shape (K, 3) [m] around it, seen from where its normal points.
+    """A flat piece of terrain, corners of shape (K, 3) [m] around it, seen from where its normal
+    points.
 
     opacity: of what is between the edges. lift_m: a body's.
     """
@@ -79,7 +82,8 @@ class Facet:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheet:
-    """A surface over a grid of nodes: points and colours, shape (n, m, 3), to the left as seen from above."""
+    """A surface over a grid of nodes: points and colours, shape (n, m, 3), to the left as seen from
+    above."""
 
     points_m: Array
     colours: Array
@@ -89,12 +93,15 @@ class Sheet:
         """Corners of its facets by index, shape (F, 4)."""
         rows, columns = self.points_m.shape[:2]
         node = np.arange(rows * columns).reshape(rows, columns)
-        return np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
+        return np.stack(
+            [node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1
+        ).reshape(-1, 4)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arrow:
-    """A force or another vector, shape (3,) [m] as drawn, at its place; none where it is too short to see."""
+    """A force or another vector, shape (3,) [m] as drawn, at its place; none where it is too short
+    to see."""
 
     name: str
     start_m: Array
@@ -110,7 +117,8 @@ class Arrow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """Straight pieces, shape (K, 2, 3) [m]. width: in points on paper, where a halo sets it off. lift_m: a body's."""
+    """Straight pieces, shape (K, 2, 3) [m]. width: in points on paper, where a halo sets it off.
+    lift_m: a body's."""
 
     pieces_m: Array
     colour: Colour
@@ -144,15 +152,21 @@ class Scene:
 
     def __add__(self, other: Scene) -> Scene:
         """Both together."""
-        return Scene(**{part.name: (*getattr(self, part.name), *getattr(other, part.name)) for part in fields(self)})
+        return Scene(
+            **{
+                part.name: (*getattr(self, part.name), *getattr(other, part.name))
+                for part in fields(self)
+            }
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Animation:
     """Scene that stays, and scenes at each of T moments, ``step_s`` apart, as seen by a camera.
 
-    Of the moments' parts, those of one name are one thing that moves. notes: what is said at each moment. title, note:
-    the line above and below it all, alarm: whether the note is bad news. legend: colours and what they mean.
+    Of the moments' parts, those of one name are one thing that moves. notes: what is said at each
+    moment. title, note: the line above and below it all, alarm: whether the note is bad news.
+    legend: colours and what they mean.
     """
 
     fixed: Scene
@@ -166,16 +180,24 @@ class Animation:
     legend: Sequence[tuple[Colour, str]] = ()
 
     def window(self, aspect: float) -> tuple[Array, Array]:
-        """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and terrain around; all
-        of the terrain where there is nobody.
+        """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and
+        terrain around; all of the terrain where there is nobody.
 
         aspect: width over height.
         """
         boxes = dict[int, Array]()  # of shapes, most of which are there at all moments
-        near = [corner for moment in (self.fixed, *self.moments) for body in moment.bodies
-                for corner in _corners(body, boxes)]  # fmt: skip
-        near += [arrow.start_m + arrow.vector_m for moment in self.moments for arrow in moment.arrows]
-        far = [facet.corners_m for facet in self.fixed.facets] + [s.points_m.reshape(-1, 3) for s in self.fixed.sheets]
+        near = [
+            corner
+            for moment in (self.fixed, *self.moments)
+            for body in moment.bodies
+            for corner in _corners(body, boxes)
+        ]
+        near += [
+            arrow.start_m + arrow.vector_m for moment in self.moments for arrow in moment.arrows
+        ]
+        far = [facet.corners_m for facet in self.fixed.facets] + [
+            s.points_m.reshape(-1, 3) for s in self.fixed.sheets
+        ]
         robot = self.camera.project(np.array(near) if near else np.concatenate(far))[0]
         low, high = robot.min(axis=0), robot.max(axis=0)
         low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
@@ -199,46 +221,64 @@ def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
 
 
 def fans(facets: Sequence[Facet]) -> dict[tuple[Colour, float], Array]:
-    """Triangles of facets, shape (F, 3, 3) [m], to the left from where they are seen, by colour and opacity."""
-    found: dict[tuple[Colour, float], list[Array]] = {}
+    """Triangles of facets, shape (F, 3, 3) [m], to the left from where they are seen, by colour and
+    opacity."""
+    result: dict[tuple[Colour, float], list[Array]] = {}
     for facet in facets:
         if facet.opacity > 0.0:
             corners = facet.corners_m
             if np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ facet.normal < 0.0:
                 corners = corners[::-1]
-            fan = np.stack([np.broadcast_to(corners[0], corners[2:].shape), corners[1:-1], corners[2:]], axis=1)
-            found.setdefault((to_rgb(facet.colour), facet.opacity), []).append(fan)
-    return {key: np.concatenate(parts) for key, parts in found.items()}
+            fan = np.stack(
+                [np.broadcast_to(corners[0], corners[2:].shape), corners[1:-1], corners[2:]], axis=1
+            )
+            result.setdefault((to_rgb(facet.colour), facet.opacity), []).append(fan)
+    return {key: np.concatenate(parts) for key, parts in result.items()}
 
 
 def borders(facets: Sequence[Facet]) -> list[Path]:
     """The edges of facets, those of one look together, a little off the surface."""
-    found: dict[tuple[Colour, float], list[Array]] = {}
+    result: dict[tuple[Colour, float], list[Array]] = {}
     for facet in facets:
         if facet.edge is not None:
-            found.setdefault((to_rgba(facet.edge), facet.width), []).append(ring(facet.corners_m + ON_M * facet.normal))
+            result.setdefault((to_rgba(facet.edge), facet.width), []).append(
+                ring(facet.corners_m + ON_M * facet.normal)
+            )
     return [
         Path(pieces_m=np.concatenate(pieces), colour=colour[:3], opacity=colour[3], width=width)
-        for (colour, width), pieces in found.items()
+        for (colour, width), pieces in result.items()
     ]
 
 
 def merged(paths: Sequence[Path]) -> list[Path]:
     """Join lines of one look in one path."""
-    found: dict[tuple[Any, ...], list[Array]] = {}
+    groups: dict[tuple[Any, ...], list[Array]] = {}
     for path in paths:
         key = (to_rgba(path.colour), path.width, path.opacity, path.layer, path.lift_m, path.halo)
-        found.setdefault(key, []).append(path.pieces_m)
+        groups.setdefault(key, []).append(path.pieces_m)
     return [
-        Path(pieces_m=np.concatenate(pieces), colour=colour[:3], width=width, opacity=opacity, layer=layer,
-             lift_m=lift_m, halo=halo)
-        for (colour, width, opacity, layer, lift_m, halo), pieces in found.items()
-    ]  # fmt: skip
+        Path(
+            pieces_m=np.concatenate(pieces),
+            colour=colour[:3],
+            width=width,
+            opacity=opacity,
+            layer=layer,
+            lift_m=lift_m,
+            halo=halo,
+        )
+        for (colour, width, opacity, layer, lift_m, halo), pieces in groups.items()
+    ]
 
 
-def between(name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour) -> DrawnBody:
+def between(
+    name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour
+) -> DrawnBody:
     """A capsule from one point to another."""
     return DrawnBody(
-        name=name, shape=Capsule(float(np.linalg.norm(end - start)), radii), position_m=0.5 * (start + end),
-        rotation=along(end - start), colour=colour, edge=edge,
-    )  # fmt: skip
+        name=name,
+        shape=Capsule(float(np.linalg.norm(end - start)), radii),
+        position_m=0.5 * (start + end),
+        rotation=along(end - start),
+        colour=colour,
+        edge=edge,
+    )

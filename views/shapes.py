@@ -1,4 +1,5 @@
-"""Shapes and their surfaces: capsule, sphere, box and mesh, and the solids and lines that pictures are made of."""
+"""Shapes and their surfaces: capsule, sphere, box and mesh, and the solids and lines that pictures
+are made of."""
 
 from __future__ import annotations
 
@@ -61,7 +62,9 @@ def mesh_of(shape: Shape) -> tuple[Array, Faces]:
         case Mesh(vertices, faces):
             return vertices, faces
         case Box(half):
-            corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+            corners = (
+                np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+            )
             sides = ["0132", "4675", "0451", "2376", "0264", "1573"]
             return corners, np.array([[int(k) for k in side] for side in sides])
         case Sphere(radius):
@@ -81,7 +84,9 @@ def box_of(shape: Shape) -> tuple[Array, Array]:
     match shape:
         case Capsule(length, (low, high)):
             wide = max(low, high)
-            return np.array([-wide, -wide, -0.5 * length - low]), np.array([wide, wide, 0.5 * length + high])
+            return np.array([-wide, -wide, -0.5 * length - low]), np.array(
+                [wide, wide, 0.5 * length + high]
+            )
         case Sphere(radius):
             return np.full(3, -radius), np.full(3, radius)
     points = mesh_of(shape)[0]
@@ -89,27 +94,41 @@ def box_of(shape: Shape) -> tuple[Array, Array]:
 
 
 def turned(profile: Array) -> tuple[Array, Faces]:
-    """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around z."""
+    """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around
+    z."""
     ring = np.column_stack([np.cos(TURN), np.sin(TURN)])
-    corners = np.concatenate([np.column_stack([radius * ring, np.full(AROUND, z)]) for radius, z in profile])
+    corners = np.concatenate(
+        [np.column_stack([radius * ring, np.full(AROUND, z)]) for radius, z in profile]
+    )
     row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(AROUND), indexing="ij")
     ahead = (column + 1) % AROUND
-    quads = [AROUND * row + column, AROUND * row + ahead, AROUND * (row + 1) + ahead, AROUND * (row + 1) + column]
+    quads = [
+        AROUND * row + column,
+        AROUND * row + ahead,
+        AROUND * (row + 1) + ahead,
+        AROUND * (row + 1) + column,
+    ]
     return corners, np.stack(quads, axis=-1).reshape(-1, 4)
 
 
 def hull(points: Array) -> Mesh:
     """The convex solid of these corners, shape (K, 3) [m]."""
-    found = ConvexHull(points)
-    outward = np.cross(points[found.simplices[:, 1]] - points[found.simplices[:, 0]],
-                       points[found.simplices[:, 2]] - points[found.simplices[:, 0]])  # fmt: skip
-    inward = np.einsum("ij,ij->i", outward, found.equations[:, :3]) < 0.0
-    return Mesh(points, np.where(inward[:, None], found.simplices[:, ::-1], found.simplices))
+    result = ConvexHull(points)
+    outward = np.cross(
+        points[result.simplices[:, 1]] - points[result.simplices[:, 0]],
+        points[result.simplices[:, 2]] - points[result.simplices[:, 0]],
+    )
+    inward = np.einsum("ij,ij->i", outward, result.equations[:, :3]) < 0.0
+    return Mesh(points, np.where(inward[:, None], result.simplices[:, ::-1], result.simplices))
 
 
 def prism(outline: Array, low_m: float, high_m: float) -> Mesh:
     """The convex prism over an outline in the plane, shape (K, 2) [m]."""
-    return hull(np.concatenate([np.column_stack([outline, np.full(len(outline), z)]) for z in (low_m, high_m)]))
+    return hull(
+        np.concatenate(
+            [np.column_stack([outline, np.full(len(outline), z)]) for z in (low_m, high_m)]
+        )
+    )
 
 
 def disc(normal: Array, radius_m: float) -> Mesh:
@@ -121,7 +140,9 @@ def disc(normal: Array, radius_m: float) -> Mesh:
 def arrow_profile(length: float, radius: float) -> Array:
     """Profile of an arrow: the shaft from the origin, and its head."""
     neck = length - min(5.5 * radius, 0.6 * length)
-    return np.array([[0.0, 0.0], [radius, 0.0], [radius, neck], [2.4 * radius, neck], [0.0, length]])
+    return np.array(
+        [[0.0, 0.0], [radius, 0.0], [radius, neck], [2.4 * radius, neck], [0.0, length]]
+    )
 
 
 def along(direction: Array) -> Array:
@@ -142,8 +163,9 @@ def polyline(points: Array) -> Array:
 
 
 def thinned(points: Array, off_m: float) -> Array:
-    """A line through points, shape (K, 3), without every second corner that is within ``off_m`` of the piece in its
-    place, again and again: flat ground needs no corners, and each piece costs a viewer time."""
+    """A line through points, shape (K, 3), without every second corner that is within ``off_m`` of
+    the piece in its place, again and again: flat ground needs no corners, and each piece costs a
+    viewer time."""
     while len(points) > 2:
         middle = np.arange(1, len(points) - 1, 2)
         start, piece = points[middle - 1], points[middle + 1] - points[middle - 1]
@@ -169,14 +191,20 @@ def dashes(points: Array, apart_m: float = 0.05) -> Array:
 
 
 def lines_told(told: object) -> list[Array]:
-    """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none is left out."""
+    """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none
+    is left out."""
     found = list[Array]()
     for line in told if isinstance(told, list) else []:
         try:
             points = np.asarray(line, dtype=np.float64)
         except (ValueError, TypeError, OverflowError):
             continue
-        if points.ndim == 2 and points.shape[1] == 3 and len(points) > 1 and np.isfinite(points).all():
+        if (
+            points.ndim == 2
+            and points.shape[1] == 3
+            and len(points) > 1
+            and np.isfinite(points).all()
+        ):
             found.append(points)
     return found
 

@@ -25,18 +25,42 @@ from stancekit.planners.files.writing import check_writable, write_bytes
 Size = tuple[int, int]
 SIZE_PX, PLOT_PX = (1200, 900), (1200, 640)
 DEFAULT_STYLE = style.context(["default", {"text.parse_math": False}])
-"""Decorator: matplotlib's own settings for one call, so that a user's matplotlibrc changes no picture."""
+"""Decorator: matplotlib's own settings for one call, so that a user's matplotlibrc changes no
+picture."""
 INK, QUIET, RULE, ACCENT, GUIDE = "#1f2933", "#66717e", "#d5dae0", "#d1233b", "#3f6fb5"
-LEG_COLOURS = ("#0b7285", "#d9730d", "#7048a8", "#3f8f3a", "#b8407a", "#4a6fd0", "#8c6d31", "#5b6770")
+LEG_COLOURS = (
+    "#0b7285",
+    "#d9730d",
+    "#7048a8",
+    "#3f8f3a",
+    "#b8407a",
+    "#4a6fd0",
+    "#8c6d31",
+    "#5b6770",
+)
 """Colours of the limbs, in the order of the contacts; they repeat after the eighth."""
-MEASURE_COLOURS = ("#27407f", "#e08a2b", "#8fc7b5", "#58a695", "#2c8173", "#125a50", "#9a86c4", "#c9a227")
+MEASURE_COLOURS = (
+    "#27407f",
+    "#e08a2b",
+    "#8fc7b5",
+    "#58a695",
+    "#2c8173",
+    "#125a50",
+    "#9a86c4",
+    "#c9a227",
+)
 NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 """Letters that names may have, and XML may not."""
-UNDATED: Mapping[str, dict[str, None]] = {".png": {}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+UNDATED: Mapping[str, dict[str, None]] = {
+    ".png": {},
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
 
 
 def sheet(size_px: Size, usual_px: Size = SIZE_PX) -> Figure:
-    """An empty white figure of this many pixels; its text is as large as in one of the usual size, scaled to fit.
+    """An empty white figure of this many pixels; its text is as large as in one of the usual size,
+    scaled to fit.
 
     Raises InvalidInput below 300 pixels.
     """
@@ -44,15 +68,20 @@ def sheet(size_px: Size, usual_px: Size = SIZE_PX) -> Figure:
     if min(width, height) < 300:
         raise InvalidInput(f"size_px: expected at least 300 by 300 pixels, got {width} by {height}")
     dpi = 100.0 * min(width / usual_px[0], height / usual_px[1])
-    figure = Figure(figsize=((width + 1e-6) / dpi, (height + 1e-6) / dpi), dpi=dpi, facecolor="white")
+    figure = Figure(
+        figsize=((width + 1e-6) / dpi, (height + 1e-6) / dpi), dpi=dpi, facecolor="white"
+    )
     FigureCanvasAgg(figure)
     return figure
 
 
 def plain_axes(figure: Figure, side: float, bottom: float, top: float) -> Axes:
-    """Axes without frame or ticks, so far from the figure's sides, bottom and top, in hundredths of an inch."""
+    """Axes without frame or ticks, so far from the figure's sides, bottom and top, in hundredths of
+    an inch."""
     width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
-    axes = figure.add_axes((side / width, bottom / height, 1.0 - 2.0 * side / width, 1.0 - (bottom + top) / height))
+    axes = figure.add_axes(
+        (side / width, bottom / height, 1.0 - 2.0 * side / width, 1.0 - (bottom + top) / height)
+    )
     axes.set_axis_off()
     return axes
 
@@ -64,11 +93,30 @@ def friction_colours(friction: Sequence[float]) -> ScalarMappable:
 
 def headline(figure: Figure, title: str, subtitle: str, *, alarm: bool = False) -> None:
     """Title and a quiet line below it, at the top left; a long title is set smaller."""
-    inches, room = figure.get_figheight(), 95.0 * figure.get_figwidth() / 12.0  # room: characters that fit at 16 points
+    inches, room = (
+        figure.get_figheight(),
+        95.0 * figure.get_figwidth() / 12.0,
+    )  # room: characters that fit at 16 points
     size = 16.0 * min(1.0, room / max(len(title), 1))
-    figure.text(0.025, 1.0 - 0.36 / inches, title, size=size, weight="bold", color=INK, va="center", parse_math=False)
+    figure.text(
+        0.025,
+        1.0 - 0.36 / inches,
+        title,
+        size=size,
+        weight="bold",
+        color=INK,
+        va="center",
+        parse_math=False,
+    )
     size = 11.5 * min(1.0, 1.45 * room / max(len(subtitle), 1))
-    figure.text(0.025, 1.0 - 0.66 / inches, subtitle, size=size, color=ACCENT if alarm else QUIET, va="center")
+    figure.text(
+        0.025,
+        1.0 - 0.66 / inches,
+        subtitle,
+        size=size,
+        color=ACCENT if alarm else QUIET,
+        va="center",
+    )
 
 
 def leg_colour(index: int) -> str:
@@ -76,7 +124,9 @@ def leg_colour(index: int) -> str:
     return LEG_COLOURS[index % len(LEG_COLOURS)]
 
 
-def quiet_axes(axes: Axes, *, grid: Literal["both", "x", "y"] | None = "y", sides: Sequence[str] = ("bottom",)) -> None:
+def quiet_axes(
+    axes: Axes, *, grid: Literal["both", "x", "y"] | None = "y", sides: Sequence[str] = ("bottom",)
+) -> None:
     """Axes with pale lines, no ticks, and of their frame only these sides."""
     axes.tick_params(which="both", length=0, pad=6, labelcolor=QUIET)
     if grid is not None:
@@ -90,21 +140,26 @@ def quiet_axes(axes: Axes, *, grid: Literal["both", "x", "y"] | None = "y", side
 @DEFAULT_STYLE
 def to_rgb(figure: Figure) -> NDArray[np.uint8]:
     """The figure's pixels, shape (H, W, 3)."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="rgba", dpi=figure.dpi)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="rgba", dpi=figure.dpi)
     width, height = int(figure.bbox.width), int(figure.bbox.height)
-    return np.frombuffer(drawn.getvalue(), dtype=np.uint8).reshape(height, width, 4)[..., :3].copy()
+    return (
+        np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)[..., :3].copy()
+    )
 
 
 def check_picture(path: str | os.PathLike[str]) -> Path:
     """The file behind the name of a picture, asked for before the work whose result goes there.
 
-    Raises InvalidInput for a name that does not end as pictures do, and where nothing can be written.
+    Raises InvalidInput for a name that does not end as pictures do, and where nothing can be
+    written.
     """
     target = Path(path)
     if target.suffix.lower() not in UNDATED:
         ends = ", ".join(UNDATED)
-        raise InvalidInput(f"{path}: expected a name that ends in {ends}, got {target.suffix.lower() or 'no suffix'}")
+        raise InvalidInput(
+            f"{path}: expected a name that ends in {ends}, got {target.suffix.lower() or 'no suffix'}"
+        )
     return check_writable(target)
 
 
@@ -115,8 +170,13 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     Raises InvalidInput for another suffix and for a folder that is not there.
     """
     target = check_picture(path)
-    drawn = io.BytesIO()
+    buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "stancekit"}):
-        figure.savefig(drawn, format=target.suffix[1:].lower(), dpi=figure.dpi, metadata=UNDATED[target.suffix.lower()])
-    content = drawn.getvalue()
+        figure.savefig(
+            buffer,
+            format=target.suffix[1:].lower(),
+            dpi=figure.dpi,
+            metadata=UNDATED[target.suffix.lower()],
+        )
+    content = buffer.getvalue()
     write_bytes(target, NO_XML.sub(b"?", content) if target.suffix.lower() == ".svg" else content)

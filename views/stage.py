@@ -36,11 +36,15 @@ class Stage:
         for k, ((colour, opacity), each) in enumerate(fans(scene.facets).items()):
             corners = each.reshape(-1, 3)
             faces = np.arange(len(corners)).reshape(-1, 3)
-            shown.add(self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True))
+            shown.add(
+                self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True)
+            )
         paths = merged([*scene.paths, *borders(scene.facets)])
         shown |= {self._path(f"{root}/path{k}", path) for k, path in enumerate(paths)}
         shown |= {self._body(f"{root}/{body.name}", body) for body in scene.bodies}
-        shown |= {self._arrow(f"{root}/{arrow.name}", arrow) for arrow in scene.arrows if arrow.visible}
+        shown |= {
+            self._arrow(f"{root}/{arrow.name}", arrow) for arrow in scene.arrows if arrow.visible
+        }
         shown |= {self._label(f"{root}/label {label.name}", label) for label in scene.labels}
         self._only(shown, f"{root}/")
 
@@ -48,12 +52,16 @@ class Stage:
         """Show the scene of a moment, and nothing else that moves: bodies, forces, and a note above
         the first body."""
         shown = {self._body(f"/bodies/{body.name}", body) for body in moment.bodies}
-        shown |= {self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible}
+        shown |= {
+            self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible
+        }
         if note and moment.bodies:
             name = f"/notes/{note}"
             if name not in self._nodes:
                 above = moment.bodies[0].position_m + 0.06 * self._distance_m * UP
-                self._nodes[name] = self._scene.add_label(name, note, anchor="bottom-center", position=tuple(above))
+                self._nodes[name] = self._scene.add_label(
+                    name, note, anchor="bottom-center", position=tuple(above)
+                )
             shown.add(name)
         self._only(shown, "/bodies/", "/forces/", "/notes/")
 
@@ -69,11 +77,19 @@ class Stage:
         if first is None or not _alike(first, body):
             corners, faces = mesh_of(body.shape)
             self._mesh(
-                name, corners, triangles_of(faces), body.colour, body.opacity,
-                flat_shading=isinstance(body.shape, (Box, Mesh)), side="front",
-            )  # fmt: skip
+                name,
+                corners,
+                triangles_of(faces),
+                body.colour,
+                body.opacity,
+                flat_shading=isinstance(body.shape, (Box, Mesh)),
+                side="front",
+            )
             self._drawn[name] = first = body
-        node, place = self._nodes[name], (*body.position_m.tolist(), *body.rotation.ravel().tolist())
+        node, place = (
+            self._nodes[name],
+            (*body.position_m.tolist(), *body.rotation.ravel().tolist()),
+        )
         if self._places.get(name) != place:
             node.position, node.wxyz = place[:3], quaternion(body.rotation)
             self._places[name] = place
@@ -86,9 +102,13 @@ class Stage:
         if name not in self._nodes:
             radius = arrow.radius_m
             self._nodes[name] = self._scene.add_arrows(
-                name, points, rgb(arrow.colour), shaft_radius=radius, head_radius=2.4 * radius,
+                name,
+                points,
+                rgb(arrow.colour),
+                shaft_radius=radius,
+                head_radius=2.4 * radius,
                 head_length=5.5 * radius,
-            )  # fmt: skip
+            )
         self._nodes[name].points = points
         return name
 
@@ -97,7 +117,9 @@ class Stage:
         pieces = (path.pieces_m + min(path.lift_m, 0.01) * UP).astype(np.float32)
         look = (rgb(path.colour), thickness, len(pieces))
         if self._drawn.get(name) != look:
-            self._nodes[name] = self._scene.add_line_segments(name, pieces, look[0], thickness=thickness)
+            self._nodes[name] = self._scene.add_line_segments(
+                name, pieces, look[0], thickness=thickness
+            )
             self._drawn[name] = look
         elif not np.array_equal(self._nodes[name].points, pieces):
             self._nodes[name].points = pieces
@@ -116,22 +138,37 @@ class Stage:
         """A surface with a colour a node."""
         if self._drawn.get(name) is not ground:
             mesh = import_module("trimesh").Trimesh(
-                ground.points_m.reshape(-1, 3), triangles_of(ground.faces), process=False,
+                ground.points_m.reshape(-1, 3),
+                triangles_of(ground.faces),
+                process=False,
                 vertex_colors=np.round(255.0 * ground.colours.reshape(-1, 3)).astype(np.uint8),
-            )  # fmt: skip
-            self._nodes[name] = self._scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+            )
+            self._nodes[name] = self._scene.add_mesh_trimesh(
+                name, mesh, cast_shadow=False, receive_shadow=False
+            )
             self._drawn[name] = ground
         return name
 
-    def _mesh(self, name: str, points: Array, faces: Faces, colour: Colour, opacity: float, **look: Any) -> str:
+    def _mesh(
+        self, name: str, points: Array, faces: Faces, colour: Colour, opacity: float, **look: Any
+    ) -> str:
         known = self._nodes.get(name)
         if known is None:
             self._nodes[name] = self._scene.add_mesh_simple(
-                name, points, faces, color=rgb(colour), opacity=opacity if opacity < 1.0 else None,
-                cast_shadow=False, receive_shadow=False, **look,
-            )  # fmt: skip
+                name,
+                points,
+                faces,
+                color=rgb(colour),
+                opacity=opacity if opacity < 1.0 else None,
+                cast_shadow=False,
+                receive_shadow=False,
+                **look,
+            )
             return name
-        if not (np.array_equal(known.faces, faces) and np.array_equal(known.vertices, points.astype(np.float32))):
+        if not (
+            np.array_equal(known.faces, faces)
+            and np.array_equal(known.vertices, points.astype(np.float32))
+        ):
             known.vertices, known.faces = points.astype(np.float32), faces.astype(np.uint32)
         if known.color != rgb(colour):
             known.color = rgb(colour)
@@ -142,14 +179,20 @@ class Stage:
 
 def _alike(first: DrawnBody, body: DrawnBody) -> bool:
     """Tell whether a node that was made for the one shows the other, too, once it is moved."""
-    return first.colour == body.colour and first.opacity == body.opacity and _same(first.shape, body.shape)
+    return (
+        first.colour == body.colour
+        and first.opacity == body.opacity
+        and _same(first.shape, body.shape)
+    )
 
 
 def _same(first: Shape, shape: Shape) -> bool:
     if first is shape:
         return True
     if isinstance(first, Mesh) and isinstance(shape, Mesh):
-        return np.array_equal(first.vertices_m, shape.vertices_m) and np.array_equal(first.faces, shape.faces)
+        return np.array_equal(first.vertices_m, shape.vertices_m) and np.array_equal(
+            first.faces, shape.faces
+        )
     if isinstance(first, Box) and isinstance(shape, Box):
         return np.array_equal(first.half_m, shape.half_m)
     if isinstance(first, Capsule) and isinstance(shape, Capsule):
@@ -158,16 +201,24 @@ def _same(first: Shape, shape: Shape) -> bool:
 
 
 def quaternion(rotation: Array) -> tuple[float, ...]:
-    """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a single one."""
+    """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a
+    single one."""
     r = rotation.tolist()
     squares = (
-        1.0 + r[0][0] + r[1][1] + r[2][2], 1.0 + r[0][0] - r[1][1] - r[2][2],
-        1.0 - r[0][0] + r[1][1] - r[2][2], 1.0 - r[0][0] - r[1][1] + r[2][2],
-    )  # fmt: skip
+        1.0 + r[0][0] + r[1][1] + r[2][2],
+        1.0 + r[0][0] - r[1][1] - r[2][2],
+        1.0 - r[0][0] + r[1][1] - r[2][2],
+        1.0 - r[0][0] - r[1][1] + r[2][2],
+    )
     largest = max(range(4), key=lambda k: squares[k])
     wx, wy, wz = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
     xy, xz, yz = r[0][1] + r[1][0], r[0][2] + r[2][0], r[1][2] + r[2][1]
-    rows = ((squares[0], wx, wy, wz), (wx, squares[1], xy, xz), (wy, xy, squares[2], yz), (wz, xz, yz, squares[3]))
+    rows = (
+        (squares[0], wx, wy, wz),
+        (wx, squares[1], xy, xz),
+        (wy, xy, squares[2], yz),
+        (wz, xz, yz, squares[3]),
+    )
     scale = 0.5 / math.sqrt(squares[largest])
     return tuple(scale * value for value in rows[largest])
 

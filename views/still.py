@@ -1,4 +1,5 @@
-"""A scene on paper: faces in perspective, shaded, drawn from far to near by matplotlib, with labels where room is."""
+"""A scene on paper: faces in perspective, shaded, drawn from far to near by matplotlib, with labels
+where room is."""
 
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ GLASS = 0.10
 """Opacity of terrain between the viewer and the middle of what he looks at."""
 CREASE = 0.92
 """Cosine of the angle between faces beyond which the edge between them is drawn."""
-CIRCLE = np.column_stack([np.cos(turn := np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)), np.sin(turn)])
+CIRCLE = np.column_stack(
+    [np.cos(turn := np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)), np.sin(turn)]
+)
 WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0}
 """How much a label should keep off what is drawn."""
 
@@ -53,7 +56,8 @@ class Still:
             self._path(path)
 
     def frame(self) -> tuple[Array, Array]:
-        """Corners of what is shown, shape (2,): all of the robot, and of the terrain what is not too far from it."""
+        """Corners of what is shown, shape (2,): all of the robot, and of the terrain what is not
+        too far from it."""
         whole = np.concatenate([face[1] for face in self._faces])
         near = np.concatenate([face[1] for face in self._faces if face[0][0] >= Layer.SPACE])
         low, high = near.min(axis=0), near.max(axis=0)
@@ -61,10 +65,13 @@ class Still:
         return np.maximum(whole.min(axis=0), low - room), np.minimum(whole.max(axis=0), high + room)
 
     def paint(self, axes: Axes) -> float:
-        """Draw every face, show all of them at equal scale, write the labels; returns metres to 0.01 inch of paper."""
+        """Draw every face, show all of them at equal scale, write the labels; returns metres to
+        0.01 inch of paper."""
         faces = sorted(self._faces, key=lambda face: face[0])
         outlines, fills, edges, widths = ([face[k] for face in faces] for k in (1, 2, 3, 4))
-        collection = PolyCollection(outlines, facecolors=fills, edgecolors=edges, linewidths=widths, joinstyle="round")
+        collection = PolyCollection(
+            outlines, facecolors=fills, edgecolors=edges, linewidths=widths, joinstyle="round"
+        )
         axes.add_collection(collection, autolim=False)
         low, high = self.frame()
         paper = 100.0 * np.array(axes.bbox.size) / axes.figure.dpi
@@ -76,7 +83,9 @@ class Still:
         self._write(axes, scale, low, high)
         return scale
 
-    def _face(self, points: Array, fill: Any, edge: Any, width: float, layer: int, lift_m: float = 0.0) -> None:
+    def _face(
+        self, points: Array, fill: Any, edge: Any, width: float, layer: int, lift_m: float = 0.0
+    ) -> None:
         """A polygon, shape (K, 3) [m]."""
         xy, near = self.camera.project(points)
         self._faces.append(((int(layer), float(near.mean()) + lift_m), xy, fill, edge, width))
@@ -89,10 +98,14 @@ class Still:
         glass, fill = is_glass(facet, self.camera), np.array(rgb(facet.colour))
         if facet.layer in (Layer.TERRAIN, Layer.SPACE):
             fill = 0.6 * fill + 0.4 * self.camera.lit(fill, facet.normal)
-        opacity, layer = (GLASS * facet.opacity, Layer.GLASS) if glass else (facet.opacity, facet.layer)
+        opacity, layer = (
+            (GLASS * facet.opacity, Layer.GLASS) if glass else (facet.opacity, facet.layer)
+        )
         *edge, strength = to_rgba("none" if facet.edge is None else facet.edge)
         edge.append(strength * (0.2 if glass else 1.0))
-        self._face(facet.corners_m, (*fill, opacity), edge, facet.width, layer, facet.lift_m - 9.0 * glass)
+        self._face(
+            facet.corners_m, (*fill, opacity), edge, facet.width, layer, facet.lift_m - 9.0 * glass
+        )
 
     def _body(self, body: DrawnBody) -> None:
         corners, faces = mesh_of(body.shape)
@@ -105,11 +118,27 @@ class Still:
 
     def _arrow(self, arrow: Arrow) -> None:
         if arrow.visible:
-            corners, faces = turned(arrow_profile(float(np.linalg.norm(arrow.vector_m)), arrow.radius_m))
+            corners, faces = turned(
+                arrow_profile(float(np.linalg.norm(arrow.vector_m)), arrow.radius_m)
+            )
             points = corners @ along(arrow.vector_m).T + arrow.start_m
-            self._solid(points, faces, np.broadcast_to(rgb(arrow.colour), (len(faces), 3)), "white", Layer.TOP)
+            self._solid(
+                points,
+                faces,
+                np.broadcast_to(rgb(arrow.colour), (len(faces), 3)),
+                "white",
+                Layer.TOP,
+            )
 
-    def _solid(self, points: Array, faces: Faces, colours: Array, edge: Any, layer: Layer, lift_m: float = 0.0) -> None:
+    def _solid(
+        self,
+        points: Array,
+        faces: Faces,
+        colours: Array,
+        edge: Any,
+        layer: Layer,
+        lift_m: float = 0.0,
+    ) -> None:
         """The faces that the viewer sees, in the light, with outlines and creases."""
         normals = normals_of(points[faces])
         xy, near = self.camera.project(points)
@@ -122,12 +151,13 @@ class Still:
             pairs, owners = edges_of(faces)
             sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
             shown = front[owners].any(axis=1) & (sharp | (front[owners].sum(axis=1) == 1))
-            for pair, own in zip(pairs[shown], owners[shown], strict=True):
-                nearest = float(depth[own][front[own]].max()) + 1e-3
+            for pair, owner in zip(pairs[shown], owners[shown], strict=True):
+                nearest = float(depth[owner][front[owner]].max()) + 1e-3
                 self._faces.append(((int(layer), nearest), xy[pair], "none", edge, 1.0))
 
     def _veil(self, points: Array, faces: Faces, body: DrawnBody) -> None:
-        """The silhouette of a convex solid as one translucent face, its edges stronger and those behind faint."""
+        """The silhouette of a convex solid as one translucent face, its edges stronger and those
+        behind faint."""
         xy, near = self.camera.project(points)
         if np.linalg.matrix_rank(xy - xy[0], tol=1e-6) < 2:
             return
@@ -140,8 +170,8 @@ class Still:
             front = self.camera.facing(points[faces].mean(axis=1), normals) > 0.0
             pairs, owners = edges_of(faces)
             sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
-            for pair, own in zip(pairs[sharp], owners[sharp], strict=True):
-                colour = (*rgb(body.edge), 0.6 if front[own].any() else 0.25)
+            for pair, owner in zip(pairs[sharp], owners[sharp], strict=True):
+                colour = (*rgb(body.edge), 0.6 if front[owner].any() else 0.25)
                 self._faces.append((rank, xy[pair], "none", colour, 1.0))
 
     def _path(self, path: Path) -> None:
@@ -166,40 +196,63 @@ class Still:
     def _write(self, axes: Axes, scale: float, low: Array, high: Array) -> None:
         """Write each label where it covers the least, the earlier ones first."""
         ink = self._ink(low, high, 5.0 * scale)
-        taken: list[tuple[Array, Array]] = []
+        boxes_taken: list[tuple[Array, Array]] = []
         for label in self.scene.labels:
             anchor = self.camera.project(label.position_m)[0]
             half = scale * np.array([6.0 * len(label.text) + 4.0, 13.0])
 
             def price(centre: Array, half: Array = half, anchor: Array = anchor) -> float:
-                corner = np.clip((np.array([centre - half, centre + half]) - low) / (5.0 * scale), 0, None).round()
+                corner = np.clip(
+                    (np.array([centre - half, centre + half]) - low) / (5.0 * scale), 0, None
+                ).round()
                 (a, b), (c, d) = np.minimum(corner.astype(int), np.array(ink.shape) - 1).tolist()
                 covered = ink[c, d] - ink[a, d] - ink[c, b] + ink[a, b]
-                others = sum(bool(np.all(np.abs(centre - at) < half + size)) for at, size in taken)
+                others = sum(
+                    bool(np.all(np.abs(centre - at) < half + size)) for at, size in boxes_taken
+                )
                 outside = bool(np.any(centre - half < low) or np.any(centre + half > high))
                 away = float(np.linalg.norm(centre - anchor)) / scale
                 return float(covered) + 0.2 * away + 500.0 * others + 1000.0 * outside
 
             rings = [half + gap * scale for gap in (10.0, 35.0, 60.0, 90.0)]
-            best = min((anchor + ring * towards for ring in rings for towards in 1.2 * CIRCLE[::3]), key=price)
-            taken.append((best, half))
+            best = min(
+                (anchor + ring * towards for ring in rings for towards in 1.2 * CIRCLE[::3]),
+                key=price,
+            )
+            boxes_taken.append((best, half))
             axes.text(
-                float(best[0]), float(best[1]), label.text, size=12, weight="bold", color=label.colour, ha="center",
-                va="center", zorder=9, parse_math=False, path_effects=[withStroke(linewidth=3.0, foreground="white")],
-            )  # fmt: skip
+                float(best[0]),
+                float(best[1]),
+                label.text,
+                size=12,
+                weight="bold",
+                color=label.colour,
+                ha="center",
+                va="center",
+                zorder=9,
+                parse_math=False,
+                path_effects=[withStroke(linewidth=3.0, foreground="white")],
+            )
 
     def _ink(self, low: Array, high: Array, cell: float) -> Array:
-        """Amount of ink to the left of and below every corner of a grid of cells over the picture.
-        """
-        faces = [(face[1], WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in WEIGHT]
+        """Amount of ink to the left of and below every corner of a grid of cells over the
+        picture."""
+        faces = [
+            (face[1], WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in WEIGHT
+        ]
         sizes = [len(outline) for outline, _ in faces]
-        corners, starts = np.concatenate([outline for outline, _ in faces]), np.cumsum([0, *sizes[:-1]])
+        corners, starts = (
+            np.concatenate([outline for outline, _ in faces]),
+            np.cumsum([0, *sizes[:-1]]),
+        )
         weights = np.repeat([weight for _, weight in faces], sizes)
         spread = np.maximum.reduceat(corners, starts) - np.minimum.reduceat(corners, starts)
         large = [faces[k] for k in np.flatnonzero(spread.max(axis=1) > 4.0 * cell)]
         inner = [_within(outline) for outline, _ in large]
         corners = np.concatenate([corners, *inner])
-        weights = np.concatenate([weights, *(np.full(len(xy), at[1]) for xy, at in zip(inner, large, strict=True))])
+        weights = np.concatenate(
+            [weights, *(np.full(len(xy), at[1]) for xy, at in zip(inner, large, strict=True))]
+        )
         edges = [np.arange(a, b + cell, cell) for a, b in zip(low, high, strict=True)]
         counts = np.histogram2d(corners[:, 0], corners[:, 1], bins=edges, weights=weights)[0]
         return np.pad(counts.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

@@ -1,4 +1,5 @@
-"""Terrain as something to look at: patches in tints of their friction, ice like ice, and height fields as blocks."""
+"""Terrain as something to look at: patches in tints of their friction, ice like ice, and height
+fields as blocks."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from .sheet import INK
 ICE, ICE_EDGE, ICY = "#d3ebfa", "#5ba7d6", 0.05
 """Colours of ice, and the friction below which a surface is called that."""
 CELL_M = 0.1
-"""The grid on surfaces; each cell is painted on its own, so that surfaces may stand one behind another."""
+"""The grid on surfaces; each cell is painted on its own, so that surfaces may stand one behind
+another."""
 SCALE = f"grid {CELL_M:g} m"
 """What a picture says of it."""
 STRAIGHT_M = 0.0005
@@ -31,48 +33,66 @@ LOW, HIGH, EARTH = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), np.array(
 
 def tint(friction: float, colours: ScalarMappable) -> Colour:
     """Colour of a surface of this friction."""
-    return ICE if friction < ICY else tuple(0.45 + 0.55 * np.array(colours.to_rgba(np.array(friction))[:3]))
+    return (
+        ICE
+        if friction < ICY
+        else tuple(0.45 + 0.55 * np.array(colours.to_rgba(np.array(friction))[:3]))
+    )
 
 
 def patches(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
-    """The parts of patches within a box, lowest and highest corner, shape (2, 3) [m], in cells, with glints on ice."""
-    found, glints = list[Facet](), list[Array]()
+    """The parts of patches within a box, lowest and highest corner, shape (2, 3) [m], in cells,
+    with glints on ice."""
+    facets, glints = list[Facet](), list[Array]()
     for patch in terrain:
         colour = tint(patch.friction, colours)
         edge = ICE_EDGE if patch.friction < ICY else tuple(0.82 * np.array(colour))
         for (i, j), cell in cells(patch, box_m):
-            found.append(Facet(corners_m=cell, normal=patch.normal, colour=colour, edge=(*rgb(edge), 0.6)))
+            facets.append(
+                Facet(corners_m=cell, normal=patch.normal, colour=colour, edge=(*rgb(edge), 0.6))
+            )
             if patch.friction < ICY and (i + 2 * j) % 3 == 0:
                 glints.append(_glints(patch, cell))
     strokes = np.array(glints).reshape(-1, 3, 2, 3)
     paths = [
         Path(pieces_m=pieces, colour=colour, width=1.6, layer=Layer.TERRAIN, lift_m=0.05)
-        for pieces, colour in ((strokes[:, :2].reshape(-1, 2, 3), "white"), (strokes[:, 2], ICE_EDGE))
+        for pieces, colour in (
+            (strokes[:, :2].reshape(-1, 2, 3), "white"),
+            (strokes[:, 2], ICE_EDGE),
+        )
         if len(pieces)
     ]
-    return Scene(facets=found, paths=paths)
+    return Scene(facets=facets, paths=paths)
 
 
 def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]:
-    """The pieces of a patch within a box, cut along a grid on its plane: place in the grid, and shape (K, 3) [m]."""
+    """The pieces of a patch within a box, cut along a grid on its plane: place in the grid, and
+    shape (K, 3) [m]."""
     plane, origin = patch.frame[:, 1:], patch.vertices_m[0]
     whole = _within(patch, box_m)
     if len(whole) < 3:
         return
     shift = origin @ plane  # lines at multiples of the cell's size in the world
-    first, last = np.floor((whole.min(axis=0) + shift) / CELL_M), np.ceil((whole.max(axis=0) + shift) / CELL_M)
+    first, last = (
+        np.floor((whole.min(axis=0) + shift) / CELL_M),
+        np.ceil((whole.max(axis=0) + shift) / CELL_M),
+    )
     sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     for i in np.arange(first[0], last[0]):
-        strip = clipped(whole, sides[:2], np.array([(i + 1.0) * CELL_M - shift[0], shift[0] - i * CELL_M]))
+        strip = clipped(
+            whole, sides[:2], np.array([(i + 1.0) * CELL_M - shift[0], shift[0] - i * CELL_M])
+        )
         for j in np.arange(first[1], last[1]):
-            cell = clipped(strip, sides[2:], np.array([(j + 1.0) * CELL_M - shift[1], shift[1] - j * CELL_M]))
+            cell = clipped(
+                strip, sides[2:], np.array([(j + 1.0) * CELL_M - shift[1], shift[1] - j * CELL_M])
+            )
             if len(cell) >= 3:
                 yield (int(i), int(j)), origin + cell @ plane.T
 
 
 def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
-    """The parts of patches within a box in one piece each, with the lines of the grid on them: for those who draw with
-    a depth buffer, and many times a second. As ``patches`` otherwise."""
+    """The parts of patches within a box in one piece each, with the lines of the grid on them: for
+    those who draw with a depth buffer, and many times a second. As ``patches`` otherwise."""
     facets, lines, tints = list[Facet](), dict[Colour, list[Array]](), dict[float, Colour]()
     for patch in terrain:
         whole = _within(patch, box_m)
@@ -84,17 +104,29 @@ def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) ->
         edge = ICE_EDGE if patch.friction < ICY else tuple(0.82 * np.array(colour))
         plane, origin = patch.frame[:, 1:], patch.vertices_m[0] + 0.001 * patch.normal
         corners = patch.vertices_m[0] + whole @ plane.T
-        facets.append(Facet(corners_m=corners, normal=patch.normal, colour=colour, edge=(*rgb(edge), 1.0), width=1.4))
+        facets.append(
+            Facet(
+                corners_m=corners,
+                normal=patch.normal,
+                colour=colour,
+                edge=(*rgb(edge), 1.0),
+                width=1.4,
+            )
+        )
         grid = _grid(whole, patch.vertices_m[0] @ plane)
         lines.setdefault(rgb(edge), []).append(origin + grid @ plane.T)
     return Scene(
         facets=facets,
-        paths=[Path(pieces_m=np.concatenate(each), colour=edge, width=0.6) for edge, each in lines.items()],
+        paths=[
+            Path(pieces_m=np.concatenate(each), colour=edge, width=0.6)
+            for edge, each in lines.items()
+        ],
     )
 
 
 def _within(patch: Patch, box_m: Array) -> Array:
-    """The part of a patch within a box on its plane, about its first corner, shape (K, 2) [m]; K below 3 for none."""
+    """The part of a patch within a box on its plane, about its first corner, shape (K, 2) [m]; K
+    below 3 for none."""
     plane, origin = patch.frame[:, 1:], patch.vertices_m[0]
     normals = np.concatenate([plane, -plane])
     offsets = np.concatenate([box_m[1] - origin, origin - box_m[0]])
@@ -105,53 +137,74 @@ def _within(patch: Patch, box_m: Array) -> Array:
 
 
 def _grid(whole: Array, shift: Array) -> Array:
-    """Lines at multiples of the cell's size in the world across a convex piece, shape (L, 2, 2) [m]."""
-    found = [np.zeros((0, 2, 2))]
+    """Lines at multiples of the cell's size in the world across a convex piece, shape (L, 2, 2)
+    [m]."""
+    pieces = [np.zeros((0, 2, 2))]
     ahead = np.roll(whole, -1, axis=0)
     for axis in (0, 1):
-        low, high = (whole[:, axis].min() + shift[axis]) / CELL_M, (whole[:, axis].max() + shift[axis]) / CELL_M
+        low, high = (
+            (whole[:, axis].min() + shift[axis]) / CELL_M,
+            (whole[:, axis].max() + shift[axis]) / CELL_M,
+        )
         at = np.arange(np.floor(low) + 1.0, np.ceil(high)) * CELL_M - shift[axis]
         run = ahead[:, axis] - whole[:, axis]
         share = (at[:, None] - whole[:, axis]) / np.where(np.abs(run) < 1e-12, np.inf, run)
         across = whole[:, 1 - axis] + share * (ahead - whole)[:, 1 - axis]
         hit = (share >= 0.0) & (share <= 1.0) & (np.abs(run) > 1e-12)
-        ends = np.stack([np.where(hit, across, np.inf).min(axis=1), np.where(hit, across, -np.inf).max(axis=1)], axis=1)
+        ends = np.stack(
+            [np.where(hit, across, np.inf).min(axis=1), np.where(hit, across, -np.inf).max(axis=1)],
+            axis=1,
+        )
         keep = np.isfinite(ends).all(axis=1)
         lines = np.empty((int(keep.sum()), 2, 2))
         lines[..., axis], lines[..., 1 - axis] = at[keep, None], ends[keep]
-        found.append(lines)
-    return np.concatenate(found)
+        pieces.append(lines)
+    return np.concatenate(pieces)
 
 
-def block(field: HeightField, low: Array, high: Array, *, facets: int, depth_m: float, relief_m: float) -> list[Sheet]:
+def block(
+    field: HeightField, low: Array, high: Array, *, facets: int, depth_m: float, relief_m: float
+) -> list[Sheet]:
     """A height field between two corners, shape (2,) [m], coloured by height, on a block of earth.
 
-    facets: along its longer side; depth_m: of the block below the lowest place; relief_m: heights that differ by less
-    are less than all colours apart.
+    facets: along its longer side; depth_m: of the block below the lowest place; relief_m: heights
+    that differ by less are less than all colours apart.
     """
     step = float(np.max(high - low)) / facets
-    lines = (np.linspace(a, b, max(2, round((b - a) / step) + 1)) for a, b in zip(low, high, strict=True))
+    lines = (
+        np.linspace(a, b, max(2, round((b - a) / step) + 1)) for a, b in zip(low, high, strict=True)
+    )
     xy = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
     points = np.concatenate([xy, field.height(xy)[..., None]], axis=-1)
     heights = points[..., 2]
     share = (heights - heights.min()) / max(float(np.ptp(heights)), relief_m, 1e-9)
     floor = float(heights.min()) - depth_m
     borders = (points[:, 0], points[::-1, -1], points[0, ::-1], points[-1])
-    sides = [np.stack([np.where([False, False, True], floor, border), border], axis=1) for border in borders]
+    sides = [
+        np.stack([np.where([False, False, True], floor, border), border], axis=1)
+        for border in borders
+    ]
     return [
         Sheet(points_m=points, colours=LOW + share[..., None] * (HIGH - LOW)),
         *(Sheet(points_m=side, colours=np.broadcast_to(EARTH, side.shape)) for side in sides),
     ]
 
 
-def on_ground(points: Array, field: HeightField, low: Array, high: Array, off_m: float = 0.0) -> Array:
-    """The pieces between points in a row, shape (K, 3) [m], over these corners, laid on the terrain: (L, 2, 3) [m].
+def on_ground(
+    points: Array, field: HeightField, low: Array, high: Array, off_m: float = 0.0
+) -> Array:
+    """The pieces between points in a row, shape (K, 3) [m], over these corners, laid on the
+    terrain: (L, 2, 3) [m].
 
     off_m: points are left out where the ground is as straight as this."""
     inside = np.all((points[:, :2] >= low) & (points[:, :2] <= high), axis=1)
     laid = np.column_stack([points[:, :2], field.height(points[:, :2])])
     turns = np.flatnonzero(np.diff(inside)) + 1
-    runs = [run for run, seen in zip(np.split(laid, turns), np.split(inside, turns), strict=True) if seen[0]]
+    runs = [
+        run
+        for run, seen in zip(np.split(laid, turns), np.split(inside, turns), strict=True)
+        if seen[0]
+    ]
     return np.concatenate([np.zeros((0, 2, 3)), *(polyline(thinned(run, off_m)) for run in runs)])
 
 
@@ -163,22 +216,27 @@ def grid_on_ground(
     corners: int,
     warp: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """Lines of constant x and of constant y over a field, ``step_m`` apart, laid on it between two corners, shape
-    (2,) [m], in pieces of shape (L, 2, 3) [m]. corners: of a line, before those are left out that are not needed.
-    warp: takes the lines, shape (K, 3), to where they run."""
+    """Lines of constant x and of constant y over a field, ``step_m`` apart, laid on it between two
+    corners, shape (2,) [m], in pieces of shape (L, 2, 3) [m]. corners: of a line, before those are
+    left out that are not needed. warp: takes the lines, shape (K, 3), to where they run."""
     pieces = [np.zeros((0, 2, 3))]
     (x0, x1), (y0, y1) = field.domain_m
-    for axis, ((first, last), (begin, end)) in enumerate((((x0, x1), (y0, y1)), ((y0, y1), (x0, x1)))):
+    for axis, ((first, last), (begin, end)) in enumerate(
+        (((x0, x1), (y0, y1)), ((y0, y1), (x0, x1)))
+    ):
         points = np.zeros((corners, 3))
         points[:, 1 - axis] = np.linspace(begin, end, corners)
         for value in step_m * np.arange(np.ceil(first / step_m), np.floor(last / step_m) + 1.0):
             points[:, axis] = value
-            pieces.append(on_ground(points if warp is None else warp(points), field, low, high, STRAIGHT_M))
+            pieces.append(
+                on_ground(points if warp is None else warp(points), field, low, high, STRAIGHT_M)
+            )
     return np.concatenate(pieces)
 
 
 def plane(axis: int, sign: float, corners_m: Array, step_m: float) -> Scene:
-    """A pale piece of the plane across an axis between two corners, shape (2, 3) [m], with grid lines."""
+    """A pale piece of the plane across an axis between two corners, shape (2, 3) [m], with grid
+    lines."""
     low, high = corners_m
     first, second = (k for k in range(3) if k != axis)
     corners = np.array([low, low, high, high])
@@ -189,25 +247,43 @@ def plane(axis: int, sign: float, corners_m: Array, step_m: float) -> Scene:
             lines.append(np.array([low, high]))
             lines[-1][:, k] = at
     plane = Facet(
-        corners_m=corners, normal=sign * np.eye(3)[axis], colour="#f3f5f7", edge="#c3cad2", width=1.0,
-        layer=Layer.BACKDROP, lift_m=-99.0,
-    )  # fmt: skip
-    grid = Path(pieces_m=np.array(lines), colour="#dde2e8", width=0.8, layer=Layer.BACKDROP, lift_m=-33.0)
+        corners_m=corners,
+        normal=sign * np.eye(3)[axis],
+        colour="#f3f5f7",
+        edge="#c3cad2",
+        width=1.0,
+        layer=Layer.BACKDROP,
+        lift_m=-99.0,
+    )
+    grid = Path(
+        pieces_m=np.array(lines), colour="#dde2e8", width=0.8, layer=Layer.BACKDROP, lift_m=-33.0
+    )
     return Scene(facets=[plane], paths=[grid] if lines else [])
 
 
 def stone(patch: Patch, axis: int, level: float, colour: Colour, *, behind: bool) -> Scene:
-    """A block from the plane up to a patch, its sides a tint of the colour; of glass where seen from behind."""
+    """A block from the plane up to a patch, its sides a tint of the colour; of glass where seen
+    from behind."""
     tint = 0.35 * np.array(colour) + 0.65 * np.array(rgb("#dcd8d0"))
     foot = np.where(np.arange(3) == axis, level, patch.vertices_m)
     block = DrawnBody(
-        name="stone", shape=hull(np.vstack([patch.vertices_m, foot])), position_m=np.zeros(3),
-        colour=tuple(tint), edge=None if behind else tuple(0.75 * tint), opacity=0.3 if behind else 1.0,
-    )  # fmt: skip
+        name="stone",
+        shape=hull(np.vstack([patch.vertices_m, foot])),
+        position_m=np.zeros(3),
+        colour=tuple(tint),
+        edge=None if behind else tuple(0.75 * tint),
+        opacity=0.3 if behind else 1.0,
+    )
     face = Facet(
-        corners_m=patch.vertices_m, normal=patch.normal, colour=colour, edge=INK, width=1.0,
-        opacity=0.75 if behind else 1.0, layer=Layer.GLASS if behind else Layer.SPACE, lift_m=0.05,
-    )  # fmt: skip
+        corners_m=patch.vertices_m,
+        normal=patch.normal,
+        colour=colour,
+        edge=INK,
+        width=1.0,
+        opacity=0.75 if behind else 1.0,
+        layer=Layer.GLASS if behind else Layer.SPACE,
+        lift_m=0.05,
+    )
     return Scene(bodies=[block], facets=[face])
 
 
@@ -218,5 +294,8 @@ def _glints(patch: Patch, cell: Array) -> Array:
     middle = cell.mean(axis=0) + 0.002 * patch.normal
     strokes = ((-0.35, 0.45), (0.0, 0.85), (0.28, 0.40))
     return np.array(
-        [[middle + size * (aside * (y - z) + side * half * (y + z)) for side in (-1.0, 1.0)] for aside, half in strokes]
+        [
+            [middle + size * (aside * (y - z) + side * half * (y + z)) for side in (-1.0, 1.0)]
+            for aside, half in strokes
+        ]
     )

@@ -1,4 +1,5 @@
-"""The picture of a run's tracking, drawn from its log: joints, body, forces and commands over time."""
+"""The picture of a run's tracking, drawn from its log: joints, body, forces and commands over
+time."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
 
 
 def tracked(recorded: Recorded) -> dict[str, Array]:
-    """Times, angles as planned, sent and measured, torques, and forces of a log; shape (T,), (T, J) and (T, N, 3).
+    """Times, angles as planned, sent and measured, torques, and forces of a log; shape (T,), (T, J)
+    and (T, N, 3).
 
     Raises InvalidInput for a log without a command, and for one whose messages do not go together.
     """
@@ -38,14 +40,21 @@ def tracked(recorded: Recorded) -> dict[str, Array]:
     limbs = _limbs(recorded.of("plan")[0])
     joints = sum(map(len, limbs.values()))
     shapes: dict[str, tuple[int, ...]] = {
-        "planned_rad": (joints,), "sent_rad": (joints,), "time_s": (), "angles_rad": (joints,),
-        "torques_nm": (joints,), "forces_n": (len(limbs), 3), "position_m": (3,),
-    }  # fmt: skip
+        "planned_rad": (joints,),
+        "sent_rad": (joints,),
+        "time_s": (),
+        "angles_rad": (joints,),
+        "torques_nm": (joints,),
+        "forces_n": (len(limbs), 3),
+        "position_m": (3,),
+    }
     return {
         name: table(
             [
                 each.get(name)
-                for each in (commands if name in TOPICS["command"] and name != "time_s" else states)[:rows]
+                for each in (
+                    commands if name in TOPICS["command"] and name != "time_s" else states
+                )[:rows]
             ],
             (rows, *shape),
             f"log: {name}",
@@ -57,7 +66,10 @@ def tracked(recorded: Recorded) -> dict[str, Array]:
 def differences(tracks: dict[str, Array]) -> dict[str, float]:
     """Differences of measured joints from the plan: worst, root mean square [rad]."""
     away = tracks["angles_rad"] - tracks["planned_rad"]
-    return {"joint_worst_rad": float(np.abs(away).max()), "joint_rms_rad": float(np.sqrt(np.mean(away**2)))}
+    return {
+        "joint_worst_rad": float(np.abs(away).max()),
+        "joint_rms_rad": float(np.sqrt(np.mean(away**2))),
+    }
 
 
 @DEFAULT_STYLE
@@ -80,7 +92,9 @@ def draw_tracking(recorded: Recorded) -> Figure:
     if (limits := plan.get("torque_nm")) is not None:
         most = float(np.max(table(limits, (len(plan["joints"]),), "log: torque_nm")))
         middle.axhline(most, color="0.4", linestyle="--", linewidth=0.8)
-        middle.text(time_s[0], most, "limit of the strongest joint", va="top", fontsize="small", color="0.4")
+        middle.text(
+            time_s[0], most, "limit of the strongest joint", va="top", fontsize="small", color="0.4"
+        )
     _limb_lines(low, time_s, np.linalg.norm(tracks["forces_n"], axis=2), limbs)
     low.set_ylabel("force on\nfoot [N]")
     if aims is not None:
@@ -90,7 +104,11 @@ def draw_tracking(recorded: Recorded) -> Figure:
         for axis in range(3):
             planned = 1e3 * (aims["origin_m"][:, axis] - tracks["position_m"][0, axis])
             bottom.plot(
-                aims["time_s"], planned, color=AXIS_COLOURS[axis], label="planned" if axis == 2 else None, **PLANNED
+                aims["time_s"],
+                planned,
+                color=AXIS_COLOURS[axis],
+                label="planned" if axis == 2 else None,
+                **PLANNED,
             )
     for each in recorded.of("decision"):
         if each["what"] in REPLANS and "time_s" in each:
@@ -105,63 +123,87 @@ def draw_tracking(recorded: Recorded) -> Figure:
         quiet_axes(axes)
     for axes in (top, bottom):
         axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(limbs), fontsize="small",
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.0,
+            ncols=len(limbs),
+            fontsize="small",
             frameon=False,
-        )  # fmt: skip
-    said = differences(tracks)
+        )
+    summary = differences(tracks)
     end = "" if recorded.whole else "; the log breaks off"
     headline(
-        figure, f"{plan['course']} on {plan.get('world', '?')}",
-        f"joints within {1e3 * said['joint_worst_rad']:.1f} mrad of the plan, {1e3 * said['joint_rms_rad']:.1f} mrad "
+        figure,
+        f"{plan['course']} on {plan.get('world', '?')}",
+        f"joints within {1e3 * summary['joint_worst_rad']:.1f} mrad of the plan, {1e3 * summary['joint_rms_rad']:.1f} mrad "
         f"(RMS){end}",
-    )  # fmt: skip
+    )
     return figure
 
 
 def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
-    """Names of every limb's joints. Older logs, which do not say them, are of robots with four a limb.
+    """Names of every limb's joints. Older logs, which do not say them, are of robots with four a
+    limb.
 
     Raises InvalidInput for limbs that are not those of the joints, in their order.
     """
     joints, limbs = plan["joints"], plan.get("limbs")
     if limbs is None and len(joints) % len(JOINTS) == 0:
-        limbs = {joints[k].rsplit("_", 1)[0]: joints[k : k + len(JOINTS)] for k in range(0, len(joints), len(JOINTS))}
+        limbs = {
+            joints[k].rsplit("_", 1)[0]: joints[k : k + len(JOINTS)]
+            for k in range(0, len(joints), len(JOINTS))
+        }
     parts: dict[str, list[str]] = limbs if isinstance(limbs, dict) else {}
     lists = parts and all(isinstance(part, list) and part for part in parts.values())
     if not lists or list(chain.from_iterable(parts.values())) != joints:
-        raise InvalidInput(f"log: limbs: expected the names of {len(joints)} joints by limb, got {shown(limbs)}")
+        raise InvalidInput(
+            f"log: limbs: expected the names of {len(joints)} joints by limb, got {shown(limbs)}"
+        )
     return parts
 
 
 def targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
-    """Times, planned body and forces, what feet stood on and should have rolled, as far as the log has them; shape
-    (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say."""
-    found = recorded.of("target")
-    shapes = {"time_s": (), "origin_m": (3,), "forces_n": (limbs, 3), "foothold": (limbs,), "rolled_m": (limbs, 3)}
-    if not found:
+    """Times, planned body and forces, what feet stood on and should have rolled, as far as the log
+    has them; shape (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say."""
+    result = recorded.of("target")
+    shapes = {
+        "time_s": (),
+        "origin_m": (3,),
+        "forces_n": (limbs, 3),
+        "foothold": (limbs,),
+        "rolled_m": (limbs, 3),
+    }
+    if not result:
         return None
     return {
-        name: table([each.get(name) for each in found], (len(found), *shape), f"log: {name}")
+        name: table([each.get(name) for each in result], (len(result), *shape), f"log: {name}")
         for name, shape in shapes.items()
     }
 
 
 def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
     """Slips of every foot from where it touched, 0 in the air, shape (T, N) [m]."""
-    (rows, limbs), states = aims["foothold"].shape, {each["time_s"]: each for each in recorded.of("measurement")}
+    (rows, limbs), states = (
+        aims["foothold"].shape,
+        {each["time_s"]: each for each in recorded.of("measurement")},
+    )
     felt, feet = (
-        table([states.get(time, {}).get(name) for time in aims["time_s"]], (rows, limbs, 3), f"log: {name}")
+        table(
+            [states.get(time, {}).get(name) for time in aims["time_s"]],
+            (rows, limbs, 3),
+            f"log: {name}",
+        )
         for name in ("forces_n", "feet_m")
     )
     feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > TOUCH_N
-    found, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
+    result, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
     before = np.full(limbs, np.nan)
     for row, holds in enumerate(aims["foothold"]):
         place[(holds < 0) | (holds != before)] = np.nan
         lands = (holds >= 0) & touches[row] & np.isnan(place[:, 0])
         place[lands], before = feet[row, lands], holds
-        found[row] = np.nan_to_num(np.linalg.norm(feet[row] - place, axis=1))
-    return found
+        result[row] = np.nan_to_num(np.linalg.norm(feet[row] - place, axis=1))
+    return result
 
 
 def _limb_lines(
@@ -169,5 +211,5 @@ def _limb_lines(
 ) -> None:
     """One line a limb; values: shape (T, N). style: of planned ones, which no legend names."""
     for index, limb in enumerate(limbs):
-        drawn: dict[str, Any] = {"linewidth": 0.9, "label": limb} if style is None else style
-        axes.plot(time_s, values[:, index], color=leg_colour(index), **drawn)
+        options: dict[str, Any] = {"linewidth": 0.9, "label": limb} if style is None else style
+        axes.plot(time_s, values[:, index], color=leg_colour(index), **options)

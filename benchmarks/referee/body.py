@@ -169,7 +169,8 @@ def _stiffness(
 
 
 def _primitive(urdf: str) -> str:
-    """A URDF without meshes, without parts of joints that are there twice, and with what MuJoCo has to know."""
+    """A URDF without meshes, without parts of joints that are there twice, and with what MuJoCo has
+    to know."""
     root = ElementTree.fromstring(urdf)
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:

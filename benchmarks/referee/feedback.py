@@ -1,4 +1,5 @@
-"""Feedback of the body: a wrench that brings it back, shared by the feet that stand, within their cones."""
+"""Feedback of the body: a wrench that brings it back, shared by the feet that stand, within their
+cones."""
 
 from __future__ import annotations
 
@@ -9,8 +10,9 @@ from .settings import Feedback
 
 Array = NDArray[np.float64]
 ROUNDS, DONE, KEPT, FLAT = 30, 1e-4, 1e-3, 1e-6
-"""Rounds of accelerated projected gradients; the change, in units of all planned force, below which there are no more;
-what a change of force costs beside a miss of the wrench; what keeps the rows of few feet independent."""
+"""Rounds of accelerated projected gradients; the change, in units of all planned force, below which
+there are no more; what a change of force costs beside a miss of the wrench; what keeps the rows of
+few feet independent."""
 
 
 def wrench(
@@ -21,7 +23,8 @@ def wrench(
     turn_rad: Array,
     rate_rad_s: Array,
 ) -> Array:
-    """Force and moment about the centre of mass that bring the body back, shape (6,), as springs and dampers do.
+    """Force and moment about the centre of mass that bring the body back, shape (6,), as springs
+    and dampers do.
 
     Arguments:
         gains: of the settings.
@@ -41,7 +44,8 @@ def wrench(
 def shared(
     gains: Feedback, wanted: Array, arms_m: Array, forces_n: Array, normals: Array, friction: Array
 ) -> Array:
-    """Forces of n feet within their cones whose sum over the planned ones is nearest to a wrench, shape (n, 3) [N].
+    """Forces of n feet within their cones whose sum over the planned ones is nearest to a wrench,
+    shape (n, 3) [N].
 
     Arguments:
         gains: of the settings.

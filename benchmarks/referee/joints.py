@@ -1,4 +1,5 @@
-"""Joints along a reference by inverse kinematics of its own, and the torque that the file's forces ask for."""
+"""Joints along a reference by inverse kinematics of its own, and the torque that the file's forces
+ask for."""
 
 from __future__ import annotations
 
@@ -17,13 +18,15 @@ FORGET_S = 0.05
 NEAR_M, MOST_ROUNDS, FIRST_ROUNDS = 2e-5, 8, 200
 """Feet are found to within this, in so many rounds; in more where a motion begins."""
 DAMPED, WARY, STEP_RAD, DRAWN = 1e-6, 1e-4, 0.3, 0.3
-"""Damping of the least squares, the same in feedback; the largest turn of a joint per round; how much of the way to its
-reference a leg with more than three joints goes where that does not move its foot."""
+"""Damping of the least squares, the same in feedback; the largest turn of a joint per round; how
+much of the way to its reference a leg with more than three joints goes where that does not move its
+foot."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Commands:
-    """Positions, velocities and feed-forward torques at T moments; balls roll on the ground while they stand.
+    """Positions, velocities and feed-forward torques at T moments; balls roll on the ground while
+    they stand.
 
     Attributes:
         positions: of all of MuJoCo's coordinates, shape (T, nq).
@@ -82,8 +85,8 @@ def commands(body: Body, reference: Reference) -> Commands:
 class Rolls:
     """By how much balls have rolled since they touched, shape (N, 3) [m].
 
-    A leg that turns by θ about its foot moves the ball's centre by θ × r n. In the air that is forgotten, and a foot
-    comes down where the file has it.
+    A leg that turns by θ about its foot moves the ball's centre by θ × r n. In the air that is
+    forgotten, and a foot comes down where the file has it.
     """
 
     def __init__(self, body: Body) -> None:
@@ -125,7 +128,8 @@ class Solver:
         near: Array | None,
         rounds: int,
     ) -> tuple[Array, float]:
-        """Positions with the centre of mass, the body's rotation and the balls there; and how far feet miss [m]."""
+        """Positions with the centre of mass, the body's rotation and the balls there; and how far
+        feet miss [m]."""
         body, data, model = self.body, self.data, self.body.model
         data.qpos[:] = begin
         data.qpos[3:7] = turn

@@ -1,4 +1,5 @@
-"""Where body and feet are to be, and what feet press with, every few milliseconds: from key frames or samples."""
+"""Where body and feet are to be, and what feet press with, every few milliseconds: from key frames
+or samples."""
 
 from __future__ import annotations
 
@@ -53,7 +54,8 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
-    """A corner of a plan's motion: key frames on both sides of it and its place between them, feet, forces."""
+    """A corner of a plan's motion: key frames on both sides of it and its place between them, feet,
+    forces."""
 
     frame: int
     centres: Array
@@ -62,7 +64,8 @@ class _State:
 
 
 def of_plan(plan: KeyFrames, radii_m: Array, settings: Settings) -> Reference:
-    """The motion of a plan: load to those that stay, up, across with the body, down, load to all."""
+    """The motion of a plan: load to those that stay, up, across with the body, down, load to
+    all."""
     return _PlanMotion(plan, radii_m, settings).reference()
 
 
@@ -126,7 +129,8 @@ class _PlanMotion:
         return _State(frame=frame, centres=centres, forces=np.mean(rows, axis=0), surface=holds)
 
     def _force(self, frame: int, carry: frozenset[int]) -> Array:
-        """What these carry with at a frame; where the file has no such stance, the mean of those it has."""
+        """What these carry with at a frame; where the file has no such stance, the mean of those it
+        has."""
         found = self.plan.forces_n.get((frame, carry))
         return self._standing(frame).forces if found is None else found
 
@@ -141,7 +145,8 @@ class _PlanMotion:
     def _swing(
         self, frame: int, lifted: frozenset[int], begin: Array, end: Array
     ) -> tuple[Array, Array]:
-        """Corners of the ways of those that swing: the lowest that stay clear of the ground, or the clearest."""
+        """Corners of the ways of those that swing: the lowest that stay clear of the ground, or the
+        clearest."""
         plan, settings = self.plan, self.settings
         high, over = begin.copy(), end.copy()
         for limb in lifted:
@@ -255,7 +260,8 @@ def quaternion(rotation: Sequence[float] | Array) -> Array:
 
 
 def rotation_between(wanted: Array, found: Array) -> Array:
-    """The rotation vector, in world axes, that takes the found quaternion to the wanted one, shape (3,) [rad]."""
+    """The rotation vector, in world axes, that takes the found quaternion to the wanted one, shape
+    (3,) [rad]."""
     inverse, difference, vector = np.empty(4), np.empty(4), np.empty(3)
     mujoco.mju_negQuat(inverse, found)
     mujoco.mju_mulQuat(difference, wanted, inverse)
@@ -264,7 +270,8 @@ def rotation_between(wanted: Array, found: Array) -> Array:
 
 
 def cross(one: Array, two: Array) -> Array:
-    """The cross product of two vectors, shape (3,): faster than NumPy's, which is for arrays of them."""
+    """The cross product of two vectors, shape (3,): faster than NumPy's, which is for arrays of
+    them."""
     (a, b, c), (x, y, z) = one.tolist(), two.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 

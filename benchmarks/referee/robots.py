@@ -1,4 +1,5 @@
-"""A file's robot: its URDF, its legs from the base outward, and the ball that each of them touches with."""
+"""A file's robot: its URDF, its legs from the base outward, and the ball that each of them touches
+with."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "robots"
 NAMED = {"hexapod": ("hexapod.urdf", "{}_foot"), "anymal": ("anymal.urdf", "{}_FOOT")}
-"""Robots that files name without a URDF in them: the file that ships, and what the feet of its legs are called."""
+"""Robots that files name without a URDF in them: the file that ships, and what the feet of its legs
+are called."""
 BENT_RAD = {4: (0.0, -0.6, 0.0, 1.6), 3: (0.0, 0.7, -1.4)}
 """Postures of a leg that a file says none of, by its number of joints."""
 SAME_M = 2e-3
@@ -126,7 +128,8 @@ def _leg(root: Element, raw: Mapping[str, Any]) -> Leg:
 
 
 def _ball(link: Element, said: Mapping[str, Any] | None) -> tuple[Array, float]:
-    """What a foot touches with: what the file says, or the sphere of its link that is farthest out."""
+    """What a foot touches with: what the file says, or the sphere of its link that is farthest
+    out."""
     if said is not None:
         return np.array(said["point_m"], dtype=float), float(said["radius_m"])
     balls = [

@@ -1,4 +1,5 @@
-"""Settings of the referee, fixed in a file, and what is wrong with a robot or its ground, as it is asked for."""
+"""Settings of the referee, fixed in a file, and what is wrong with a robot or its ground, as it is
+asked for."""
 
 from __future__ import annotations
 
@@ -110,7 +111,8 @@ class Wrong:
         mass: factor of all masses.
         friction: factor of all coefficients of friction.
         soft: contacts as the settings have them for soft ground.
-        contact_s: time constant of contacts in place of the settings' [s]; the stiffness goes with its inverse square.
+        contact_s: time constant of contacts in place of the settings' [s]; the stiffness goes with
+            its inverse square.
         contact_damping: damping ratio of contacts in place of the settings'.
         stiffness: factor of the joints' stiffness.
     """
@@ -148,7 +150,8 @@ class Wrong:
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """A horizontal push at the base that grows, while the robot stands still in one stance of a plan.
+    """A horizontal push at the base that grows, while the robot stands still in one stance of a
+    plan.
 
     Attributes:
         most_n: largest push [N].
@@ -162,7 +165,8 @@ class Push:
 
 
 def read_settings(path: Path = FILE) -> Settings:
-    """Read the settings. Raises ValueError, in one line, for keys that are missing, unknown or of another kind."""
+    """Read the settings. Raises ValueError, in one line, for keys that are missing, unknown or of
+    another kind."""
     keys = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(keys, dict):
         raise ValueError(f"{path}: expected keys, got {type(keys).__name__}")

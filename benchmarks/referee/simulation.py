@@ -42,7 +42,8 @@ class Row:
         torque_share: largest torque of a joint in units of its limit, before it is cut there.
         missed_mm: how far feet are from the file's at most by inverse kinematics [mm].
         carried: what the ground carries at the end, in units of the robot's weight.
-        held_n: of a push: the largest that was held [N]; as large as was asked for where it never fell.
+        held_n: of a push: the largest that was held [N]; as large as was asked for where it never
+            fell.
     """
 
     stood: bool
@@ -97,7 +98,8 @@ def pushed(
         path: a plan or a walk.
         settings: the referee's.
         wrong: what is not as the file has it.
-        pushes: the motion is prepared once for all of them, and each is asked for when the one before it ended.
+        pushes: the motion is prepared once for all of them, and each is asked for when the one
+            before it ended.
     Raises:
         BrokenFile: in one line, for what cannot be played.
     """
@@ -287,10 +289,12 @@ class _Run:
         return torque
 
     def _bends(self, moment: int) -> Array:
-        """By how much joints bend so that feet in the air go where they should although the body is off.
+        """By how much joints bend so that feet in the air go where they should although the body is
+        off.
 
-        Feet that stand come back from that slowly, and draw the body with them. In a plan feet go where the file has
-        them in the world. A walk, which may balance on two feet, steps where its body is, at the file's height.
+        Feet that stand come back from that slowly, and draw the body with them. In a plan feet go
+        where the file has them in the world. A walk, which may balance on two feet, steps where its
+        body is, at the file's height.
         """
         body, data, to = self.body, self.data, self.reference
         bends = np.zeros(len(body.places))

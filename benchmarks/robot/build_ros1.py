@@ -1,10 +1,12 @@
-"""Build a real ROS 1 robot: rosmaster, rosbridge, rosapi, and ros_control's controllers over 24 joints that lag.
+"""Build a real ROS 1 robot: rosmaster, rosbridge, rosapi, and ros_control's controllers over 24
+joints that lag.
 
     python benchmarks/robot/build_ros1.py FOLDER [--sources CLONES] [--install]
 
-Debian 12 has most of ROS 1 as packages; --install gets them by apt-get. The rest is built from sources, fetched by name
-with git, or taken from --sources: a folder of bare clones ``owner+name/repo``. Only ``robot_hw.cpp``, the joints, is
-this project's. ``ros1.py`` beside it drives faults.
+Debian 12 has most of ROS 1 as packages; --install gets them by apt-get. The rest is built from
+sources, fetched by name with git, or taken from --sources: a folder of bare clones
+``owner+name/repo``. Only ``robot_hw.cpp``, the joints, is this project's. ``ros1.py`` beside it
+drives faults.
 """
 
 from __future__ import annotations

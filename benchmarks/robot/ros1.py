@@ -1,13 +1,15 @@
-"""Runs on the real ROS 1 robot that build_ros1.py builds: what is wrong with it, what stops it, and what moves after.
+"""Runs on the real ROS 1 robot that build_ros1.py builds: what is wrong with it, what stops it, and
+what moves after.
 
-    python benchmarks/robot/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …] [--tell]
-    python benchmarks/robot/ros1.py FOLDER --stand PLAN
+    python benchmarks/robot/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …]
+    [--tell] python benchmarks/robot/ros1.py FOLDER --stand PLAN
 
-Every run has a fresh robot and a fresh rosbridge, and is a process with ``stancekit run --arm`` of a plan of some
-seconds. A fault comes ``AT_S`` after the robot's first motion, or before the run. Motions, and when they were, are read
-from the joints' own log, 250 times a second. Results go to FOLDER/results.jsonl, and what is there is not run again;
---tell prints the tables alone. fastest: of all joints at all times. after: motion [rad] after the process had ended,
-which is after its report. off: of the joint farthest from the plan's end, where the exit code is 0.
+Every run has a fresh robot and a fresh rosbridge, and is a process with ``stancekit run --arm`` of
+a plan of some seconds. A fault comes ``AT_S`` after the robot's first motion, or before the run.
+Motions, and when they were, are read from the joints' own log, 250 times a second. Results go to
+FOLDER/results.jsonl, and what is there is not run again; --tell prints the tables alone. fastest:
+of all joints at all times. after: motion [rad] after the process had ended, which is after its
+report. off: of the joint farthest from the plan's end, where the exit code is 0.
 """
 
 from __future__ import annotations
@@ -57,10 +59,10 @@ Kind = Literal["faults", "healthy", "odd"]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A set-up, and what happens to it. act: does it, and is told so after ``AT_S``; before: a node that is there from
-    the beginning; lead_s: that ``act`` is begun earlier; after_s: that is looked on at the end; setup: of the file;
-    states_hz, shuffled, remap, namespace, rosapi, estop: of the robot; options: of the command; exits: codes that are
-    right.
+    """A set-up, and what happens to it. act: does it, and is told so after ``AT_S``; before: a node
+    that is there from the beginning; lead_s: that ``act`` is begun earlier; after_s: that is looked
+    on at the end; setup: of the file; states_hz, shuffled, remap, namespace, rosapi, estop: of the
+    robot; options: of the command; exits: codes that are right.
     """
 
     name: str
@@ -86,9 +88,13 @@ class Robot:
         self.folder, self._prefix = folder, prefix
         paths = f"{folder / 'py'}"
         self.environment = os.environ | {
-            "PYTHONPATH": paths, "ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder / "home"),
-            "ROS_LOG_DIR": str(folder / "log"), "ROS_PACKAGE_PATH": f"{folder / 'src'}:/usr/share",
-        }  # fmt: skip
+            "PYTHONPATH": paths,
+            "ROS_MASTER_URI": master,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder / "home"),
+            "ROS_LOG_DIR": str(folder / "log"),
+            "ROS_PACKAGE_PATH": f"{folder / 'src'}:/usr/share",
+        }
         (folder / "log").mkdir(exist_ok=True)
         self.processes: dict[str, subprocess.Popen[str]] = {}
 
@@ -97,9 +103,15 @@ class Robot:
         pipe = subprocess.PIPE if words[1:] and words[1].endswith("ros_nodes.py") else None
         with (self.folder / "log" / f"{self._prefix}{name}.out").open("w") as output:
             self.processes[name] = subprocess.Popen(
-                words, env=self.environment, stdin=subprocess.PIPE, stdout=pipe or output, stderr=output,
-                start_new_session=True, text=True, cwd=self.folder,
-            )  # fmt: skip
+                words,
+                env=self.environment,
+                stdin=subprocess.PIPE,
+                stdout=pipe or output,
+                stderr=output,
+                start_new_session=True,
+                text=True,
+                cwd=self.folder,
+            )
         return self.processes[name]
 
     def node(self, name: str, *words: str) -> None:
@@ -150,8 +162,16 @@ FAULTS = (
     Case(name="e-stop of nobody", setup={"estop": "/e_stopp"}, exits=(2,)),
     Case(name="e-stop of another type", estop="int8", exits=(2,)),
     Case(name="rosbridge killed", act=lambda robot, host: robot.send("bridge", signal.SIGKILL)),
-    Case(name="rosbridge frozen 4 s", act=lambda robot, host: robot.freeze("bridge", 4.0), after_s=6.0),
-    Case(name="rosbridge frozen 1 s", act=lambda robot, host: robot.freeze("bridge", 1.0), after_s=3.0),
+    Case(
+        name="rosbridge frozen 4 s",
+        act=lambda robot, host: robot.freeze("bridge", 4.0),
+        after_s=6.0,
+    ),
+    Case(
+        name="rosbridge frozen 1 s",
+        act=lambda robot, host: robot.freeze("bridge", 1.0),
+        after_s=3.0,
+    ),
     Case(name="robot killed", act=lambda robot, host: robot.send("robot", signal.SIGKILL)),
     Case(name="robot frozen 1 s", act=lambda robot, host: robot.freeze("robot", 1.0), after_s=3.0),
     Case(name="joint stuck", node=("stuck", "9"), exits=(0, 1)),
@@ -164,23 +184,48 @@ FAULTS = (
     Case(name="controller switched off", node=("switch",)),
     Case(name="ROS 2 in the setup", setup={"ros": 2}, exits=(2,)),
     Case(name="commands reach nobody", remap=f"{COMMAND}:=/nobody", exits=(2,)),
-    Case(name="commands are heard after 4 s", before=("late", "4"), remap=f"{COMMAND}:=/late", exits=(0,)),
-    Case(name="commands are missed at first", before=("late", "0", "2"), remap=f"{COMMAND}:=/late", exits=(0,)),
-)  # fmt: skip
+    Case(
+        name="commands are heard after 4 s",
+        before=("late", "4"),
+        remap=f"{COMMAND}:=/late",
+        exits=(0,),
+    ),
+    Case(
+        name="commands are missed at first",
+        before=("late", "0", "2"),
+        remap=f"{COMMAND}:=/late",
+        exits=(0,),
+    ),
+)
 HEALTHY = (Case(name="healthy", exits=(0,)),)
 ODD = (
     Case(name="states at 10 Hz", states_hz=10.0, exits=(0,)),
     Case(name="names shuffled", shuffled=True, exits=(0,)),
     Case(name="wheels beside it", before=("states", "wheels", "30", "120"), exits=(0,)),
     Case(name="e-stop says something when pressed alone", estop="quiet", exits=(0,)),
-    Case(name="stamps of 0", before=("relay", "unstamped", "/states"), setup={"joint_states": "/states"}, exits=(0,)),
-    Case(name="clock 2 s off", before=("relay", "old", "/states"), setup={"joint_states": "/states"}, exits=(0,)),
     Case(
-        name="a namespace", namespace="/robot1", exits=(0,),
-        setup={"joint_states": "/robot1/joint_states", "controller": "/robot1/joint_trajectory_controller"},
+        name="stamps of 0",
+        before=("relay", "unstamped", "/states"),
+        setup={"joint_states": "/states"},
+        exits=(0,),
+    ),
+    Case(
+        name="clock 2 s off",
+        before=("relay", "old", "/states"),
+        setup={"joint_states": "/states"},
+        exits=(0,),
+    ),
+    Case(
+        name="a namespace",
+        namespace="/robot1",
+        exits=(0,),
+        setup={
+            "joint_states": "/robot1/joint_states",
+            "controller": "/robot1/joint_trajectory_controller",
+        },
     ),
     Case(name="no rosapi", rosapi=False, exits=(0,)),
-)  # fmt: skip
+)
 CASES: dict[Kind, tuple[Case, ...]] = {"faults": FAULTS, "healthy": HEALTHY, "odd": ODD}
 
 
@@ -198,18 +243,22 @@ class Arguments:
     tell: bool = False
     """Print what is there, and run nothing."""
     stand: Path | None = None
-    """A plan: let a robot stand as it begins, behind a rosbridge on port 9090, until Ctrl-C, and run nothing. Lines on
-    standard input, ``press`` and ``release``, are for its e-stop."""
+    """A plan: let a robot stand as it begins, behind a rosbridge on port 9090, until Ctrl-C, and
+    run nothing. Lines on standard input, ``press`` and ``release``, are for its e-stop."""
     load: float = 3.0
-    """Wait before every run until the machine's load is no more than this, but no longer than ``patience_s``."""
+    """Wait before every run until the machine's load is no more than this, but no longer than
+    ``patience_s``."""
     patience_s: float = 60.0
     rate_hz: float = 50.0
-    """Commands, joint states and states of the controller per second; a busy machine wants fewer."""
+    """Commands, joint states and states of the controller per second; a busy machine wants
+    fewer."""
 
 
 def main(arguments: Arguments) -> None:
     """Run what is not there yet, and print the tables."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and leave no process behind
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
+    )  # and leave no process behind
     folder = arguments.folder.resolve()
     if arguments.stand is not None:
         stand(folder, arguments.stand, arguments.rate_hz)
@@ -254,7 +303,8 @@ def quiet(load: float, patience_s: float) -> float:
 
 
 def keep(robot: Robot, name: str) -> None:
-    """Keep what a run that went wrong left behind: its log and output, and what the robot's processes said."""
+    """Keep what a run that went wrong left behind: its log and output, and what the robot's
+    processes said."""
     kept = robot.folder / "kept" / re.sub(r"\W+", "-", name)
     shutil.rmtree(kept, ignore_errors=True)
     shutil.copytree(robot.folder / "run", kept)
@@ -317,8 +367,15 @@ def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any
 
 def begun(robot: Robot, case: Case, port: int) -> None:
     """Start a robot that was described, and a rosbridge, and what is beside them."""
-    robot.start("robot", str(robot.folder / "robot_hw"), f"__ns:={case.namespace or '/'}", *case.remap.split())
-    robot.start("bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(port))
+    robot.start(
+        "robot",
+        str(robot.folder / "robot_hw"),
+        f"__ns:={case.namespace or '/'}",
+        *case.remap.split(),
+    )
+    robot.start(
+        "bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(port)
+    )
     if case.rosapi and "rosapi" not in robot.processes:
         robot.start("rosapi", PYTHON, "rosapi_node")
     if not case.rosapi:
@@ -351,28 +408,39 @@ def stand(folder: Path, plan: Path, rate_hz: float) -> None:
             signal.pause()
 
 
-def describe(robot: Robot, case: Case, names: Sequence[str], start: Array, motions: Path, rate_hz: float) -> None:
+def describe(
+    robot: Robot, case: Case, names: Sequence[str], start: Array, motions: Path, rate_hz: float
+) -> None:
     """The robot's parameters, at the master."""
     master = xmlrpc.client.ServerProxy(robot.environment["ROS_MASTER_URI"])
     limit = "<limit lower='-3' upper='3' effort='10' velocity='10'/>"
     joints = "".join(
         f"<link name='l{k}'/><joint name='{name}' type='revolute'><parent link='base'/><child link='l{k}'/>"
-        f"<axis xyz='0 0 1'/>{limit}</joint>" for k, name in enumerate(names)
-    )  # fmt: skip
+        f"<axis xyz='0 0 1'/>{limit}</joint>"
+        for k, name in enumerate(names)
+    )
     space = case.namespace
     constraints = {"goal_time": 0.6, "stopped_velocity_tolerance": 0.05}
     tolerances = {name: {"trajectory": 0.5, "goal": 0.1} for name in names}
     for key, value in {
         "/robot_description": f"<robot name='r'><link name='base'/>{joints}</robot>",
-        f"{space}/hw": {"joints": list(names), "start": start.tolist(), "log": str(motions), "rate_hz": 5.0 * rate_hz},
+        f"{space}/hw": {
+            "joints": list(names),
+            "start": start.tolist(),
+            "log": str(motions),
+            "rate_hz": 5.0 * rate_hz,
+        },
         f"{space}/joint_state_controller": {
-            "type": "joint_state_controller/JointStateController", "publish_rate": min(case.states_hz, rate_hz),
+            "type": "joint_state_controller/JointStateController",
+            "publish_rate": min(case.states_hz, rate_hz),
         },
         f"{space}/joint_trajectory_controller": {
-            "type": "position_controllers/JointTrajectoryController", "joints": list(names),
-            "state_publish_rate": rate_hz, "constraints": constraints | tolerances,
+            "type": "position_controllers/JointTrajectoryController",
+            "joints": list(names),
+            "state_publish_rate": rate_hz,
+            "constraints": constraints | tolerances,
         },
-    }.items():  # fmt: skip
+    }.items():
         master.setParam("/ros1.py", key, value)  # type: ignore[arg-type]
 
 
@@ -424,12 +492,20 @@ def judged(
         off = float(np.abs(np.asarray(sent[-1])[order] - ours[-1, 2:]).max())
     fault = case.act is not None or bool(case.node)
     return {
-        "case": case.name, "exit": code, "right": code in case.exits, "fastest": float(ours[:, 1].max()),
+        "case": case.name,
+        "exit": code,
+        "right": code in case.exits,
+        "fastest": float(ours[:, 1].max()),
         "stopped_s": over_s - acted_s if fault and acted_s is not None else None,
-        "still_s": float(still[-1, 0]) - acted_s if fault and acted_s is not None and len(still) else None,
-        "moved": bool(len(still)), "after": moved, "said": any(word in said for word in ("may still", "still moves")),
-        "off": off, "message": why(errors, output),
-    }  # fmt: skip
+        "still_s": float(still[-1, 0]) - acted_s
+        if fault and acted_s is not None and len(still)
+        else None,
+        "moved": bool(len(still)),
+        "after": moved,
+        "said": any(word in said for word in ("may still", "still moves")),
+        "off": off,
+        "message": why(errors, output),
+    }
 
 
 def why(errors: str, output: str) -> str:
@@ -456,11 +532,16 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
         off = [row["off"] for row in found if row["off"] is not None]
         silent = [row["after"] for row in found if not row["said"] and row["exit"] >= 0]
         columns = (
-            case.name, len(found), f"{max(row['load'] for row in found):.1f}", exits,
+            case.name,
+            len(found),
+            f"{max(row['load'] for row in found):.1f}",
+            exits,
             f"{max(row['fastest'] for row in found):.2f}",
-            f"{max(still):.2f}" if still else "", f"{max(silent, default=0.0):.3f}", f"{max(off):.3f}" if off else "",
+            f"{max(still):.2f}" if still else "",
+            f"{max(silent, default=0.0):.3f}",
+            f"{max(off):.3f}" if off else "",
             min(found, key=lambda row: row["right"])["message"][:160].replace("|", "/"),
-        )  # fmt: skip
+        )
         lines.append(f"| {' | '.join(map(str, columns))} |")
     ours = [row for row in done if row["case"] in {case.name for case in cases}]
     limit = Servo().velocity_rad_s
@@ -487,10 +568,14 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
 
 
 def starved(row: dict[str, Any]) -> bool:
-    """Whether a run ended otherwise than it should because the machine, at a load of more than its processors, did not
-    let a process run in time."""
+    """Whether a run ended otherwise than it should because the machine, at a load of more than its
+    processors, did not let a process run in time."""
     late = ("host watchdog", "host was silent", "nothing heard for")
-    return not row["right"] and row["load"] > (os.cpu_count() or 1) and any(word in row["message"] for word in late)
+    return (
+        not row["right"]
+        and row["load"] > (os.cpu_count() or 1)
+        and any(word in row["message"] for word in late)
+    )
 
 
 FOREIGN = {"another client's goal", "another client's stream"}
@@ -523,7 +608,8 @@ def running(host: int) -> bool:
 
 
 def ended(host: int) -> int:
-    """The exit code of a process that was forked here, minus the signal that ended it; killed where it lasts."""
+    """The exit code of a process that was forked here, minus the signal that ended it; killed where
+    it lasts."""
     end = time.monotonic() + LONGEST_S
     while running(host) and time.monotonic() < end:
         time.sleep(0.005)

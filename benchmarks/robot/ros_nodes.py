@@ -1,8 +1,10 @@
-"""Nodes of ROS 1 that are in the way of a robot: e-stops, second publishers, other clients. Debian's Python runs it.
+"""Nodes of ROS 1 that are in the way of a robot: e-stops, second publishers, other clients.
+Debian's Python runs it.
 
     /usr/bin/python3 ros_nodes.py NODE [ARGUMENT …]
 
-It prints "ready", and "did" when it has done what it does. An e-stop reads lines: ``press``, ``release``.
+It prints "ready", and "did" when it has done what it does. An e-stop reads lines: ``press``,
+``release``.
 """
 
 import sys
@@ -20,7 +22,8 @@ def say(word):
 
 
 def estop(how):
-    """An e-stop: regular (5 Hz), latched, quiet (says something when it is pressed alone), or int8."""
+    """An e-stop: regular (5 Hz), latched, quiet (says something when it is pressed alone), or
+    int8."""
     kind = Int8 if how == "int8" else Bool
     publisher = rospy.Publisher("/e_stop", kind, queue_size=1, latch=how != "regular")
     pressed = [False]
@@ -43,7 +46,8 @@ def estop(how):
 
 
 def states(what, rate_hz, seconds):
-    """A second publisher of joint states: zeros, shifted, nan, short (the robot's names, no positions), wheels."""
+    """A second publisher of joint states: zeros, shifted, nan, short (the robot's names, no
+    positions), wheels."""
     topic = "/joint_states"
     publisher = rospy.Publisher(topic, JointState, queue_size=1)
     true = rospy.wait_for_message(topic, JointState)
@@ -124,7 +128,8 @@ def commands(seconds):
 
 
 def late(seconds, times="1"):
-    """A controller that connects to the publisher of its commands so long after that is there for so many times."""
+    """A controller that connects to the publisher of its commands so long after that is there for
+    so many times."""
     from trajectory_msgs.msg import JointTrajectory
 
     topic = "/joint_trajectory_controller/command"

@@ -1,17 +1,20 @@
-"""Runs on a bus whose packets are ROBOTIS' own code: what is wrong with it, what stops it, and what moves after.
+"""Runs on a bus whose packets are ROBOTIS' own code: what is wrong with it, what stops it, and what
+moves after.
 
-    python benchmarks/robot/servo_bus.py FOLDER [--sources CLONES] [--emulated] [--count 3] [--realtime] [--only NAME …]
+    python benchmarks/robot/servo_bus.py FOLDER [--sources CLONES] [--emulated] [--count 3]
+    [--realtime] [--only NAME …]
         [--tell]
 
-``robotis_bus.cpp`` beside this file is 24 servos on a pseudo-terminal; framing, CRC, stuffing, pings and status packets
-are those of Dynamixel2Arduino, fetched by name with git, or taken from --sources, a folder of bare clones
-``owner+name/repo``. --emulated runs the same faults on ``stancekit emulate bus``. Every run has a fresh bus, and is a
-process with ``stancekit run --arm`` of the course of docs/running-on-a-robot.md, shortened to some seconds. A fault
-comes before the run, or ``AT_S`` after the first motion. Motions are read from the servos' own log. Results go to
+``robotis_bus.cpp`` beside this file is 24 servos on a pseudo-terminal; framing, CRC, stuffing,
+pings and status packets are those of Dynamixel2Arduino, fetched by name with git, or taken from
+--sources, a folder of bare clones ``owner+name/repo``. --emulated runs the same faults on
+``stancekit emulate bus``. Every run has a fresh bus, and is a process with ``stancekit run --arm``
+of the course of docs/running-on-a-robot.md, shortened to some seconds. A fault comes before the
+run, or ``AT_S`` after the first motion. Motions are read from the servos' own log. Results go to
 FOLDER/results.jsonl, and what is there is not run again; --tell prints the table alone.
 
-fastest: of all joints at all times [rad/s]. after: motion [rad] after the process had ended, which is after its report,
-and after the servos' watchdog time where it was killed. exit: its code.
+fastest: of all joints at all times [rad/s]. after: motion [rad] after the process had ended, which
+is after its report, and after the servos' watchdog time where it was killed. exit: its code.
 """
 
 from __future__ import annotations
@@ -57,7 +60,8 @@ WINDOW_S = 0.1
 class Case:
     """A fault, when it comes, and what is right.
 
-    before: it is there from the beginning. exits: codes that are right; says: pattern of the line that is right.
+    before: it is there from the beginning. exits: codes that are right; says: pattern of the line
+    that is right.
     """
 
     fault: str
@@ -94,7 +98,8 @@ CASES = (
     ),
     Case(fault="killed host", exits=(-signal.SIGKILL,)),
 )
-"""12 faults, and two runs without one: a bus as it should be, and one that only lacks Fast Sync Read."""
+"""12 faults, and two runs without one: a bus as it should be, and one that only lacks Fast Sync
+Read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +216,8 @@ def robotis(folder: Path, case: Case) -> Iterator[IO[str]]:
 
 @contextmanager
 def emulated(folder: Path) -> Iterator[IO[str]]:
-    """Standard input of a fresh emulated bus; a thread keeps the log that the other bus keeps itself."""
+    """Standard input of a fresh emulated bus; a thread keeps the log that the other bus keeps
+    itself."""
     from threading import Event, Thread
 
     from stancekit.runner.emulators.servo_bus import EmulatedBus
@@ -273,9 +279,15 @@ def run(case: Case, folder: Path, emulate: bool) -> dict[str, Any]:
         command += ["--setup", "servos.yaml", "--arm", "--log", "run.mcap"]
         environment = os.environ | {"COLUMNS": "400"}
         host = subprocess.Popen(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, env=environment, start_new_session=True,
-        )  # fmt: skip
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=environment,
+            start_new_session=True,
+        )
         happened_s = None
         if not case.before and case.fault != "none":
             wait(lambda: moved(folder) or host.poll() is not None)
@@ -296,10 +308,13 @@ def run(case: Case, folder: Path, emulate: bool) -> dict[str, Any]:
     said = [" ".join(each.split()) for each in text.splitlines() if each.strip()]
     quiet_s = ended_s + (WATCHDOG_S + 0.1 if case.fault == "killed host" else 0.0)
     row = {
-        "fault": case.fault, "exit": host.returncode, "seconds": ended_s - began_s,
-        "said": verdict(said), "left": next((each for each in said if each.startswith("robot left")), ""),
+        "fault": case.fault,
+        "exit": host.returncode,
+        "seconds": ended_s - began_s,
+        "said": verdict(said),
+        "left": next((each for each in said if each.startswith("robot left")), ""),
         "log": log_of(folder),
-    } | motions(folder, happened_s, quiet_s)  # fmt: skip
+    } | motions(folder, happened_s, quiet_s)
     right = host.returncode in case.exits and bool(re.search(case.says, " ".join(said)))
     return row | {"right": right and row["after"] <= LEAST_RAD and row["fastest"] <= 3.2}
 

@@ -1,1 +1,2 @@
-"""Published scenes, a YAML file each with source and licence; typed by ``stancekit.planners.problem.scene_keys``."""
+"""Published scenes, a YAML file each with source and licence; typed by
+``stancekit.planners.problem.scene_keys``."""

@@ -2,7 +2,8 @@
 A robot of your own
 ===================
 
-A quadruped written as a URDF; Stancekit finds legs, feet and joints by their shape and names, and plans for it.
+A quadruped written as a URDF; Stancekit finds legs, feet and joints by their shape and names, and
+plans for it.
 """
 
 from pathlib import Path

@@ -2,7 +2,8 @@
 A terrain of your own
 =====================
 
-Tiles that lean and differ in height, as a mesh: where may feet stand, and what is the plan from here to there?
+Tiles that lean and differ in height, as a mesh: where may feet stand, and what is the plan from
+here to there?
 """
 
 import numpy as np
@@ -13,7 +14,9 @@ import stancekit
 rng, tiles = np.random.default_rng(0), []
 for x in np.arange(-1.0, 1.2, 0.25):
     for y in np.arange(-0.75, 0.75, 0.25):
-        corners = np.array([[x, y, 0.0], [x + 0.25, y, 0.0], [x + 0.25, y + 0.25, 0.0], [x, y + 0.25, 0.0]])
+        corners = np.array(
+            [[x, y, 0.0], [x + 0.25, y, 0.0], [x + 0.25, y + 0.25, 0.0], [x, y + 0.25, 0.0]]
+        )
         lean, height = rng.uniform(-0.15, 0.15, 2), rng.uniform(-0.02, 0.02)
         corners[:, 2] = height + (corners[:, :2] - corners[:, :2].mean(axis=0)) @ lean
         tiles.append(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False))

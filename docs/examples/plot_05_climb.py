@@ -2,7 +2,8 @@
 A climb between two walls
 =========================
 
-A hexapod braced between upright walls: where every toe goes, with what it presses, and how much the stances bear.
+A hexapod braced between upright walls: where every toe goes, with what it presses, and how much the
+stances bear.
 """
 
 import stancekit

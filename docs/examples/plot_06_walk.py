@@ -2,7 +2,8 @@
 A walk over curved ground
 =========================
 
-A trot of ANYmal over ripples: torso, feet and forces over time, judged between the optimiser's knots.
+A trot of ANYmal over ripples: torso, feet and forces over time, judged between the optimiser's
+knots.
 """
 
 import stancekit

@@ -2,8 +2,8 @@
 Train an agent
 ==============
 
-An environment of Gymnasium, an agent of stable-baselines3: boxes are cut until a posture is found, or there is proved
-to be none. 32 steps learn nothing; they show that everything fits together.
+An environment of Gymnasium, an agent of stable-baselines3: boxes are cut until a posture is found,
+or there is proved to be none. 32 steps learn nothing; they show that everything fits together.
 """
 
 import gymnasium
@@ -14,7 +14,9 @@ from stable_baselines3.common.env_util import make_vec_env
 import stancekit.envs  # noqa: F401  registers the environments
 
 env = make_vec_env(
-    lambda: gymnasium.make("stancekit/EnvelopeRefinement-v0", problem="ground-3", budget=50), n_envs=2, seed=0
+    lambda: gymnasium.make("stancekit/EnvelopeRefinement-v0", problem="ground-3", budget=50),
+    n_envs=2,
+    seed=0,
 )
 agent = PPO("MultiInputPolicy", env, n_steps=16, batch_size=16, seed=0, device="cpu")
 _ = agent.learn(32)

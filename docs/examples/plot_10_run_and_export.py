@@ -2,8 +2,8 @@
 Run a walk, export it, follow it in plain MuJoCo
 ================================================
 
-What leaves is the motion that ``run`` streams, with names. A file of mjlab's layout is followed by fifteen lines that
-know nothing of Stancekit: PD with the exported torques fed forward.
+What leaves is the motion that ``run`` streams, with names. A file of mjlab's layout is followed by
+fifteen lines that know nothing of Stancekit: PD with the exported torques fed forward.
 """
 
 import matplotlib.pyplot as plt
@@ -34,7 +34,9 @@ for q, v, tau in zip(ref["joint_pos"], ref["joint_vel"], ref["tau"], strict=True
         data.qfrc_applied[rate] = tau + 300.0 * (q - data.qpos[at]) + 6.0 * (v - data.qvel[rate])
         mujoco.mj_step(model, data)
     followed.append(data.qpos[at].copy())
-print(f"|q - q_ref| up to {np.abs(followed - ref['joint_pos']).max():.3f} rad, body at {data.qpos[2]:.2f} m")
+print(
+    f"|q - q_ref| up to {np.abs(followed - ref['joint_pos']).max():.3f} rad, body at {data.qpos[2]:.2f} m"
+)
 
 # %%
 # The CSV, plotted by five lines; and judged as anybody's.

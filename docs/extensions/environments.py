@@ -1,4 +1,5 @@
-"""A page an environment, in the form of Gymnasium's own: a table of spaces, a picture, and the docstring's sections."""
+"""A page an environment, in the form of Gymnasium's own: a table of spaces, a picture, and the
+docstring's sections."""
 
 from __future__ import annotations
 
@@ -25,7 +26,10 @@ REWARDS = {
         r"&+ w_\text{tightness}\;(1 - \tfrac{1}{2}\,\text{mean width of the box})",
         "stancekit.envs.reward:RewardWeights",
     ),
-    "EnvelopeRefinement": (r"r &= [\text{verdict}] - \frac{\text{convex problems solved}}{\text{budget}}", ""),
+    "EnvelopeRefinement": (
+        r"r &= [\text{verdict}] - \frac{\text{convex problems solved}}{\text{budget}}",
+        "",
+    ),
     "Traverse": (
         r"r &= w_\text{progress}\;\frac{\Delta s}{L} + w_\text{feasible}\;[\text{verified plan}] \\"
         r"&- w_\text{failure}\;[\text{no plan, or its execution failed}] \\"
@@ -38,7 +42,8 @@ REWARDS = {
         "stancekit.envs.warped_gait:GaitRewardWeights",
     ),
     "LeapChoice": (
-        r"r = [\text{the verifier accepts a leap}] - \frac{\text{convex problems solved}}{\text{solves}}", "",
+        r"r = [\text{the verifier accepts a leap}] - \frac{\text{convex problems solved}}{\text{solves}}",
+        "",
     ),
 }
 """The section Reward as a formula, and where its weights are."""
@@ -63,9 +68,15 @@ def page(name: str) -> str:
     docstring = inspect.getdoc(type(env.unwrapped)) or ""
     brief, _, rest = docstring.partition("\n\n")
     brief, rest = (re.sub(r"``([^`]*)``", r"`\1`", text) for text in (brief, rest))
-    rest = re.sub(r"## Reward\n\n(.*?)(?=\n## )", lambda said: _reward(short(name), said[1]), rest, flags=re.S)
+    rest = re.sub(
+        r"## Reward\n\n(.*?)(?=\n## )", lambda said: _reward(short(name), said[1]), rest, flags=re.S
+    )
     picture = f"![One frame]({short(name)}.png)\n\n" if short(name) in PICTURE else ""
-    many = "yes, `gymnasium.make_vec`" if gymnasium.spec(name).vector_entry_point else "Gymnasium's own wrappers"
+    many = (
+        "yes, `gymnasium.make_vec`"
+        if gymnasium.spec(name).vector_entry_point
+        else "Gymnasium's own wrappers"
+    )
     return f"""# {short(name)}
 
 {picture}| | |
@@ -83,7 +94,8 @@ def page(name: str) -> str:
 
 
 def _room(name: str) -> str:
-    """What ``bench room`` printed for an environment, as a table below its command; or why there is none."""
+    """What ``bench room`` printed for an environment, as a table below its command; or why there is
+    none."""
     lines = [json.loads(line) for line in ROOM.read_text(encoding="utf-8").splitlines()]
     own = [line for line in lines if line["environment"].startswith(name)]
     text = ["## Room for learning", ""]
@@ -91,19 +103,35 @@ def _room(name: str) -> str:
         mine = [line for line in own if line["command"] == command]
         first = mine[0]
         text += ["```sh", command, "```", ""]
-        text += [f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:"]
-        text += [f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, 95 % intervals;"]
+        text += [
+            f"{first['environment']}, {first['scenes']} scenes; oracle: {first['oracle_budget']}; learned:"
+        ]
+        text += [
+            f"{first['learned_by'] or 'nothing'}. Shares in percent, differences in points, 95 % intervals;"
+        ]
         text += ["gains are paired over the scenes. *again*: the oracle with other seeds.", ""]
-        text += ["| budget | random | best unlearned control | learned | learned − control | oracle | again | room |"]
+        text += [
+            "| budget | random | best unlearned control | learned | learned − control | oracle | again | room |"
+        ]
         text += ["|---|---|---|---|---|---|---|---|", *map(_row, mine), ""]
     return "\n".join([*text, *(f"{line['said']}\n" for line in own if "said" in line)])
 
 
 def _row(line: dict[str, Any]) -> str:
-    shares = {key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")}
+    shares = {
+        key: _share(line[key], 100.0) for key in ("random", "control", "learned", "oracle", "again")
+    }
     control = f"{shares['control']} ({line['controlled_by']})"
     gain = _share(line["gain"], 1.0, "+.1f")
-    cells = [line["budget"], shares["random"], control, shares["learned"], gain, shares["oracle"], shares["again"]]
+    cells = [
+        line["budget"],
+        shares["random"],
+        control,
+        shares["learned"],
+        gain,
+        shares["oracle"],
+        shares["again"],
+    ]
     return f"| {' | '.join(cells)} | {line['room']:.0f} |"
 
 
@@ -118,12 +146,25 @@ def _reward(name: str, said: str) -> str:
     """The formula, what the docstring says in words, and the weights."""
     formula, place = REWARDS[name]
     text = " ".join(said.split())
-    lines = ["## Reward", "", "$$", r"\begin{aligned}", formula, r"\end{aligned}", "$$", "", text, ""]
+    lines = [
+        "## Reward",
+        "",
+        "$$",
+        r"\begin{aligned}",
+        formula,
+        r"\end{aligned}",
+        "$$",
+        "",
+        text,
+        "",
+    ]
     if place:
         module, kind = place.split(":")
         weights = getattr(import_module(module), kind)()
         lines += [f"| weight of `{kind}` | default |", "|---|---|"]
-        lines += [f"| {field.name} | {getattr(weights, field.name):g} |" for field in fields(weights)]
+        lines += [
+            f"| {field.name} | {getattr(weights, field.name):g} |" for field in fields(weights)
+        ]
     return "\n".join([*lines, ""])
 
 
@@ -138,7 +179,11 @@ def draw(name: str, path: Path) -> None:
     env: Any = gymnasium.make(name, render_mode="rgb_array")
     env.reset(seed=0)
     env.action_space.seed(0)
-    action = np.zeros_like(env.action_space.sample()) if short(name) != "EnvelopeSelection" else _wide(env)
+    action = (
+        np.zeros_like(env.action_space.sample())
+        if short(name) != "EnvelopeSelection"
+        else _wide(env)
+    )
     env.step(action)
     imsave(path, env.render())
     env.close()

@@ -1,4 +1,5 @@
-"""Writes the pages that follow from the code, before the others are read: keys, environments, verbs, scripts."""
+"""Writes the pages that follow from the code, before the others are read: keys, environments,
+verbs, scripts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The reference of keys: what every file may say, from the models that read it.
 
-Types, bounds and defaults are those of the models; what a key means is taken from the model's docstring where that says
-``key: meaning``, else from docs/reference/meanings.yaml. ``python docs/extensions/keys.py`` prints what lacks one.
+Types, bounds and defaults are those of the models; what a key means is taken from the model's
+docstring where that says ``key: meaning``, else from docs/reference/meanings.yaml. ``python
+docs/extensions/keys.py`` prints what lacks one.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ FOLDERS = ("planners", "runner", "views", "envs", "learners")
 class Section:
     """A kind of file: its title, what is said of it, and its keys.
 
-    models: classes as module:class, of pydantic or what it reads. values: classes of which a file has the fields, as
-    ``planners.files.codec`` reads and writes them. whole: whether every key of them has to be there.
+    models: classes as module:class, of pydantic or what it reads. values: classes of which a file
+    has the fields, as ``planners.files.codec`` reads and writes them. whole: whether every key of
+    them has to be there.
     """
 
     title: str
@@ -43,43 +45,105 @@ class Section:
 
 
 SECTIONS = (
-    Section("Courses", "YAML for `stancekit plan FILE`, `stancekit.plan`, `Traverse-v0`; see [terrain](../terrain.md).",
-            ("planners.problem.course_keys:CourseSpec",)),
-    Section("Published scenes", "YAML with `surfaces`; see [scenes](../scenes.md).",
-            ("planners.problem.scene_keys:SceneSpec",)),
-    Section("Leaps", "`stancekit/leap/1`, YAML or JSON for `stancekit plan FILE`; see [leaps](../concepts/leaps.md).",
-            ("planners.problem.leap_classes:LeapClass",),
-            ("planners.problem.leap_json:_LeapKeys", "planners.problem.leap_json:_DrawKeys"), whole=False),
-    Section("Robots", "YAML that names a URDF and corrects it; see [robots](../robots.md).",
-            ("planners.robot.robot_file:RobotKeys",)),
-    Section("Walkers", "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
-            values=("planners.robot.single_body:GaitRobot",)),
-    Section("Actuators", "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
-            ("planners.robot.actuators:Actuators",)),
-    Section("Distributions of postures", "YAML for `sample`, `label` and the environments.",
-            ("envs.distributions.postures:_Yaml",)),
-    Section("Experiments", "YAML for `stancekit bench envelopes` and `stancekit fit --config`.",
-            ("learners.evaluation.experiment:Experiment", "learners.selectors.genetic:GeneticSettings",
-             "learners.selectors.neural_training:NeuralSettings", "learners.selectors.chooser:ChooserSettings")),
-    Section("Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)),
-    Section("Servo buses", "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
-            ("runner.worlds.dynamixel.calibration:Calibration",)),
-    Section("Simulations", "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
-            ("runner.worlds.contact:SimulationSetup",)),
-    Section("Robots behind a rosbridge", "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
-            ("runner.worlds.ros.setup:RosSetup",)),
-    Section("Walks of other programs", "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
-            ("planners.gait.walk_table:WalkKeys",)),
-    Section("Posture problems", "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
-            values=("planners.problem.posture:PostureKeys",)),
-    Section("Courses laid out", "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
-            ("planners.robot.model_json:ModelJson",), ("planners.problem.problem:Problem",)),
-    Section("Envelopes", "`stancekit/envelope/1`, JSON.", values=("planners.relaxation.envelope:EnvelopeSet",)),
-    Section("Data sets", "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
-            "`timing-N.json`; written by the program.",
-            ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:TryHeader",
-             "envs.data.label_plan:TryPlan", "envs.data.ledger:ShardTiming")),
-)  # fmt: skip
+    Section(
+        "Courses",
+        "YAML for `stancekit plan FILE`, `stancekit.plan`, `Traverse-v0`; see [terrain](../terrain.md).",
+        ("planners.problem.course_keys:CourseSpec",),
+    ),
+    Section(
+        "Published scenes",
+        "YAML with `surfaces`; see [scenes](../scenes.md).",
+        ("planners.problem.scene_keys:SceneSpec",),
+    ),
+    Section(
+        "Leaps",
+        "`stancekit/leap/1`, YAML or JSON for `stancekit plan FILE`; see [leaps](../concepts/leaps.md).",
+        ("planners.problem.leap_classes:LeapClass",),
+        ("planners.problem.leap_json:_LeapKeys", "planners.problem.leap_json:_DrawKeys"),
+        whole=False,
+    ),
+    Section(
+        "Robots",
+        "YAML that names a URDF and corrects it; see [robots](../robots.md).",
+        ("planners.robot.robot_file:RobotKeys",),
+    ),
+    Section(
+        "Walkers",
+        "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
+        values=("planners.robot.single_body:GaitRobot",),
+    ),
+    Section(
+        "Actuators",
+        "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
+        ("planners.robot.actuators:Actuators",),
+    ),
+    Section(
+        "Distributions of postures",
+        "YAML for `sample`, `label` and the environments.",
+        ("envs.distributions.postures:_Yaml",),
+    ),
+    Section(
+        "Experiments",
+        "YAML for `stancekit bench envelopes` and `stancekit fit --config`.",
+        (
+            "learners.evaluation.experiment:Experiment",
+            "learners.selectors.genetic:GeneticSettings",
+            "learners.selectors.neural_training:NeuralSettings",
+            "learners.selectors.chooser:ChooserSettings",
+        ),
+    ),
+    Section(
+        "Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)
+    ),
+    Section(
+        "Servo buses",
+        "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
+        ("runner.worlds.dynamixel.calibration:Calibration",),
+    ),
+    Section(
+        "Simulations",
+        "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
+        ("runner.worlds.contact:SimulationSetup",),
+    ),
+    Section(
+        "Robots behind a rosbridge",
+        "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
+        ("runner.worlds.ros.setup:RosSetup",),
+    ),
+    Section(
+        "Walks of other programs",
+        "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
+        ("planners.gait.walk_table:WalkKeys",),
+    ),
+    Section(
+        "Posture problems",
+        "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
+        values=("planners.problem.posture:PostureKeys",),
+    ),
+    Section(
+        "Courses laid out",
+        "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
+        ("planners.robot.model_json:ModelJson",),
+        ("planners.problem.problem:Problem",),
+    ),
+    Section(
+        "Envelopes",
+        "`stancekit/envelope/1`, JSON.",
+        values=("planners.relaxation.envelope:EnvelopeSet",),
+    ),
+    Section(
+        "Data sets",
+        "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
+        "`timing-N.json`; written by the program.",
+        (
+            "envs.data.ledger:Header",
+            "envs.data.label_plan:LabelPlan",
+            "envs.data.ledger:TryHeader",
+            "envs.data.label_plan:TryPlan",
+            "envs.data.ledger:ShardTiming",
+        ),
+    ),
+)
 
 INTERNAL = {
     "planners.formats.trajectory_file:_Asked": "part of a gait's file, which the program alone writes",
@@ -100,20 +164,27 @@ INTERNAL = {
     "runner.worlds.setup_file:SetupFile": "what servo and rosbridge files share",
     "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",
 }
-"""Models of files that nobody writes by hand, and parts of others, and why the reference leaves them out."""
+"""Models of files that nobody writes by hand, and parts of others, and why the reference leaves
+them out."""
 
 
 @cache
 def forbidding() -> frozenset[str]:
-    """Every class of the package that refuses unknown keys, as module:class, found by reading the sources."""
+    """Every class of the package that refuses unknown keys, as module:class, found by reading the
+    sources."""
     classes: dict[str, tuple[str, bool, list[str]]] = {}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.ClassDef):
-                    fields = (line for line in node.body if isinstance(line, ast.Assign | ast.AnnAssign))
-                    says = any("forbid" in ast.unparse(line) or "STRICT" in ast.unparse(line) for line in fields)
+                    fields = (
+                        line for line in node.body if isinstance(line, ast.Assign | ast.AnnAssign)
+                    )
+                    says = any(
+                        "forbid" in ast.unparse(line) or "STRICT" in ast.unparse(line)
+                        for line in fields
+                    )
                     bases = [ast.unparse(base).split(".")[-1] for base in node.bases]
                     classes[f"{module}:{node.name}"] = (node.name, says, bases)
     found = {place for place, (_, says, _) in classes.items() if says}
@@ -121,9 +192,11 @@ def forbidding() -> frozenset[str]:
         names = {place.split(":")[1] for place in found if not place.endswith(":_Keys")}
         local = {place.split(":")[0] for place in found if place.endswith(":_Keys")}
         more = {
-            place for place, (_, _, bases) in classes.items()
-            if place not in found and (names & set(bases) or ("_Keys" in bases and place.split(":")[0] in local))
-        }  # fmt: skip
+            place
+            for place, (_, _, bases) in classes.items()
+            if place not in found
+            and (names & set(bases) or ("_Keys" in bases and place.split(":")[0] in local))
+        }
         if not more:
             return frozenset(place for place in found if not place.endswith(":_Keys"))
         found |= more
@@ -136,7 +209,8 @@ def loaded(place: str) -> Any:
 
 
 def schemas(section: Section) -> dict[str, dict[str, Any]]:
-    """By name, the JSON schema of every model of a section: those that are named, and those that they hold."""
+    """By name, the JSON schema of every model of a section: those that are named, and those that
+    they hold."""
     found: dict[str, dict[str, Any]] = {}
     kinds = [loaded(place) for place in section.models]
     kinds += [keys_of(loaded(place), whole=section.whole) for place in section.values]
@@ -200,7 +274,9 @@ def _array(schema: dict[str, Any]) -> str:
         same = len(set(items)) == 1 and len(items) > 1
         return f"{len(items)} × {items[0]}" if same else f"[{', '.join(items)}]"
     least, most = schema.get("minItems"), schema.get("maxItems")
-    count = {(None, None): "", (1, None): " (one or more)"}.get((least, most), f" ({least or 0} to {most or 'any'})")
+    count = {(None, None): "", (1, None): " (one or more)"}.get(
+        (least, most), f" ({least or 0} to {most or 'any'})"
+    )
     return f"list{count} of {kind_of(schema['items'])}" if "items" in schema else f"list{count}"
 
 
@@ -210,7 +286,8 @@ def anchor(name: str) -> str:
 
 
 def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
-    """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are keys."""
+    """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are
+    keys."""
     flat = " ".join(docstring.split())
     found: dict[str, str] = {}
     starts = [
@@ -224,7 +301,9 @@ def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
     return found
 
 
-def meanings(name: str, schema: dict[str, Any], written: dict[str, dict[str, str]]) -> dict[str, str]:
+def meanings(
+    name: str, schema: dict[str, Any], written: dict[str, dict[str, str]]
+) -> dict[str, str]:
     """By key: what it means; keys without a meaning are left out."""
     keys = set(schema.get("properties", {}))
     usual = {key: text for key, text in written.get("any", {}).items() if key in keys}
@@ -240,11 +319,12 @@ def page() -> str:
     """The whole reference, Markdown."""
     written = written_meanings()
     lines = [
-        "# Keys of files", "",
+        "# Keys of files",
+        "",
         "Every key that a file may have, from the models that read it. A reader refuses unknown and missing keys, and",
         "names every one that is wrong. Bold keys have to be there; numbers are SI, in the units that names end in.",
         "",
-    ]  # fmt: skip
+    ]
     seen: set[str] = set()
     for section in SECTIONS:
         lines += [f"## {section.title}", "", section.text, ""]
@@ -284,24 +364,34 @@ def _default(schema: dict[str, Any]) -> str:
 
 
 def missing() -> Iterator[str]:
-    """Keys without a meaning, meanings without a key, and models that neither the reference nor INTERNAL knows."""
+    """Keys without a meaning, meanings without a key, and models that neither the reference nor
+    INTERNAL knows."""
     written, reached, known = written_meanings(), set(), set()
     for section in SECTIONS:
         for name, schema in schemas(section).items():
             keys = set(schema.get("properties", {}))
             reached.add(name)
             known |= {f"{name}.{key}" for key in keys}
-            yield from (f"{name}.{key}: no meaning" for key in sorted(keys - set(meanings(name, schema, written))))
+            yield from (
+                f"{name}.{key}: no meaning"
+                for key in sorted(keys - set(meanings(name, schema, written)))
+            )
     everywhere = {place.split(".")[1] for place in known}
-    yield from (f"any.{key}: a meaning of no key" for key in written["any"] if key not in everywhere)
+    yield from (
+        f"any.{key}: a meaning of no key" for key in written["any"] if key not in everywhere
+    )
     for name, texts in written.items():
         if name == "any":
             continue
-        yield from (f"{name}.{key}: a meaning of no key" for key in texts if f"{name}.{key}" not in known)
+        yield from (
+            f"{name}.{key}: a meaning of no key" for key in texts if f"{name}.{key}" not in known
+        )
     for place in sorted(forbidding() - set(INTERNAL)):
         if place.split(":")[1] not in reached:
             yield f"{place}: not in the reference, and not in INTERNAL"
-    yield from (f"{place}: in INTERNAL, and not there" for place in sorted(set(INTERNAL) - forbidding()))
+    yield from (
+        f"{place}: in INTERNAL, and not there" for place in sorted(set(INTERNAL) - forbidding())
+    )
 
 
 if __name__ == "__main__":

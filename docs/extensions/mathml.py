@@ -1,4 +1,5 @@
-"""Formulas as MathML, by docutils' own converter: pages need no network and no script to show them."""
+"""Formulas as MathML, by docutils' own converter: pages need no network and no script to show
+them."""
 
 from __future__ import annotations
 

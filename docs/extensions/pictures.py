@@ -1,7 +1,8 @@
-"""Draws the pictures of docs/images with the commands that its pages give for them; its films are docs/gallery.py's.
+"""Draws the pictures of docs/images with the commands that its pages give for them; its films are
+docs/gallery.py's.
 
-They are in the repository, since they are shown where nothing is built, too. A build draws those anew that are older
-than the code. By hand: python docs/extensions/pictures.py [NAME ...]
+They are in the repository, since they are shown where nothing is built, too. A build draws those
+anew that are older than the code. By hand: python docs/extensions/pictures.py [NAME ...]
 """
 
 from __future__ import annotations
@@ -22,9 +23,16 @@ PICTURES = {
     "gait.png": ("stancekit", "gait", "cone", "--start=-2,0", "--goal", "2,0", "--picture"),
     "leap.png": ("stancekit", "plan", "leap-stones:3", "--picture"),
     "playground.png": (
-        "python", "benchmarks/playground.py", "--courses", "icy-walls", "--size-px", "1500", "900", "--picture",
+        "python",
+        "benchmarks/playground.py",
+        "--courses",
+        "icy-walls",
+        "--size-px",
+        "1500",
+        "900",
+        "--picture",
     ),
-}  # fmt: skip
+}
 """Their names, and the command whose last option takes the file."""
 BROWSER = {"playground.png"}
 """Those for which a browser is needed; without one they stay as they are."""
@@ -32,22 +40,31 @@ BROWSER = {"playground.png"}
 
 def stale(name: str, folder: Path = IMAGES) -> bool:
     """Whether a picture is older than some file of the code that draws it."""
-    code = (path for part in ("planners", "views", "cli", "configs") for path in (ROOT / part).rglob("*.*"))
+    code = (
+        path
+        for part in ("planners", "views", "cli", "configs")
+        for path in (ROOT / part).rglob("*.*")
+    )
     newest = max(path.stat().st_mtime for path in code if path.suffix in (".py", ".yaml"))
     return not (folder / name).exists() or (folder / name).stat().st_mtime < newest
 
 
 def draw(name: str, folder: Path = IMAGES) -> str:
-    """Draw one picture into a folder, whole or not at all; the command's complaint where it fails, else empty."""
+    """Draw one picture into a folder, whole or not at all; the command's complaint where it fails,
+    else empty."""
     with tempfile.TemporaryDirectory() as work:
         drawn = Path(work) / name
         program, *words = PICTURES[name]
         tool = sys.executable if program == "python" else str(Path(sys.executable).parent / program)
         path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH", ""))))
         ran = subprocess.run(
-            [tool, *words, str(drawn)], cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True,
-            text=True, check=False,
-        )  # fmt: skip
+            [tool, *words, str(drawn)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if ran.returncode or not drawn.exists():
             return f"{name}: {' '.join(PICTURES[name])}: {ran.stderr.strip()[-500:]}"
         (folder / name).write_bytes(drawn.read_bytes())
@@ -55,7 +72,8 @@ def draw(name: str, folder: Path = IMAGES) -> str:
 
 
 def write(_: Sphinx) -> None:
-    """Draw those that are older than the code; a command that fails is a warning, which fails the build."""
+    """Draw those that are older than the code; a command that fails is a warning, which fails the
+    build."""
     from sphinx.util import logging
 
     from tests.emulators.chromium import CHROMIUM

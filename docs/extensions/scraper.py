@@ -19,7 +19,8 @@ FILM = """
 
 
 class _Written:
-    """Collects what examples write into the folder that they run in: every picture and film once, in their order."""
+    """Collects what examples write into the folder that they run in: every picture and film once,
+    in their order."""
 
     def __init__(self) -> None:
         self._seen: set[tuple[str, int]] = set()
@@ -27,11 +28,16 @@ class _Written:
     def __repr__(self) -> str:
         return "Written"
 
-    def __call__(self, block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any], **_: Any) -> str:
-        """Copy new pictures to the names that the gallery has for them; reStructuredText that shows all that is new."""
+    def __call__(
+        self, block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any], **_: Any
+    ) -> str:
+        """Copy new pictures to the names that the gallery has for them; reStructuredText that shows
+        all that is new."""
         folder = Path(block_vars["src_file"]).parent
         kept, films = [], ""
-        for path in sorted([*folder.glob("*.png"), *folder.glob("*.mp4")], key=lambda path: path.stat().st_mtime_ns):
+        for path in sorted(
+            [*folder.glob("*.png"), *folder.glob("*.mp4")], key=lambda path: path.stat().st_mtime_ns
+        ):
             sign = (path.name, path.stat().st_mtime_ns)
             if sign in self._seen:
                 continue

@@ -1,10 +1,11 @@
-"""The directive ``tied``: below an equation, every function whose docstring cites it, with its code.
+"""The directive ``tied``: below an equation, every function whose docstring cites it, with its
+code.
 
     ```{tied} E5
     ```
 
-What is found is what docs/equations.py finds, so that a page cannot say that a function implements an equation of which
-the function does not know.
+What is found is what docs/equations.py finds, so that a page cannot say that a function implements
+an equation of which the function does not know.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 MOST_LINES = 70
-"""Of a function or class that are shown; what is longer ends in a line that says where to read on."""
+"""Of a function or class that are shown; what is longer ends in a line that says where to read
+on."""
 
 
 @cache
@@ -34,15 +36,23 @@ def _functions(file: str) -> dict[int, tuple[ast.AST, str]]:
     text = (equations.ROOT / file).read_text(encoding="utf-8")
     lines = text.splitlines()
     return {
-        node.lineno: (node, "\n".join(lines[min([node.lineno, *(d.lineno for d in node.decorator_list)]) - 1 :
-                                           node.end_lineno]))
+        node.lineno: (
+            node,
+            "\n".join(
+                lines[
+                    min([node.lineno, *(d.lineno for d in node.decorator_list)])
+                    - 1 : node.end_lineno
+                ]
+            ),
+        )
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.FunctionDef | ast.ClassDef)
-    }  # fmt: skip
+    }
 
 
 def code_of(tie: equations.Tie) -> tuple[str, str]:
-    """The first sentence of its docstring, and its text, without the indentation and cut where it is long."""
+    """The first sentence of its docstring, and its text, without the indentation and cut where it
+    is long."""
     node, text = _functions(tie.file)[tie.line]
     brief = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")  # type: ignore[arg-type]
     lines = text.splitlines()

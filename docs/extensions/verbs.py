@@ -38,5 +38,12 @@ def page() -> str:
     for verb in VERBS:
         lines += [f"## stancekit {verb}", "", "```text", said(verb, "--help"), "```", ""]
         for what in SUBCOMMANDS.get(verb, ()):
-            lines += [f"### stancekit {verb} {what}", "", "```text", said(verb, what, "--help"), "```", ""]
+            lines += [
+                f"### stancekit {verb} {what}",
+                "",
+                "```text",
+                said(verb, what, "--help"),
+                "```",
+                "",
+            ]
     return "\n".join(lines)

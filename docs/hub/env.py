@@ -1,9 +1,11 @@
-"""Stancekit's environments for LeRobot's EnvHub: one file, to be put into a repository of the hub as ``env.py``.
+"""Stancekit's environments for LeRobot's EnvHub: one file, to be put into a repository of the hub
+as ``env.py``.
 
-LeRobot calls ``make_env(n_envs, use_async_envs)`` of it (``lerobot.envs.factory.make_env("USER/REPO",
-trust_remote_code=True)``) and takes a mapping of suite and task to vector environments. ``info["is_success"]`` says
-whether P1 over the chosen box answers as the scene's label does. Observations are ``environment_state``, as LeRobot's
-policies read them: the environment's own arrays, one after another, in the order of their names.
+LeRobot calls ``make_env(n_envs, use_async_envs)`` of it
+(``lerobot.envs.factory.make_env("USER/REPO", trust_remote_code=True)``) and takes a mapping of
+suite and task to vector environments. ``info["is_success"]`` says whether P1 over the chosen box
+answers as the scene's label does. Observations are ``environment_state``, as LeRobot's policies
+read them: the environment's own arrays, one after another, in the order of their names.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ ONE_STEP = 1
 
 
 class ForLeRobot(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """The same environment as LeRobot's evaluation calls it: flat observations, a task in words, and success."""
+    """The same environment as LeRobot's evaluation calls it: flat observations, a task in words,
+    and success."""
 
     def __init__(self, env: Any, task: str) -> None:
         super().__init__(env)
@@ -44,13 +47,24 @@ class ForLeRobot(gymnasium.Wrapper[Any, Any, Any, Any]):
         return {"environment_state": flatten(self.env.observation_space, observation)}
 
 
-def make_env(n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None) -> dict[str, dict[int, Any]]:
+def make_env(
+    n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None
+) -> dict[str, dict[int, Any]]:
     """A vector environment per task."""
-    vector: Any = gymnasium.vector.AsyncVectorEnv if use_async_envs else gymnasium.vector.SyncVectorEnv
-    same_step = gymnasium.vector.AutoresetMode.SAME_STEP  # "final_info" comes with the step that ends an episode
+    vector: Any = (
+        gymnasium.vector.AsyncVectorEnv if use_async_envs else gymnasium.vector.SyncVectorEnv
+    )
+    same_step = (
+        gymnasium.vector.AutoresetMode.SAME_STEP
+    )  # "final_info" comes with the step that ends an episode
 
     def made(task: str) -> Any:
         name = "stancekit.envs:stancekit/EnvelopeSelection-v0"
         return lambda: ForLeRobot(gymnasium.make(name, problem=task), task)
 
-    return {"stancekit": {k: vector([made(task)] * n_envs, autoreset_mode=same_step) for k, task in enumerate(TASKS)}}
+    return {
+        "stancekit": {
+            k: vector([made(task)] * n_envs, autoreset_mode=same_step)
+            for k, task in enumerate(TASKS)
+        }
+    }

@@ -1,1 +1,2 @@
-"""Data sets of labelled posture problems: what an environment draws from and selectors learn from."""
+"""Data sets of labelled posture problems: what an environment draws from and selectors learn
+from."""

@@ -1,4 +1,5 @@
-"""Data sets of labelled posture problems (Algorithm E1): what ``labelling`` writes and selectors learn from."""
+"""Data sets of labelled posture problems (Algorithm E1): what ``labelling`` writes and selectors
+learn from."""
 
 from __future__ import annotations
 
@@ -42,18 +43,21 @@ OPEN_SHARDS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Dataset:
-    """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data sets, too.
+    """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data
+    sets, too.
 
-    It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the scene as a policy
-    sees it (``planners.equilibrium.features.observe``: float32 arrays by name) and the label: 1 feasible, 0 infeasible,
-    −1 undecided. ``ds.row(k)`` is the whole row with its evidence, ``ds.rows()`` all of them.
+    It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the
+    scene as a policy sees it (``planners.equilibrium.features.observe``: float32 arrays by name)
+    and the label: 1 feasible, 0 infeasible, −1 undecided. ``ds.row(k)`` is the whole row with its
+    evidence, ``ds.rows()`` all of them.
 
     Arguments:
         ledger: the folder's files, see ``Dataset.open``.
         chosen: which rows of the folder these are, in this order, shape (K,).
         part: what they were confined to, see ``only``.
     Raises:
-        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
+        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another
+            version.
     Source:
         Algorithm E1.
     Example:
@@ -71,7 +75,8 @@ class Dataset:
 
     @classmethod
     def open(cls, path: str | Path) -> Dataset:
-        """Open a folder that ``labelling.label`` has filled, or a data set that ships by its name; reads no rows yet.
+        """Open a folder that ``labelling.label`` has filled, or a data set that ships by its name;
+        reads no rows yet.
 
         Raises InvalidInput for what is missing, foreign, damaged or of another version.
         """
@@ -92,7 +97,8 @@ class Dataset:
 
     @property
     def robot(self) -> str:
-        """Identity of the robot that the rows are of, see ``Robot``; empty for the default hexapod."""
+        """Identity of the robot that the rows are of, see ``Robot``; empty for the default
+        hexapod."""
         return self.header.robot or ""
 
     def __repr__(self) -> str:
@@ -121,7 +127,8 @@ class Dataset:
         return self._read(index, self._decoded)
 
     def problems(self) -> Iterator[Problem]:
-        """The problems of all rows, one after the other; equal to what was drawn to the last bit."""
+        """The problems of all rows, one after the other; equal to what was drawn to the last
+        bit."""
         return (self._read(index, self._problem) for index in range(len(self)))
 
     @property
@@ -151,7 +158,8 @@ class Dataset:
 
     @property
     def infeasible_points(self) -> Array:
-        """S̄ of Algorithm E1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N, 6)."""
+        """S̄ of Algorithm E1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N,
+        6)."""
         return np.asarray(self._points[self.infeasible])
 
     def summary(self) -> Summary:
@@ -163,10 +171,11 @@ class Dataset:
         return replace(self, chosen=self.chosen[np.asarray(indices, dtype=np.intp)], _open={})
 
     def only(self, part: Part) -> Dataset:
-        """The rows of "train" or of "test", one in TEST_SHARE, by a hash of their problems; or "all".
+        """The rows of "train" or of "test", one in TEST_SHARE, by a hash of their problems; or
+        "all".
 
-        A problem is of the same part in whatever data set it is: what was learned from "train" has seen nothing of
-        "test". Raises InvalidInput for another part.
+        A problem is of the same part in whatever data set it is: what was learned from "train" has
+        seen nothing of "test". Raises InvalidInput for another part.
         """
         if part not in get_args(Part):
             raise InvalidInput(f"part: expected one of {', '.join(get_args(Part))}, got {part!r}")
@@ -174,28 +183,35 @@ class Dataset:
             return self
         shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
-        found = [is_test(texts[k]) == (part == "test") for k in self.chosen]
-        return replace(self, chosen=self.chosen[np.array(found, dtype=bool)], part=part, _open={})
+        members = [is_test(texts[k]) == (part == "test") for k in self.chosen]
+        return replace(self, chosen=self.chosen[np.array(members, dtype=bool)], part=part, _open={})
 
     @property
     def origin(self) -> dict[str, str]:
         """Origin of these rows, which a selector keeps: digest of the set, of its draws, and the
         part."""
-        return {"dataset": self.header.digest, "first_sample": self.header.first_sample, "part": self.part}
+        return {
+            "dataset": self.header.digest,
+            "first_sample": self.header.first_sample,
+            "part": self.part,
+        }
 
     def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
-        """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6, .2, .2).
+        """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6,
+        .2, .2).
 
-        Rows are independent draws, so each part takes the next ones of each kind: no chance is needed.
-        Raises InvalidInput unless the fractions are positive and add up to 1 at most.
+        Rows are independent draws, so each part takes the next ones of each kind: no chance is
+        needed. Raises InvalidInput unless the fractions are positive and add up to 1 at most.
         """
         if not fractions or min(fractions) <= 0.0 or sum(fractions) > 1.0 + 1e-9:
-            raise InvalidInput(f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}")
+            raise InvalidInput(
+                f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}"
+            )
         kinds = [np.flatnonzero(self._kinds == kind) for kind in np.unique(self._kinds)]
         parts = []
         for begin, end in itertools.pairwise(np.minimum(np.cumsum([0.0, *fractions]), 1.0)):
-            taken = [kind[round(begin * len(kind)) : round(end * len(kind))] for kind in kinds]
-            parts.append(self.select(np.sort(np.concatenate(taken))))
+            chosen = [kind[round(begin * len(kind)) : round(end * len(kind))] for kind in kinds]
+            parts.append(self.select(np.sort(np.concatenate(chosen))))
         return tuple(parts)
 
     @cached_property
@@ -203,26 +219,31 @@ class Dataset:
         """Labels with "trivial" set apart, shape (K,)."""
         names = ["label", "trivial"]
         tables = [self.ledger.read(shard, names) for shard in range(self.header.plan.shards)]
-        label, trivial = (np.concatenate([table.column(name).to_numpy() for table in tables]) for name in names)
+        label, trivial = (
+            np.concatenate([table.column(name).to_numpy() for table in tables]) for name in names
+        )
         return np.where(trivial, "trivial", label).astype(np.str_)[self.chosen]
 
     @cached_property
     def _points(self) -> Array:
         """Points of all rows, NaN where there is none, shape (K, N, 6)."""
-        found = []
+        result = []
         for shard in range(self.header.plan.shards):
             column = self.ledger.read(shard, ["point"]).column("point").combine_chunks()
             points = np.full((len(column), len(self.header.legs), 6), np.nan)
             there = column.drop_null()
             if len(there):
                 points[column.is_valid().to_numpy(zero_copy_only=False)] = there.to_numpy_ndarray()
-            found.append(points)
-        return np.asarray(np.concatenate(found)[self.chosen])
+            result.append(points)
+        return np.asarray(np.concatenate(result)[self.chosen])
 
     @cached_property
     def _robot(self) -> Robot:
-        """Any robot with the legs of the set: the problems carry their own shoulders and reaches."""
-        limbs = tuple(Limb(name=leg, shoulder_m=np.zeros(3), reach_m=1.0) for leg in self.header.legs)
+        """Any robot with the legs of the set: the problems carry their own shoulders and
+        reaches."""
+        limbs = tuple(
+            Limb(name=leg, shoulder_m=np.zeros(3), reach_m=1.0) for leg in self.header.legs
+        )
         return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
 
     def _problem(self, raw: dict[str, Any]) -> Problem:
@@ -244,7 +265,9 @@ class Dataset:
         try:
             return decode(table.slice(row, 1).to_pylist()[0])
         except (TypeError, ValueError, OverflowError, KeyError, AttributeError) as error:
-            raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
+            raise InvalidInput(
+                f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}"
+            ) from None
 
 
 def is_test(problem: str) -> bool:

@@ -18,7 +18,8 @@ STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 ORDERS = ("random", "rule", "farkas", "finder", "noise")
 """How choices of a leap's contacts are made, see ``planners.leap.tries``."""
 USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "noise": 4})
-"""Tries of a scene where nothing is said: half of them spread over all choices, the others near those that succeed."""
+"""Tries of a scene where nothing is said: half of them spread over all choices, the others near
+those that succeed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,31 +40,37 @@ class RowPlan(ABC):
         """Number of shards over which the rows are spread."""
 
     def _check_counts(self, least: Mapping[str, int]) -> None:
-        """Raise InvalidInput for a setting below its least integer, and for more than fits a folder."""
+        """Raise InvalidInput for a setting below its least integer, and for more than fits a
+        folder."""
         for name, smallest in least.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
-                raise InvalidInput(f"{name}: expected an integer of at least {smallest}, got {value!r}")
+                raise InvalidInput(
+                    f"{name}: expected an integer of at least {smallest}, got {value!r}"
+                )
         if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
             raise InvalidInput(
                 f"{', '.join(self.counted)}: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
                 f"got {self.rows} in {self.shards}"
             )
 
+
 @dataclass(frozen=True, kw_only=True)
 class LabelPlan(RowPlan):
     """Request to label postures. The rows follow from it to the last bit, whoever draws them (on
     processors of one kind).
 
-    distribution: name of the distribution of problems; robot, terrain: files that it is of, where not the default
-    hexapod and no terrain's. feasible, infeasible: rows of each label; the infeasible ones are never trivial, that is,
-    infeasible even without the moment balance. natural: keep the first ``feasible + infeasible`` samples as they come
-    instead, whatever their label. shard_size: rows a shard, give or take one: what is drawn and written at once, and so
-    what an interruption loses; every process compiles its models once.
-    seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
-    testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in
-    3000 wants more nodes than the default, at 1 ms a node. proposers: digest of what is asked for postures and proofs
-    before any solver, on which certificates and bounds depend, and no label. Raises InvalidInput.
+    distribution: name of the distribution of problems; robot, terrain: files that it is of, where
+    not the default hexapod and no terrain's. feasible, infeasible: rows of each label; the
+    infeasible ones are never trivial, that is, infeasible even without the moment balance. natural:
+    keep the first ``feasible + infeasible`` samples as they come instead, whatever their label.
+    shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an
+    interruption loses; every process compiles its models once. seed: the samples of shard k are the
+    stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for testing need
+    different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one
+    sample in 3000 wants more nodes than the default, at 1 ms a node. proposers: digest of what is
+    asked for postures and proofs before any solver, on which certificates and bounds depend, and no
+    label. Raises InvalidInput.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -85,10 +92,14 @@ class LabelPlan(RowPlan):
     def __post_init__(self) -> None:
         if self.robot in BUILT_IN:
             object.__setattr__(self, "robot", None)  # as it was before there were others
-        self._check_counts({"feasible": 0, "infeasible": 0, "shard_size": 1, "seed": 0, "max_nodes": 1})
+        self._check_counts(
+            {"feasible": 0, "infeasible": 0, "shard_size": 1, "seed": 0, "max_nodes": 1}
+        )
         for name in ("tolerance", "gap"):
             if not 0.0 < getattr(self, name) < 1.0:
-                raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
+                raise InvalidInput(
+                    f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}"
+                )
         if not self.rows:
             raise InvalidInput("feasible, infeasible: expected one row or more, got none")
 
@@ -116,11 +127,11 @@ class TryPlan(RowPlan):
     """Request to label tries of leaps. The rows follow from it to the last bit, whoever makes them
     (as of ``LabelPlan``).
 
-    distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from a generator of
-    (seed, k), as in benchmarks. tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a
-    scene has no more. shard_size: rows a shard, but never less than a scene. seed: sets for training and for testing
-    need different ones. stop: cost of a first step above which a try is given up. share: of the friction, that plans
-    use.
+    distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from
+    a generator of (seed, k), as in benchmarks. tries: choices of contacts per scene of each order
+    of ``LeapFinder``; fewer where a scene has no more. shard_size: rows a shard, but never less
+    than a scene. seed: sets for training and for testing need different ones. stop: cost of a first
+    step above which a try is given up. share: of the friction, that plans use.
 
     Raises InvalidInput.
     """
@@ -142,15 +153,19 @@ class TryPlan(RowPlan):
             if order not in ORDERS:
                 raise InvalidInput(f"tries: expected {wanted}, got {order!r}")
             if isinstance(count, bool) or not isinstance(count, int) or count < 0:
-                raise InvalidInput(f"tries: expected an integer of at least 0 for {order}, got {count!r}")
-        kept = {order: self.tries[order] for order in ORDERS if self.tries.get(order)}
-        if not kept:
+                raise InvalidInput(
+                    f"tries: expected an integer of at least 0 for {order}, got {count!r}"
+                )
+        orders = {order: self.tries[order] for order in ORDERS if self.tries.get(order)}
+        if not orders:
             raise InvalidInput(f"tries: expected {wanted}, got none")
-        object.__setattr__(self, "tries", kept)
+        object.__setattr__(self, "tries", orders)
         self._check_counts({"scenes": 1, "shard_size": 1, "seed": 0})
         for name in ("stop", "share"):
             if not 0.0 < getattr(self, name) <= 1.0:
-                raise InvalidInput(f"{name}: expected a number above 0 and up to 1, got {getattr(self, name)!r}")
+                raise InvalidInput(
+                    f"{name}: expected a number above 0 and up to 1, got {getattr(self, name)!r}"
+                )
 
     @property
     def rows(self) -> int:
@@ -191,4 +206,6 @@ class Counts:
         return sum(astuple(self))
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
+        return Counts(
+            **{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
+        )

@@ -1,4 +1,5 @@
-"""A row of a data set: a labelled posture problem, and the columns of a shard that it is kept in."""
+"""A row of a data set: a labelled posture problem, and the columns of a shard that it is kept
+in."""
 
 from __future__ import annotations
 
@@ -22,7 +23,12 @@ from .ledger import shard_schema
 if TYPE_CHECKING:
     import pyarrow as pa
 
-POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
+POSTURE: dict[str, tuple[int, ...]] = {
+    "com_m": (3,),
+    "rotation_rad": (3,),
+    "toes_m": (-1, 3),
+    "forces_n": (-1, 3),
+}
 """Columns of the witness, and the shapes of what they hold."""
 
 
@@ -30,13 +36,13 @@ POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toe
 class LabelledPosture:
     """One row: a problem, its label, and what proves the label.
 
-    shard, row: where it is kept; sample: which draw of the shard's stream it is (``labelling.samples``).
-    trivial: infeasible even without the moment balance (P̄ infeasible, too). posture: the witness, where feasible.
-    certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is what they still prove
-    (0 where nothing is proved).
-    point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where feasible, of an
-    answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or undecided.
-    solves, nodes: convex problems solved and nodes visited to decide.
+    shard, row: where it is kept; sample: which draw of the shard's stream it is
+    (``labelling.samples``). trivial: infeasible even without the moment balance (P̄ infeasible,
+    too). posture: the witness, where feasible. certificate: where infeasible; its multipliers are
+    rounded to float32, and lower_bound is what they still prove (0 where nothing is proved). point:
+    [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where
+    feasible, of an answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or
+    undecided. solves, nodes: convex problems solved and nodes visited to decide.
     """
 
     shard: int
@@ -54,7 +60,9 @@ class LabelledPosture:
 
     def __post_init__(self) -> None:
         if self.point is not None:
-            object.__setattr__(self, "point", read_only(self.point, (len(self.problem.contacts), 6), "point"))
+            object.__setattr__(
+                self, "point", read_only(self.point, (len(self.problem.contacts), 6), "point")
+            )
 
     @property
     def kind(self) -> str:
@@ -63,7 +71,8 @@ class LabelledPosture:
 
 
 def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
-    """The problem of a shard's row, equal to what was drawn to the last bit; robot: any with the legs of the set."""
+    """The problem of a shard's row, equal to what was drawn to the last bit; robot: any with the
+    legs of the set."""
     return Problem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
 
 
@@ -74,15 +83,24 @@ def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
         rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
         multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(problem.contacts) + rows))
         nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
-        certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers).of(problem)
-    witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
+        certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers).of(
+            problem
+        )
+    witness = {
+        name: np.reshape(raw[name], shape)
+        for name, shape in POSTURE.items()
+        if raw[name] is not None
+    }
     return LabelledPosture(
         problem=problem,
         status=Status(raw["label"]),
         posture=Plan.of_posture(problem, **witness) if witness else None,
         point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),
         certificate=certificate,
-        **{name: raw[name] for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")},
+        **{
+            name: raw[name]
+            for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")
+        },
     )
 
 
@@ -91,7 +109,9 @@ def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
     import pyarrow as pa
 
     schema = shard_schema(contacts)
-    return pa.Table.from_arrays([_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema)
+    return pa.Table.from_arrays(
+        [_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema
+    )
 
 
 def _cell(row: LabelledPosture, name: str) -> Any:

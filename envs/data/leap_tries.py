@@ -1,4 +1,5 @@
-"""Tries of leaps as arrays: the columns of a shard, one row per try, and what a learner reads of them."""
+"""Tries of leaps as arrays: the columns of a shard, one row per try, and what a learner reads of
+them."""
 
 from __future__ import annotations
 
@@ -43,9 +44,19 @@ OF_SCENE = (
 )
 """Columns that are the same in all rows of a scene."""
 OF_TRY = (
-    "scene", "number", "order", "timing", "choice", "label", "solves", "first_cost", "cost", "toes_m", "forces_n",
+    "scene",
+    "number",
+    "order",
+    "timing",
+    "choice",
+    "label",
+    "solves",
+    "first_cost",
+    "cost",
+    "toes_m",
+    "forces_n",
     "multipliers",
-)  # fmt: skip
+)
 """The other columns."""
 
 
@@ -69,13 +80,14 @@ class TrySummary:
 class LeapTries:
     """Labelled tries of a class of leaps: choices of contacts, and whether each one has a leap.
 
-    ``tries()`` and ``scenes()`` are two tables as numpy arrays; ``leap(k)`` is a scene as a question, and ``plan(k)``
-    the plan of a try that is solved.
+    ``tries()`` and ``scenes()`` are two tables as numpy arrays; ``leap(k)`` is a scene as a
+    question, and ``plan(k)`` the plan of a try that is solved.
 
     Arguments:
         ledger: the folder's files, see ``LeapTries.open``.
     Raises:
-        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
+        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another
+            version.
     Source:
         docs/concepts/leaps.md.
     Example:
@@ -89,7 +101,8 @@ class LeapTries:
 
     @classmethod
     def open(cls, path: str | Path) -> LeapTries:
-        """Open a folder that ``label`` has filled with tries; reads no rows yet. Raises InvalidInput."""
+        """Open a folder that ``label`` has filled with tries; reads no rows yet. Raises
+        InvalidInput."""
         return cls(ledger=Ledger.whole(path, TryHeader))
 
     @property
@@ -112,42 +125,50 @@ class LeapTries:
 
     def summary(self) -> TrySummary:
         """Counts and costs of the whole folder."""
-        found = Summary.of(self.ledger)
+        result = Summary.of(self.ledger)
         return TrySummary(
             scenes=self.header.plan.scenes,
-            solved=found.rows.feasible,
-            refuted=found.rows.infeasible,
-            unsolved=found.rows.undecided,
-            tries_per_cpu_s=1e3 / found.cpu_s_per_1000,
+            solved=result.rows.feasible,
+            refuted=result.rows.infeasible,
+            unsolved=result.rows.undecided,
+            tries_per_cpu_s=1e3 / result.cpu_s_per_1000,
         )
 
     def tries(self) -> Arrays:
-        """One entry per try, by name: the K tries of all scenes, scene by scene in the order in which they were made.
+        """One entry per try, by name: the K tries of all scenes, scene by scene in the order in
+        which they were made.
 
-        scene: number of the scene, an index into ``scenes()``; number: of the try in its scene; order: how it was
-        chosen; timing: number of the timing; choice: a candidate per foothold, shape (K, P); label: "solved", "refuted"
-        or "unsolved"; solves: convex problems; first_cost, cost: of the first step, and at the end, inf where the first
-        step has no answer. Evidence, NaN where there is none: toes_m, shape (K, P, 3) [m], and forces_n, shape
-        (K, M, N, 3) [N], of what is solved; multipliers of what is refuted, shape (K, R).
+        scene: number of the scene, an index into ``scenes()``; number: of the try in its scene;
+        order: how it was chosen; timing: number of the timing; choice: a candidate per foothold,
+        shape (K, P); label: "solved", "refuted" or "unsolved"; solves: convex problems; first_cost,
+        cost: of the first step, and at the end, inf where the first step has no answer. Evidence,
+        NaN where there is none: toes_m, shape (K, P, 3) [m], and forces_n, shape (K, M, N, 3) [N],
+        of what is solved; multipliers of what is refuted, shape (K, R).
         """
-        found: dict[str, list[NDArray[Any]]] = {name: [] for name in OF_TRY}
+        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in OF_TRY}
         for shard in range(self.header.plan.shards):
             table = self._read(shard, OF_TRY)
             for name in OF_TRY:
-                found[name].append(_array(table, name, self._shape(name)))
-        arrays = {name: np.concatenate(parts) for name, parts in found.items()}
+                columns[name].append(_array(table, name, self._shape(name)))
+        arrays = {name: np.concatenate(parts) for name, parts in columns.items()}
         for name in ("first_cost", "cost"):
             arrays[name] = np.where(np.isnan(arrays[name]), np.inf, arrays[name])
         return arrays
 
     def scenes(self) -> Arrays:
-        """One entry per scene, by name: S scenes of P footholds with R candidates of V corners at most.
+        """One entry per scene, by name: S scenes of P footholds with R candidates of V corners at
+        most.
 
-        start, goal: rows c, v, L per mass and Θ of the body, shape (S, 4, 3); candidates: how many each foothold has,
-        shape (S, P); vertices_m: shape (S, P, R, V, 3) [m]; normals, shear_references: shape (S, P, R, 3); friction:
-        shape (S, P, R); stands_m: the toe that stands already, shape (S, P, 3) [m]. NaN where there is none.
+        start, goal: rows c, v, L per mass and Θ of the body, shape (S, 4, 3); candidates: how many
+        each foothold has, shape (S, P); vertices_m: shape (S, P, R, V, 3) [m]; normals,
+        shear_references: shape (S, P, R, 3); friction: shape (S, P, R); stands_m: the toe that
+        stands already, shape (S, P, 3) [m]. NaN where there is none.
         """
-        rows = [row for shard in range(self.header.plan.shards) for row in _firsts(self._scene_table(shard))]
+        rows = [
+            row
+            for shard in range(self.header.plan.shards)
+            for row in _firsts(self._scene_table(shard))
+        ]
         footholds = self.header.shapes["choice"][0]
         options = max(int(max(row["candidates"])) for row in rows)
         corners = max(max(row["corners"]) for row in rows)
@@ -164,7 +185,12 @@ class LeapTries:
                 arrays["normals"][s, j, r] = normal
                 arrays["shear_references"][s, j, r] = shear
                 arrays["friction"][s, j, r] = friction
-        whole = {"start": (4, 3), "goal": (4, 3), "candidates": (footholds,), "stands_m": (footholds, 3)}
+        whole = {
+            "start": (4, 3),
+            "goal": (4, 3),
+            "candidates": (footholds,),
+            "stands_m": (footholds, 3),
+        }
         for name, shape in whole.items():
             arrays[name] = np.array([row[name] for row in rows]).reshape(len(rows), *shape)
         return arrays
@@ -177,7 +203,8 @@ class LeapTries:
                 yield self._leap(shard, k, row)
 
     def leap(self, scene: int) -> Leap:
-        """A scene as a question, equal to what was drawn to the last bit. Raises IndexError, and InvalidInput."""
+        """A scene as a question, equal to what was drawn to the last bit. Raises IndexError, and
+        InvalidInput."""
         plan = self.header.plan
         if not 0 <= scene < plan.scenes:
             raise IndexError(f"scene {scene} of {plan.scenes}")
@@ -193,14 +220,17 @@ class LeapTries:
         return ["test" if is_test(name) else "train" for name in names]
 
     def plan(self, index: int) -> LeapPlan:
-        """The plan of a try, its body worked out from toes and forces. Raises InvalidInput for one without any."""
+        """The plan of a try, its body worked out from toes and forces. Raises InvalidInput for one
+        without any."""
         if not 0 <= index < len(self):
             raise IndexError(f"try {index} of {len(self)}")
         shard = int(np.searchsorted(self.ledger.starts, index, side="right")) - 1
         table = self._read(shard, OF_TRY).slice(index - self.ledger.starts[shard], 1)
         row = {name: _array(table, name, self._shape(name))[0] for name in OF_TRY}
         if str(row["label"]) != "solved":
-            raise InvalidInput(f"try {index}: expected one that is solved, got one that is {row['label']}")
+            raise InvalidInput(
+                f"try {index}: expected one that is solved, got one that is {row['label']}"
+            )
         return plan_of_row(LeapNumbers.of(self.leap(int(row["scene"])), int(row["timing"])), row)
 
     def _shape(self, name: str) -> tuple[int, ...]:
@@ -211,14 +241,19 @@ class LeapTries:
         other = [name for name in OF_SCENE if not _same_in_scenes(table, name)]
         if other:
             where = self.ledger.folder / shard_name(shard)
-            raise InvalidInput(f"{where}: {other[0]}: expected the same in all rows of a scene, got others")
+            raise InvalidInput(
+                f"{where}: {other[0]}: expected the same in all rows of a scene, got others"
+            )
         return table
 
     def _read(self, shard: int, columns: Sequence[str]) -> pa.Table:
-        """Columns of a shard, scene among them, whose rows are those of its scenes in their order."""
+        """Columns of a shard, scene among them, whose rows are those of its scenes in their
+        order."""
         table = self.ledger.read(shard, list(columns))
-        found, wanted = table.column("scene").to_numpy(), self.header.plan.scenes_of(shard)
-        if not (np.all(np.diff(found) >= 0) and np.array_equal(np.unique(found), np.asarray(wanted))):
+        result, wanted = table.column("scene").to_numpy(), self.header.plan.scenes_of(shard)
+        if not (
+            np.all(np.diff(result) >= 0) and np.array_equal(np.unique(result), np.asarray(wanted))
+        ):
             where = self.ledger.folder / shard_name(shard)
             scenes = f"expected rows of scenes {wanted[0]} to {wanted[-1]} in their order"
             raise InvalidInput(f"{where}: scene: {scenes}, got others")
@@ -235,7 +270,8 @@ class LeapTries:
 
 
 def open_rows(path: str | Path) -> Dataset | LeapTries:
-    """Open a data set of either kind, by its folder or, where it ships, by its name. Raises InvalidInput."""
+    """Open a data set of either kind, by its folder or, where it ships, by its name. Raises
+    InvalidInput."""
     leaps = isinstance(read_header(folder_of(path)), TryHeader)
     return LeapTries.open(path) if leaps else Dataset.open(path)
 
@@ -247,7 +283,11 @@ def scene_name(problem_class: str, seed: int, scene: int) -> str:
 
 def shared_keys(leap: Leap) -> dict[str, Any]:
     """The keys of a leap that all scenes of its class share; of footholds limb and phase."""
-    keys = {name: value for name, value in leap_to_json(leap).items() if name not in ("name", "start", "goal")}
+    keys = {
+        name: value
+        for name, value in leap_to_json(leap).items()
+        if name not in ("name", "start", "goal")
+    }
     footholds = [{"limb": foothold.limb, "phase": foothold.frame} for foothold in leap.footholds]
     return {**keys, "footholds": footholds}
 
@@ -257,12 +297,19 @@ def shapes_of(leap: Leap) -> dict[str, list[int]]:
     from stancekit.planners.leap.cuts import shapes
 
     footholds, limbs = len(leap.footholds), len(leap.robot.limbs)
-    multipliers = sum(int(np.prod(shape, dtype=int)) for shape in shapes(LeapNumbers.of(leap)).values())
+    multipliers = sum(
+        int(np.prod(shape, dtype=int)) for shape in shapes(LeapNumbers.of(leap)).values()
+    )
     return {
-        "choice": [footholds], "toes_m": [footholds, 3], "forces_n": [leap.intervals, limbs, 3],
-        "multipliers": [multipliers], "start": [4, 3], "goal": [4, 3], "candidates": [footholds],
+        "choice": [footholds],
+        "toes_m": [footholds, 3],
+        "forces_n": [leap.intervals, limbs, 3],
+        "multipliers": [multipliers],
+        "start": [4, 3],
+        "goal": [4, 3],
+        "candidates": [footholds],
         "stands_m": [footholds, 3],
-    }  # fmt: skip
+    }
 
 
 def table_of_tries(header: TryHeader, scene: int, leap: Leap, tries: Sequence[Try]) -> pa.Table:
@@ -278,7 +325,9 @@ def table_of_tries(header: TryHeader, scene: int, leap: Leap, tries: Sequence[Tr
             values = [_cell(one, field.name, scene, k) for k, one in enumerate(tries)]
         kind = field.type
         if isinstance(kind, pa.FixedShapeTensorType):
-            columns.append(pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type)))
+            columns.append(
+                pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
+            )
         else:
             columns.append(pa.array(values, kind))
     return pa.Table.from_arrays(columns, schema=schema)
@@ -299,7 +348,11 @@ def _cell(one: Try, name: str, scene: int, number: int) -> Any:
         return None if one.multipliers is None else one.multipliers.astype(np.float32)
     if name == "label":
         return LABELS[one.status]
-    return {"scene": scene, "number": number}.get(name) if name in ("scene", "number") else getattr(one, name)
+    return (
+        {"scene": scene, "number": number}.get(name)
+        if name in ("scene", "number")
+        else getattr(one, name)
+    )
 
 
 def _scene_cells(leap: Leap) -> dict[str, Any]:
@@ -308,7 +361,8 @@ def _scene_cells(leap: Leap) -> dict[str, Any]:
     none = np.full(3, np.nan)
     stands = [none if foothold.toe_m is None else foothold.toe_m for foothold in leap.footholds]
     return {
-        "start": _state(leap.start), "goal": _state(leap.goal),
+        "start": _state(leap.start),
+        "goal": _state(leap.goal),
         "candidates": [len(foothold.candidates) for foothold in leap.footholds],
         "corners": [len(patch.vertices_m) for patch in patches],
         "vertices_m": np.concatenate([patch.vertices_m for patch in patches]).ravel(),
@@ -316,7 +370,7 @@ def _scene_cells(leap: Leap) -> dict[str, Any]:
         "shear_references": np.concatenate([patch.shear_reference for patch in patches]),
         "friction": [patch.friction for patch in patches],
         "stands_m": np.concatenate(stands),
-    }  # fmt: skip
+    }
 
 
 def _state(state: BodyState) -> Array:
@@ -340,29 +394,47 @@ def _same_in_scenes(table: pa.Table, name: str) -> bool:
     first = storage.take(firsts)
     if not np.array_equal(storage.value_lengths(), first.value_lengths()):
         return False
-    return np.array_equal(storage.flatten().to_numpy(False), first.flatten().to_numpy(False), equal_nan=True)
+    return np.array_equal(
+        storage.flatten().to_numpy(False), first.flatten().to_numpy(False), equal_nan=True
+    )
 
 
-def _patches(row: Mapping[str, Any]) -> Iterator[tuple[int, int, tuple[Array, Array, Array, float]]]:
+def _patches(
+    row: Mapping[str, Any],
+) -> Iterator[tuple[int, int, tuple[Array, Array, Array, float]]]:
     """(foothold, candidate, (corners, normal, shear reference, friction)) of a scene's patches."""
-    numbers = {name: np.reshape(row[name], (-1, 3)) for name in ("vertices_m", "normals", "shear_references")}
+    numbers = {
+        name: np.reshape(row[name], (-1, 3))
+        for name in ("vertices_m", "normals", "shear_references")
+    }
     ends = np.cumsum([0, *row["corners"]])
     places = [(j, r) for j, count in enumerate(row["candidates"]) for r in range(count)]
     for k, (j, r) in enumerate(places):
         corners = numbers["vertices_m"][ends[k] : ends[k + 1]]
-        yield j, r, (corners, numbers["normals"][k], numbers["shear_references"][k], row["friction"][k])
+        yield (
+            j,
+            r,
+            (corners, numbers["normals"][k], numbers["shear_references"][k], row["friction"][k]),
+        )
 
 
 def _keys(header: TryHeader, scene: int, row: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of a scene's leap."""
     footholds = [{**foothold, "candidates": []} for foothold in header.leap["footholds"]]
     for j, _, (corners, normal, shear, friction) in _patches(row):
-        patch = {"vertices_m": corners.tolist(), "normal": normal.tolist(), "shear_reference": shear.tolist()}
+        patch = {
+            "vertices_m": corners.tolist(),
+            "normal": normal.tolist(),
+            "shear_reference": shear.tolist(),
+        }
         footholds[j]["candidates"].append({**patch, "friction": friction})
     for foothold, toe in zip(footholds, np.reshape(row["stands_m"], (-1, 3)), strict=True):
         if not np.isnan(toe).any():
             foothold["toe_m"] = toe.tolist()
-    ends = {name: dict(zip(STATE, np.reshape(row[name], (4, 3)).tolist(), strict=True)) for name in ("start", "goal")}
+    ends = {
+        name: dict(zip(STATE, np.reshape(row[name], (4, 3)).tolist(), strict=True))
+        for name in ("start", "goal")
+    }
     name = scene_name(header.problem_class, header.plan.seed, scene)
     return {**header.leap, "name": name, "footholds": footholds, **ends}
 
@@ -371,8 +443,8 @@ def _array(table: pa.Table, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
     """A column as an array, NaN where it is null."""
     column = table.column(name).combine_chunks()
     if not shape:
-        found: NDArray[Any] = column.to_numpy(zero_copy_only=False)
-        return found.astype(np.str_) if found.dtype == object else found
+        result: NDArray[Any] = column.to_numpy(zero_copy_only=False)
+        return result.astype(np.str_) if result.dtype == object else result
     there = column.is_valid().to_numpy(zero_copy_only=False)
     valid = column.drop_null()
     values = valid.to_numpy_ndarray() if len(valid) else np.zeros((0, *shape))

@@ -1,7 +1,8 @@
 """The files of a data set, a JSON header and Parquet shards, each written whole or not at all.
 
-``header.json`` says what was planned; ``shard-00000.parquet`` holds rows and, in its metadata, how they were drawn.
-They follow from the plan to the last byte. How long it took does not, and is kept apart in ``timing-00000.json``.
+``header.json`` says what was planned; ``shard-00000.parquet`` holds rows and, in its metadata, how
+they were drawn. They follow from the plan to the last byte. How long it took does not, and is kept
+apart in ``timing-00000.json``.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ class Head(BaseModel, ABC):
     @property
     def digest(self) -> str:
         """SHA-256 of everything but the software: what ties a shard to its data set."""
-        return hashlib.sha256(self.model_dump_json(exclude={"software"}, exclude_none=True).encode()).hexdigest()
+        return hashlib.sha256(
+            self.model_dump_json(exclude={"software"}, exclude_none=True).encode()
+        ).hexdigest()
 
     @abstractmethod
     def columns(self) -> pa.Schema:
@@ -67,12 +70,14 @@ class Head(BaseModel, ABC):
 
 
 class Header(Head):
-    """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in their order.
+    """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in
+    their order.
 
-    first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
-    witness: how postures and points were chosen: "canonical/1" as ``search.canonical`` says; None in older sets, as the
-    search happened to find them. robot: identity of the model that the legs are of, see ``Robot``; None for the default
-    hexapod, and in older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
+    first_sample: SHA-256 of the first problem drawn, to know the distribution by. software:
+    versions at the beginning. witness: how postures and points were chosen: "canonical/1" as
+    ``search.canonical`` says; None in older sets, as the search happened to find them. robot:
+    identity of the model that the legs are of, see ``Robot``; None for the default hexapod, and in
+    older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
     """
 
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
@@ -87,11 +92,13 @@ class Header(Head):
 
 
 class TryHeader(Head):
-    """``header.json`` of tries of leaps, the data set's card: what was planned, and what else is true of every row.
+    """``header.json`` of tries of leaps, the data set's card: what was planned, and what else is
+    true of every row.
 
-    plan: what was asked for. legs: of the robot's limbs, in their order. leap: keys of ``stancekit/leap/1`` that all
-    scenes share; of footholds limb and phase. shapes: of the columns that are arrays. speaks_of: what each label means.
-    first_sample: SHA-256 of the first leap. software: versions at the beginning.
+    plan: what was asked for. legs: of the robot's limbs, in their order. leap: keys of
+    ``stancekit/leap/1`` that all scenes share; of footholds limb and phase. shapes: of the columns
+    that are arrays. speaks_of: what each label means. first_sample: SHA-256 of the first leap.
+    software: versions at the beginning.
     """
 
     format: Literal["stancekit/tries/1"] = "stancekit/tries/1"
@@ -115,7 +122,8 @@ class Tally(BaseModel):
     """Tally that a shard keeps in its metadata. dataset: the header's digest; rows: kept; drawn:
     kept or not.
 
-    undecided_samples: sample numbers of the undecided. software: versions that the shard was made with.
+    undecided_samples: sample numbers of the undecided. software: versions that the shard was made
+    with.
     """
 
     model_config = STRICT
@@ -129,7 +137,8 @@ class Tally(BaseModel):
 
 
 class ShardTiming(BaseModel):
-    """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a block, wall clock."""
+    """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a
+    block, wall clock."""
 
     model_config = STRICT
     format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
@@ -154,32 +163,66 @@ def check_arrow() -> None:
 
 
 def shard_schema(contacts: int) -> pa.Schema:
-    """Columns of a shard of problems with N contacts; ``problem`` is JSON. What a row does not have is null."""
+    """Columns of a shard of problems with N contacts; ``problem`` is JSON. What a row does not have
+    is null."""
     import pyarrow as pa
 
-    body, feet, point = (pa.fixed_shape_tensor(pa.float64(), s) for s in ([3], [contacts, 3], [contacts, 6]))
+    body, feet, point = (
+        pa.fixed_shape_tensor(pa.float64(), s) for s in ([3], [contacts, 3], [contacts, 6])
+    )
     int32, int64, float64, text = pa.int32(), pa.int64(), pa.float64(), pa.string()
-    of_all = {"shard": int32, "row": int32, "sample": int64, "problem": text, "label": text, "trivial": pa.bool_()}
+    of_all = {
+        "shard": int32,
+        "row": int32,
+        "sample": int64,
+        "problem": text,
+        "label": text,
+        "trivial": pa.bool_(),
+    }
     of_all |= {"lower_bound": float64, "solves": int32, "nodes": int32}
-    of_some = {"com_m": body, "rotation_rad": body, "toes_m": feet, "forces_n": feet, "point": point}
-    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 5 a node; 6 + 3N a leaf
+    of_some = {
+        "com_m": body,
+        "rotation_rad": body,
+        "toes_m": feet,
+        "forces_n": feet,
+        "point": point,
+    }
+    of_some |= {
+        "tree": pa.list_(float64),
+        "multipliers": pa.list_(pa.float32()),
+    }  # 5 a node; 6 + 3N a leaf
     columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
     return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
 
 
 def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
-    """Columns of a shard of tries; what a row does not have is null. The scene's are the same in all of its rows."""
+    """Columns of a shard of tries; what a row does not have is null. The scene's are the same in
+    all of its rows."""
     import pyarrow as pa
 
     int32, float64, text = pa.int32(), pa.float64(), pa.string()
     kinds = {"choice": int32, "candidates": int32, "multipliers": pa.float32()}
-    arrays = {name: pa.fixed_shape_tensor(kinds.get(name, float64), shape) for name, shape in shapes.items()}
-    of_all = {"scene": pa.int64(), "number": int32, "order": text, "timing": int32, "choice": arrays["choice"]}
+    arrays = {
+        name: pa.fixed_shape_tensor(kinds.get(name, float64), shape)
+        for name, shape in shapes.items()
+    }
+    of_all = {
+        "scene": pa.int64(),
+        "number": int32,
+        "order": text,
+        "timing": int32,
+        "choice": arrays["choice"],
+    }
     of_all |= {"label": text, "solves": int32}
     of_some = {"first_cost": float64, "cost": float64}
     of_some |= {name: arrays[name] for name in ("toes_m", "forces_n", "multipliers")}
-    of_scene = {name: arrays[name] for name in ("start", "goal", "candidates")} | {"corners": pa.list_(int32)}
-    of_scene |= {name: pa.list_(float64) for name in ("vertices_m", "normals", "shear_references", "friction")}
+    of_scene = {name: arrays[name] for name in ("start", "goal", "candidates")} | {
+        "corners": pa.list_(int32)
+    }
+    of_scene |= {
+        name: pa.list_(float64)
+        for name in ("vertices_m", "normals", "shear_references", "friction")
+    }
     columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
     columns += [pa.field(name, kind) for name, kind in of_some.items()]
     columns += [pa.field(name, kind, nullable=False) for name, kind in of_scene.items()]
@@ -204,21 +247,29 @@ class Ledger:
 
     @classmethod
     def whole(cls, path: str | Path, kind: type[Head]) -> Ledger:
-        """Open a data set of a kind, by its folder or, where it ships, by its name. Raises InvalidInput, also where
-        shards are missing."""
+        """Open a data set of a kind, by its folder or, where it ships, by its name. Raises
+        InvalidInput, also where shards are missing."""
         ledger = cls.open(folder_of(path))
         if not isinstance(ledger.header, kind):
             wanted = kind.model_fields["format"].default
-            raise InvalidInput(f"{ledger.folder / HEADER}: format: expected {wanted!r}, got {ledger.header.format!r}")
+            raise InvalidInput(
+                f"{ledger.folder / HEADER}: format: expected {wanted!r}, got {ledger.header.format!r}"
+            )
         if ledger.missing:
             first, count = shard_name(ledger.missing[0]), len(ledger.missing)
-            raise InvalidInput(f"{path}: {first} and {count - 1} more shards are missing: label this plan again")
+            raise InvalidInput(
+                f"{path}: {first} and {count - 1} more shards are missing: label this plan again"
+            )
         return ledger
 
     @cached_property
     def starts(self) -> list[int]:
         """Number of rows before every shard and, last, of all; no shard may be missing."""
-        return list(itertools.accumulate((self.tallies[k].rows.total for k in range(len(self.tallies))), initial=0))
+        return list(
+            itertools.accumulate(
+                (self.tallies[k].rows.total for k in range(len(self.tallies))), initial=0
+            )
+        )
 
     @property
     def missing(self) -> list[int]:
@@ -226,14 +277,19 @@ class Ledger:
         return [shard for shard in range(self.header.plan.shards) if shard not in self.tallies]
 
     def read(self, shard: int, columns: list[str] | None = None) -> pa.Table:
-        """All rows of a shard, of these columns only if given. Raises InvalidInput for a damaged file."""
+        """All rows of a shard, of these columns only if given. Raises InvalidInput for a damaged
+        file."""
         import pyarrow.parquet as pq
 
         path = self.folder / shard_name(shard)
         try:
-            return pq.read_table(path, columns=columns, page_checksum_verification=True, use_threads=False)
+            return pq.read_table(
+                path, columns=columns, page_checksum_verification=True, use_threads=False
+            )
         except Exception as error:  # what Arrow's readers meet
-            raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
+            raise InvalidInput(
+                f"{path}: expected a whole Parquet file, got {_line(error)}"
+            ) from None
 
     def timings(self) -> list[ShardTiming]:
         """Times of the shards, of those that have any."""
@@ -265,8 +321,8 @@ def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: ShardTiming
 def read_header(folder: Path) -> Header | TryHeader:
     """The header of the data set in this folder. Raises InvalidInput."""
     if not folder.is_dir():
-        found = "a file" if folder.exists() else "nothing"
-        raise InvalidInput(f"{folder}: expected the folder of a data set, found {found}")
+        what = "a file" if folder.exists() else "nothing"
+        raise InvalidInput(f"{folder}: expected the folder of a data set, found {what}")
     path = folder / HEADER
     if not path.exists():
         raise InvalidInput(f"{path}: expected the header of a data set, found nothing")
@@ -287,23 +343,39 @@ def read_tally(path: Path, header: Head) -> Tally:
         raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
     with file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
-        size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups))
+        size = sum(
+            file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
+        )
     if size > MOST_SHARD_BYTES:
-        raise InvalidInput(f"{path}: expected {MOST_SHARD_BYTES} bytes of rows or fewer, got {size}")
+        raise InvalidInput(
+            f"{path}: expected {MOST_SHARD_BYTES} bytes of rows or fewer, got {size}"
+        )
     try:
         tally = Tally.model_validate_json((schema.metadata or {}).get(b"stancekit", b""))
     except ValidationError:
-        raise InvalidInput(f"{path}: expected a shard ({SHARD_FORMAT}), got another Parquet file") from None
-    if tally.dataset != header.digest or path.name != shard_name(tally.shard) or tally.shard >= header.plan.shards:
-        raise InvalidInput(f"{path}: expected a shard of this data set, got shard {tally.shard} of another")
+        raise InvalidInput(
+            f"{path}: expected a shard ({SHARD_FORMAT}), got another Parquet file"
+        ) from None
+    if (
+        tally.dataset != header.digest
+        or path.name != shard_name(tally.shard)
+        or tally.shard >= header.plan.shards
+    ):
+        raise InvalidInput(
+            f"{path}: expected a shard of this data set, got shard {tally.shard} of another"
+        )
     if rows != tally.rows.total or not schema.remove_metadata().equals(header.columns()):
-        raise InvalidInput(f"{path}: expected {tally.rows.total} rows of the columns of {SHARD_FORMAT}, got others")
+        raise InvalidInput(
+            f"{path}: expected {tally.rows.total} rows of the columns of {SHARD_FORMAT}, got others"
+        )
     return tally
 
 
 def remove_leftovers(folder: Path) -> None:
     """Remove what killed runs were writing; what a living process writes stays."""
-    writing.remove_leftovers(folder, lambda name: name == HEADER or name.startswith(("shard-", "timing-")))
+    writing.remove_leftovers(
+        folder, lambda name: name == HEADER or name.startswith(("shard-", "timing-"))
+    )
 
 
 def shard_name(shard: int) -> str:

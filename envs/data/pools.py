@@ -1,4 +1,5 @@
-"""Data sets that ship with the package, by name: small pools to draw scenes from without labelling any."""
+"""Data sets that ship with the package, by name: small pools to draw scenes from without labelling
+any."""
 
 from __future__ import annotations
 

@@ -17,8 +17,9 @@ from .ledger import Counts, Ledger
 class Summary:
     """Contents and cost of a data set.
 
-    rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn. solve_ms_median,
-    solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms]. NaN without timing files.
+    rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn.
+    solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms].
+    NaN without timing files.
     """
 
     rows: Counts
@@ -36,7 +37,9 @@ class Summary:
         return cls(
             rows=reduce(add, (tally.rows for tally in tallies), Counts()),
             drawn=reduce(add, (tally.drawn for tally in tallies), Counts()),
-            cpu_s_per_1000=1e3 * sum(timing.cpu_s for timing in timings) / len(solve_ms) if timed else math.nan,
+            cpu_s_per_1000=1e3 * sum(timing.cpu_s for timing in timings) / len(solve_ms)
+            if timed
+            else math.nan,
             solve_ms_median=float(np.median(solve_ms)) if timed else math.nan,
             solve_ms_p99=float(np.quantile(solve_ms, 0.99)) if timed else math.nan,
         )
@@ -48,4 +51,6 @@ class Summary:
 
 def finite(values: dict[str, Any]) -> dict[str, Any]:
     """Replace numbers that JSON lacks by None."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }

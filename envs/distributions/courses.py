@@ -1,4 +1,5 @@
-"""Distributions of courses: the built-in ones and the user's, perturbed, and walls with random panels of ice."""
+"""Distributions of courses: the built-in ones and the user's, perturbed, and walls with random
+panels of ice."""
 
 from __future__ import annotations
 
@@ -34,39 +35,57 @@ SMALL = ("stairs", "walls", "tube", "icy-walls")
 
 
 def perturbed(
-    course: str | Path | CourseSpec, rng: np.random.Generator, *, frames: int | None = None, amount: float = 1.0
+    course: str | Path | CourseSpec,
+    rng: np.random.Generator,
+    *,
+    frames: int | None = None,
+    amount: float = 1.0,
 ) -> Problem:
-    """A course like this one: other heights, distances, leans, friction and panels, the same path and gait.
+    """A course like this one: other heights, distances, leans, friction and panels, the same path
+    and gait.
 
-    amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod. Scenes of families
-    are drawn anew at their level instead, climbable or not, unless it is 0; then NoFooting may be raised, too.
-    Walls with ice are drawn so that every toe has some candidate that grips; ``icy_walls`` does not promise that.
-    Raises InvalidInput where no such walls were found.
+    amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod.
+    Scenes of families are drawn anew at their level instead, climbable or not, unless it is 0; then
+    NoFooting may be raised, too. Walls with ice are drawn so that every toe has some candidate that
+    grips; ``icy_walls`` does not promise that. Raises InvalidInput where no such walls were found.
     """
-    spec, folder = (course, Path()) if isinstance(course, CourseSpec) else (read_spec(course), Path(course).parent)
+    spec, folder = (
+        (course, Path())
+        if isinstance(course, CourseSpec)
+        else (read_spec(course), Path(course).parent)
+    )
     spec = spec if frames is None else spec.with_frames(frames)
     for _ in range(REDRAWS):
         changed = spec.model_copy(update={"terrain": _changed(spec.terrain, rng, amount)})
-        found = build_course(changed, folder)
-        if not isinstance(spec.terrain, IcyWalls) or grips(found):
-            return found
-    raise InvalidInput(f"{spec.name}: expected walls that offer every toe some grip, got none in {REDRAWS} draws")
+        result = build_course(changed, folder)
+        if not isinstance(spec.terrain, IcyWalls) or grips(result):
+            return result
+    raise InvalidInput(
+        f"{spec.name}: expected walls that offer every toe some grip, got none in {REDRAWS} draws"
+    )
 
 
-def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ice: float = ICE) -> Problem:
-    """The built-in walls with panels of .3 m, each without friction by this chance, whether or not that can be climbed.
+def icy_walls(
+    rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ice: float = ICE
+) -> Problem:
+    """The built-in walls with panels of .3 m, each without friction by this chance, whether or not
+    that can be climbed.
 
     regions: candidate patches a toe, the nearest panels whether icy or not (Lin et al. §IV-B.2).
     """
     spec = read_spec("icy-walls").with_frames(frames)
     terrain = spec.terrain.model_copy(update=_panels(rng, ice))
     candidates = spec.candidates.model_copy(update={"count": regions})
-    return build_course(spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path())
+    return build_course(
+        spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path()
+    )
 
 
 def grips(course: Problem) -> bool:
     """Every foothold has a candidate with friction."""
-    return all(any(patch.friction > 0.0 for patch in foothold.candidates) for foothold in course.footholds)
+    return all(
+        any(patch.friction > 0.0 for patch in foothold.candidates) for foothold in course.footholds
+    )
 
 
 def _changed(terrain: TerrainSpec, rng: np.random.Generator, amount: float) -> TerrainSpec:
@@ -78,27 +97,40 @@ def _changed(terrain: TerrainSpec, rng: np.random.Generator, amount: float) -> T
     if isinstance(terrain, FamilyScene):
         return terrain.model_copy(update={"seed": int(rng.integers(2**62))} if amount else {})
     if isinstance(terrain, Stairs):
-        rises = [rise + amount * rng.uniform(-0.02, 0.02) for rise in _repeated(terrain.rises_m, 40)]
+        rises = [
+            rise + amount * rng.uniform(-0.02, 0.02) for rise in _repeated(terrain.rises_m, 40)
+        ]
         first = terrain.first_m + amount * rng.uniform(-0.05, 0.05)
         run = terrain.run_m + amount * rng.uniform(-0.02, 0.04)
         return terrain.model_copy(
-            update={"rises_m": rises, "first_m": first, "run_m": run, "friction": _slippery(terrain, rng, amount)}
+            update={
+                "rises_m": rises,
+                "first_m": first,
+                "run_m": run,
+                "friction": _slippery(terrain, rng, amount),
+            }
         )
     if isinstance(terrain, Tube):
-        leans = [lean + amount * rng.uniform(-0.1, 0.1) for lean in _repeated(terrain.leans_rad, 60)]
+        leans = [
+            lean + amount * rng.uniform(-0.1, 0.1) for lean in _repeated(terrain.leans_rad, 60)
+        ]
         azimuth = terrain.first_azimuth_rad + amount * rng.uniform(-0.2, 0.2)
         radius = terrain.radius_m + amount * rng.uniform(-0.03, 0.02)
         return terrain.model_copy(
             update={
-                "leans_rad": leans, "first_azimuth_rad": azimuth, "radius_m": radius,
+                "leans_rad": leans,
+                "first_azimuth_rad": azimuth,
+                "radius_m": radius,
                 "friction": _slippery(terrain, rng, amount),
             }
-        )  # fmt: skip
+        )
     if isinstance(terrain, Polygons):
         polygons = [
             polygon.model_copy(
                 update={
-                    "vertices_m": [tuple(corner) for corner in np.array(polygon.vertices_m) + shift],
+                    "vertices_m": [
+                        tuple(corner) for corner in np.array(polygon.vertices_m) + shift
+                    ],
                     "friction": friction * (1.0 - amount * rng.uniform(0.0, 0.2)),
                 }
             )

@@ -1,10 +1,12 @@
-"""Scenes cut from a terrain: a body somewhere over it, heading anywhere, and its feet on patches of the terrain.
+"""Scenes cut from a terrain: a body somewhere over it, heading anywhere, and its feet on patches of
+the terrain.
 
-The terrain is a mesh, whose facets are flat, or a grid, which is flat enough for a patch where it keeps to its tangent
-plane. Places to stand are looked for once: points of a lattice, each with the normal there and the circle about it that
-is free. A scene takes one of them for the ground under the body, a heading, and for every leg one that is as near to
-its nominal toe as a patch of ``ground-k`` would be drawn; the patch is a triangle in the free circle. Scenes are told
-in the body's axes, heading forward.
+The terrain is a mesh, whose facets are flat, or a grid, which is flat enough for a patch where it
+keeps to its tangent plane. Places to stand are looked for once: points of a lattice, each with the
+normal there and the circle about it that is free. A scene takes one of them for the ground under
+the body, a heading, and for every leg one that is as near to its nominal toe as a patch of
+``ground-k`` would be drawn; the patch is a triangle in the free circle. Scenes are told in the
+body's axes, heading forward.
 """
 
 from __future__ import annotations
@@ -68,18 +70,22 @@ class Places:
         terrain = named_surface(str(path)) if named else read_terrain(path)
         if isinstance(terrain, TriangleMesh):
             terrain.check_size(1.0)
-            limits = FootholdLimits(slope_rad=float(np.arccos(STEEP)), margin_m=0.0, width_m=2.0 * least_m)
+            limits = FootholdLimits(
+                slope_rad=float(np.arccos(STEEP)), margin_m=0.0, width_m=2.0 * least_m
+            )
             pieces = footholds_of(terrain, limits, friction=0.0).pieces
             parts = [_of_patch(piece.patch, least_m, spacing) for piece in pieces]
         else:
             parts = [_of_grid(terrain.field() if named else read_heights(path), least_m, spacing)]
-        found = [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]
-        if not len(found[0]):
+        result = (
+            [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]
+        )
+        if not len(result[0]):
             raise InvalidInput(
                 f"{path}: expected a terrain with footholds, flat places {2e3 * least_m:.0f} mm wide and less steep "
                 "than 45°, found none"
             )
-        return cls(*found)
+        return cls(*result)
 
 
 def _of_patch(patch: Patch, least_m: float, spacing_m: float) -> tuple[Array, Array, Array]:
@@ -89,9 +95,9 @@ def _of_patch(patch: Patch, least_m: float, spacing_m: float) -> tuple[Array, Ar
     normals, offsets = half_planes(flat)
     points = np.vstack([_lattice(flat.min(axis=0), flat.max(axis=0), spacing_m), [[0.0, 0.0]]])
     free = (offsets - points @ normals.T).min(axis=1)
-    kept = free >= least_m
-    points = origin + points[kept] @ axes.T
-    return points, np.tile(patch.normal, (len(points), 1)), free[kept]
+    roomy = free >= least_m
+    points = origin + points[roomy] @ axes.T
+    return points, np.tile(patch.normal, (len(points), 1)), free[roomy]
 
 
 def _of_grid(field_: HeightField, least_m: float, spacing_m: float) -> tuple[Array, Array, Array]:
@@ -103,13 +109,17 @@ def _of_grid(field_: HeightField, least_m: float, spacing_m: float) -> tuple[Arr
     flat = np.ones(len(xy), dtype=np.bool_)
     for radius in least_m * np.array([1.0, 2.0, 4.0, 8.0]):
         ring = xy[:, None] + radius * AROUND
-        off = field_.height(np.clip(ring, low, high)) - heights[:, None] - radius * slopes @ AROUND.T
-        flat &= np.all((ring >= low) & (ring <= high), axis=(1, 2)) & (np.abs(off).max(axis=1) <= FLAT_M)
+        off = (
+            field_.height(np.clip(ring, low, high)) - heights[:, None] - radius * slopes @ AROUND.T
+        )
+        flat &= np.all((ring >= low) & (ring <= high), axis=(1, 2)) & (
+            np.abs(off).max(axis=1) <= FLAT_M
+        )
         free[flat] = radius
     normals = np.column_stack([-slopes, np.ones(len(xy))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    kept = (free >= least_m) & (normals[:, 2] >= STEEP)
-    return np.column_stack([xy, heights])[kept], normals[kept], free[kept]
+    roomy = (free >= least_m) & (normals[:, 2] >= STEEP)
+    return np.column_stack([xy, heights])[roomy], normals[roomy], free[roomy]
 
 
 def _lattice(low: Array, high: Array, spacing_m: float) -> Array:
@@ -120,22 +130,24 @@ def _lattice(low: Array, high: Array, spacing_m: float) -> Array:
 
 
 def identity_of(path: str | Path) -> str:
-    """A terrain's name and the beginning of its file's digest; a ground's name with dashes, which says all of it.
+    """A terrain's name and the beginning of its file's digest; a ground's name with dashes, which
+    says all of it.
 
     Raises InvalidInput for a file that cannot be read.
     """
     name = str(path)
-    file, own, rest = name.partition(".py:")
-    if names_ground(name) and not own:
+    file, separator, rest = name.partition(".py:")
+    if names_ground(name) and not separator:
         return name.replace(":", "-")
-    digest = hashlib.sha256(read_bytes(f"{file}.py" if own else path, MOST_BYTES)).hexdigest()
-    said = f"{Path(file).stem}-{rest.replace(':', '-')}" if own else Path(path).stem
-    return f"{said}-{digest[:IDENTITY_DIGITS]}"
+    digest = hashlib.sha256(read_bytes(f"{file}.py" if separator else path, MOST_BYTES)).hexdigest()
+    text = f"{Path(file).stem}-{rest.replace(':', '-')}" if separator else Path(path).stem
+    return f"{text}-{digest[:IDENTITY_DIGITS]}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CutDistribution:
-    """Scenes on these legs of a robot, cut from a terrain. stance: what is drawn about; friction: uniform between."""
+    """Scenes on these legs of a robot, cut from a terrain. stance: what is drawn about; friction:
+    uniform between."""
 
     name: str
     legs: tuple[str, ...]
@@ -146,14 +158,18 @@ class CutDistribution:
     terrain: str = "ground"
 
     def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one posture problem. Raises InvalidInput where the terrain has no place for all legs."""
+        """Draw one posture problem. Raises InvalidInput where the terrain has no place for all
+        legs."""
         return self.batch(rng, 1).problem(0)
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many problems: bit for bit those that as many calls of ``sample`` draw."""
         vertices, normals, friction = zip(*(self._drawn(rng) for _ in range(count)), strict=True)
         return PostureBatch(
-            like=self._plain, vertices_m=np.array(vertices), normals=np.array(normals), friction=np.array(friction)
+            like=self._plain,
+            vertices_m=np.array(vertices),
+            normals=np.array(normals),
+            friction=np.array(friction),
         )
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
@@ -164,8 +180,17 @@ class CutDistribution:
     def _drawn(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Vertices, normals and friction of one scene's patches in the body's axes."""
         for _ in range(TRIES):
-            under, turn = self.places.points_m[rng.integers(len(self.places.points_m))], rng.uniform(0.0, 2.0 * np.pi)
-            axes = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+            under, turn = (
+                self.places.points_m[rng.integers(len(self.places.points_m))],
+                rng.uniform(0.0, 2.0 * np.pi),
+            )
+            axes = np.array(
+                [
+                    [np.cos(turn), -np.sin(turn), 0.0],
+                    [np.sin(turn), np.cos(turn), 0.0],
+                    [0.0, 0.0, 1.0],
+                ]
+            )
             body = under - [0.0, 0.0, float(self.stance.centre_m[:, 2].mean())]
             chosen = self._feet(body, axes, rng)
             if chosen is not None:
@@ -180,22 +205,26 @@ class CutDistribution:
         radius = smallest + (largest - smallest) * rng.random(len(chosen))
         normals = self.places.normals[chosen] @ axes
         centres = (self.places.points_m[chosen] - body) @ axes
-        corners = centres[:, None] + triangle(normals, radius, 2.0 * np.pi * rng.random(len(chosen)))
+        corners = centres[:, None] + triangle(
+            normals, radius, 2.0 * np.pi * rng.random(len(chosen))
+        )
         return corners, normals, rng.uniform(*self.friction, len(chosen))
 
     def _feet(self, body: Array, axes: Array, rng: np.random.Generator) -> list[int] | None:
         """A place for every leg within its room, by number; None where one leg has none."""
-        found = []
+        feet = []
         toes = body + self.stance.centre_m @ axes.T
         rooms = np.abs(self.stance.room_m)
-        around = self._tree.query_ball_point(toes, np.linalg.norm(rooms, axis=1), return_sorted=True)
+        around = self._tree.query_ball_point(
+            toes, np.linalg.norm(rooms, axis=1), return_sorted=True
+        )
         for toe, room, numbers in zip(toes, rooms, around, strict=True):
             near = np.array(numbers, dtype=np.intp)
             within = near[np.all(np.abs((self.places.points_m[near] - toe) @ axes) <= room, axis=1)]
             if not len(within):
                 return None
-            found.append(int(within[rng.integers(len(within))]))
-        return found
+            feet.append(int(within[rng.integers(len(within))]))
+        return feet
 
     @cached_property
     def _tree(self) -> KDTree:
@@ -207,11 +236,21 @@ class CutDistribution:
 
 
 def cut(
-    path: str | Path, name: str, robot: Robot, legs: Sequence[str], stance: NominalStance, friction: tuple[float, float]
+    path: str | Path,
+    name: str,
+    robot: Robot,
+    legs: Sequence[str],
+    stance: NominalStance,
+    friction: tuple[float, float],
 ) -> CutDistribution:
-    """Scenes of a terrain's file or name. Raises InvalidInput for one that is none, or has no footholds."""
+    """Scenes of a terrain's file or name. Raises InvalidInput for one that is none, or has no
+    footholds."""
     places = Places.of(path, SMALLER * stance.circumradius_m[0])
     return CutDistribution(
-        name=f"{name}-on-{identity_of(path)}", legs=tuple(legs), friction=friction, robot=robot, stance=stance,
+        name=f"{name}-on-{identity_of(path)}",
+        legs=tuple(legs),
+        friction=friction,
+        robot=robot,
+        stance=stance,
         places=places,
-    )  # fmt: skip
+    )

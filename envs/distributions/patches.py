@@ -1,4 +1,5 @@
-"""Patches as they are drawn: equilateral triangles about a centre, and the problem that they are put into."""
+"""Patches as they are drawn: equilateral triangles about a centre, and the problem that they are
+put into."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 def plain_problem(
     robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
 ) -> Problem:
-    """The problem with every patch in its nominal place, the smallest that is drawn, and without friction."""
+    """The problem with every patch in its nominal place, the smallest that is drawn, and without
+    friction."""
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))
     )
@@ -30,7 +32,9 @@ def plain_problem(
             leg=limb.name,
             shoulder_m=limb.shoulder_m,
             reach_m=limb.reach_m,
-            patch=Patch(vertices_m=corners, normal=normal, shear_reference=np.array(shear), friction=0.0),
+            patch=Patch(
+                vertices_m=corners, normal=normal, shear_reference=np.array(shear), friction=0.0
+            ),
             force_min=np.array([0.0, -1.0, -1.0]),
             force_max=np.ones(3),
             reach_rows=limb.reach_rows,
@@ -38,12 +42,19 @@ def plain_problem(
         for limb, corners, normal in zip(robot.select(legs), triangles, stance.normal, strict=True)
     )
     return Problem.posture(
-        contacts=contacts, mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=stance.com_radius_m,
-        length_scale_m=stance.length_scale_m, tilt_limit_rad=stance.tilt_limit_rad, robot=robot.identity,
-    )  # fmt: skip
+        contacts=contacts,
+        mass_kg=robot.mass_kg,
+        com_nominal_m=np.zeros(3),
+        com_radius_m=stance.com_radius_m,
+        length_scale_m=stance.length_scale_m,
+        tilt_limit_rad=stance.tilt_limit_rad,
+        robot=robot.identity,
+    )
 
 
-def leaning(axis: Array, angle_rad: Array, azimuth_rad: Array, plane: tuple[Array, Array] | None = None) -> Array:
+def leaning(
+    axis: Array, angle_rad: Array, azimuth_rad: Array, plane: tuple[Array, Array] | None = None
+) -> Array:
     """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths.
 
     plane: ``plane_of`` the axes, where it is known.
@@ -55,10 +66,13 @@ def leaning(axis: Array, angle_rad: Array, azimuth_rad: Array, plane: tuple[Arra
 
 
 def triangle(normals: Array, radius_m: Array, turn_rad: Array) -> Array:
-    """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3) [m]."""
+    """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3)
+    [m]."""
     angles = (turn_rad[..., None] + 2.0 * np.pi / 3.0 * np.arange(3))[..., None]
     first, second = (axis[..., None, :] for axis in plane_of(normals))
-    return np.asarray(radius_m[..., None, None] * (np.cos(angles) * first + np.sin(angles) * second))
+    return np.asarray(
+        radius_m[..., None, None] * (np.cos(angles) * first + np.sin(angles) * second)
+    )
 
 
 def plane_of(normals: Array) -> tuple[Array, Array]:

@@ -1,4 +1,5 @@
-"""Distributions of posture problems (Lin et al. §IV-A): what terrains look like to limbs about to stand on them."""
+"""Distributions of posture problems (Lin et al. §IV-A): what terrains look like to limbs about to
+stand on them."""
 
 from __future__ import annotations
 
@@ -61,9 +62,11 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Repeatable(Distribution, Protocol):
-    """A distribution whose draws depend on the generator's state alone: they can be repeated and passed over.
+    """A distribution whose draws depend on the generator's state alone: they can be repeated and
+    passed over.
 
-    One with ``whole_words = True`` takes whole 64-bit words, so that a half that others left over changes nothing.
+    One with ``whole_words = True`` takes whole 64-bit words, so that a half that others left over
+    changes nothing.
     """
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
@@ -75,8 +78,9 @@ class Repeatable(Distribution, Protocol):
 class PostureDistribution:
     """G(θ) of Lin et al.: one random triangle a limb, on the ground or on two facing walls.
 
-    Each normal leans by up to 30° from the nominal one in a random direction. ``sample`` draws one problem.
-    stance: where the patches are; Lin et al.'s places about the robot's shoulders where None.
+    Each normal leans by up to 30° from the nominal one in a random direction. ``sample`` draws one
+    problem. stance: where the patches are; Lin et al.'s places about the robot's shoulders where
+    None.
     """
 
     name: str
@@ -94,12 +98,17 @@ class PostureDistribution:
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many problems: bit for bit those that as many calls of ``sample`` draw."""
         stance, low, high = self._about
-        drawn = low + (high - low) * self._shares(rng, count)
-        offset, (lean, towards, radius, turn, friction) = drawn[..., :3], np.moveaxis(drawn[..., 3:], -1, 0)
+        values = low + (high - low) * self._shares(rng, count)
+        offset, (lean, towards, radius, turn, friction) = (
+            values[..., :3],
+            np.moveaxis(values[..., 3:], -1, 0),
+        )
         normals = leaning(stance.normal, lean, towards, self._upright)
         vertices = (stance.centre_m + offset)[:, :, None] + triangle(normals, radius, turn)
         convex = stance.circumradius_m[0] >= LEAST_M
-        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction, convex=convex)
+        return PostureBatch(
+            like=self._plain, vertices_m=vertices, normals=normals, friction=friction, convex=convex
+        )
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""
@@ -134,26 +143,32 @@ class PostureDistribution:
 LEAST_M = 1e-3
 """Triangles of this circumradius [m] and more are patches, however they are turned."""
 GROUND_FRICTION, WALL_FRICTION = (0.1, 0.8), (0.1, 1.2)
-GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=GROUND_FRICTION)
+GROUND_3 = PostureDistribution(
+    name="ground-3", terrain="ground", legs=THREE_LEGS, friction=GROUND_FRICTION
+)
 WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=WALL_FRICTION)
 WALL_5 = PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=WALL_FRICTION)
-DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d for d in (GROUND_3, WALL_3, WALL_5)})
+DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType(
+    {d.name: d for d in (GROUND_3, WALL_3, WALL_5)}
+)
 """Lin et al.'s three problem classes by name."""
 REGISTRY: Registry[Any] = Registry(
-    "distribution", "stancekit.distributions",
+    "distribution",
+    "stancekit.distributions",
     {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},
     expected="something with sample(rng), or a class of it that is made without arguments",
     accepts=lambda it: made_or_class(it, "sample"),
     further=("another ground-k, wall-k or terrain-k", "a YAML file"),
-)  # fmt: skip
+)
 """All distributions."""
 
 
 class OwnDistribution:
-    """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made without arguments.
+    """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made
+    without arguments.
 
-    name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied and pickled, to processes
-    that have not run its file, too.
+    name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied and
+    pickled, to processes that have not run its file, too.
     """
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -163,10 +178,12 @@ class OwnDistribution:
 
     def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem. Raises InvalidInput where something else comes."""
-        found = self._thing.sample(rng)
-        if not (isinstance(found, Problem) and found.is_posture):
-            raise InvalidInput(f"distribution {self.name}: expected a Problem, got a {type(found).__name__}")
-        return found
+        problem = self._thing.sample(rng)
+        if not (isinstance(problem, Problem) and problem.is_posture):
+            raise InvalidInput(
+                f"distribution {self.name}: expected a Problem, got a {type(problem).__name__}"
+            )
+        return problem
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many. Raises InvalidInput where they differ in more than their patches."""
@@ -181,11 +198,14 @@ class OwnDistribution:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         thing = state["_thing"]
-        self.__dict__.update(state, _thing=pickle.loads(thing) if isinstance(thing, bytes) else thing)
+        self.__dict__.update(
+            state, _thing=pickle.loads(thing) if isinstance(thing, bytes) else thing
+        )
 
 
 class _Yaml(BaseModel):
-    """A distribution's file. terrain: ground, wall, or a terrain's file or name; files are paths from the folder."""
+    """A distribution's file. terrain: ground, wall, or a terrain's file or name; files are paths
+    from the folder."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
     terrain: str
@@ -197,42 +217,55 @@ class _Yaml(BaseModel):
 def distribution(
     name: str, *, robot: Robot | str | Path | None = None, terrain: str | Path | None = None
 ) -> Distribution:
-    """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs, friction and robot.
+    """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs, friction
+    and robot.
 
-    Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last one's scenes are cut
-    from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml`` file, or a ``Robot``; the default hexapod
-    where None.
-    terrain: a mesh or a grid, or a ground by its name. What is drawn is named after the class, the robot and the
-    terrain, by name and digest.
-    Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg without an inside, a
-    terrain without footholds.
+    Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last
+    one's scenes are cut from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml``
+    file, or a ``Robot``; the default hexapod where None. terrain: a mesh or a grid, or a ground by
+    its name. What is drawn is named after the class, the robot and the terrain, by name and digest.
+    Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg
+    without an inside, a terrain without footholds.
     """
     if not isinstance(name, str):
         raise REGISTRY.unknown(name)
-    own = robot if isinstance(robot, Robot) else None if robot is None or str(robot) in BUILT_IN else str(robot)
-    if name in DISTRIBUTIONS and own is None and terrain is None:
+    own_robot = (
+        robot
+        if isinstance(robot, Robot)
+        else None
+        if robot is None or str(robot) in BUILT_IN
+        else str(robot)
+    )
+    if name in DISTRIBUTIONS and own_robot is None and terrain is None:
         return DISTRIBUTIONS[name]
     if name.endswith((".yaml", ".yml")):
-        return _from_yaml(name, own, terrain)
+        return _from_yaml(name, own_robot, terrain)
     law = LAW.fullmatch(name)
     if law is None:
-        for key, value in (("robot", own), ("terrain", terrain)):
+        for key, value in (("robot", own_robot), ("terrain", terrain)):
             if value is not None:
                 came = value.name if isinstance(value, Robot) else value
-                raise InvalidInput(f"{key}: expected none for {name}, which draws for its own, got {came}")
+                raise InvalidInput(
+                    f"{key}: expected none for {name}, which draws for its own, got {came}"
+                )
         return OwnDistribution(REGISTRY.get(name), name)
-    standing = StandingRobot.of(own)
+    standing = StandingRobot.of(own_robot)
     legs, kind = standing.legs(int(law[2]), name), cast(Law, law[1])
-    return composed(name, kind, standing, legs, WALL_FRICTION if kind == "wall" else GROUND_FRICTION, terrain)
+    return composed(
+        name, kind, standing, legs, WALL_FRICTION if kind == "wall" else GROUND_FRICTION, terrain
+    )
 
 
 def distribution_of(
-    problems: str | Sampler, *, robot: Robot | str | Path | None = None, terrain: str | Path | None = None
+    problems: str | Sampler,
+    *,
+    robot: Robot | str | Path | None = None,
+    terrain: str | Path | None = None,
 ) -> Distribution:
     """A distribution by name, as ``distribution`` has it, or anything with ``sample(rng)``.
 
-    Without a ``name`` of its own the latter goes by its class's. Raises InvalidInput, also for a robot or a terrain
-    beside something that draws for its own.
+    Without a ``name`` of its own the latter goes by its class's. Raises InvalidInput, also for a
+    robot or a terrain beside something that draws for its own.
     """
     if isinstance(problems, str):
         return distribution(problems, robot=robot, terrain=terrain)
@@ -252,10 +285,17 @@ def composed(
     friction: tuple[float, float],
     terrain: str | Path | None,
 ) -> PostureDistribution | CutDistribution:
-    """A robot and a law of scenes. Raises InvalidInput where a law wants a terrain's file, or has none."""
+    """A robot and a law of scenes. Raises InvalidInput where a law wants a terrain's file, or has
+    none."""
     if (terrain is not None) != (law == "terrain"):
-        wants = "a terrain's file" if law == "terrain" else "terrain-k for scenes cut from a terrain's file"
-        raise InvalidInput(f"{name}: expected {wants}, got {'none' if terrain is None else terrain}")
+        wants = (
+            "a terrain's file"
+            if law == "terrain"
+            else "terrain-k for scenes cut from a terrain's file"
+        )
+        raise InvalidInput(
+            f"{name}: expected {wants}, got {'none' if terrain is None else terrain}"
+        )
     robot = standing.robot
     of = robot.identity or ("" if standing.paper else robot.name)
     named = f"{name}-of-{of}" if of else name
@@ -267,7 +307,7 @@ def composed(
         return cut(terrain, named, robot, legs, stance, friction)
     return PostureDistribution(
         name=named, terrain=law, legs=tuple(legs), friction=friction, robot=robot, stance=stance
-    )  # fmt: skip
+    )
 
 
 def _names_ground(name: str) -> bool:
@@ -288,13 +328,23 @@ def _from_yaml(
         if robot is None and raw.robot is not None:
             robot = str(folder / raw.robot) if Path(raw.robot).suffix else raw.robot
         law: Law = raw.terrain if raw.terrain in ("ground", "wall") else "terrain"  # type: ignore[assignment]
-        own = ".py" in raw.terrain  # reading a distribution runs nothing
-        named = law == "terrain" and not own and _names_ground(raw.terrain)
-        if own or (law == "terrain" and not named and not Path(raw.terrain).suffix):
-            raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file or name, got {raw.terrain!r}")
-        file = terrain if terrain is not None or law != "terrain" else raw.terrain if named else folder / raw.terrain
+        has_file = ".py" in raw.terrain  # reading a distribution runs nothing
+        named = law == "terrain" and not has_file and _names_ground(raw.terrain)
+        if has_file or (law == "terrain" and not named and not Path(raw.terrain).suffix):
+            raise InvalidInput(
+                f"terrain: expected ground, wall, or a terrain's file or name, got {raw.terrain!r}"
+            )
+        file = (
+            terrain
+            if terrain is not None or law != "terrain"
+            else raw.terrain
+            if named
+            else folder / raw.terrain
+        )
         standing = StandingRobot.of(robot)
         standing.robot.select(raw.legs)
         return composed(path, law, standing, raw.legs, raw.friction, file)
     except InvalidInput as error:
-        raise InvalidInput(str(error) if str(error).startswith(path) else f"{path}: {error}") from None
+        raise InvalidInput(
+            str(error) if str(error).startswith(path) else f"{path}: {error}"
+        ) from None

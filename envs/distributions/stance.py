@@ -39,7 +39,8 @@ GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
 CIRCUMRADIUS_M = (0.03, 0.08)
 COM_RADIUS_M = 0.08
 BEYOND = 1.1
-"""The length scale of a robot from a file, in units of how far a toe may be from its centre of mass."""
+"""The length scale of a robot from a file, in units of how far a toe may be from its centre of
+mass."""
 POINTS = 4000
 """Of a leg's set, by which the walls are placed."""
 SIDEWAYS = 0.8
@@ -52,8 +53,9 @@ class NominalStance:
     centre of mass, shape (N, 3) each [m]; room_m: how far off a centre may be, outwards positive,
     (N, 3) [m]; sizes [m]; and the body's tilt [rad].
 
-    With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible by what bounds take
-    for their reach and not by what plans take (``planners.robot.reach``); where it is 0 both are the sets themselves.
+    With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible
+    by what bounds take for their reach and not by what plans take (``planners.robot.reach``); where
+    it is 0 both are the sets themselves.
     """
 
     centre_m: Array
@@ -67,19 +69,23 @@ class NominalStance:
 
 def paper_stance(limbs: Sequence[Limb], law: Law) -> NominalStance:
     """Lin et al.'s: patches beside and below the shoulders, or on walls at .40 m to each side."""
-    centre, normal, room = zip(*((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True)
+    centre, normal, room = zip(
+        *((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True
+    )
     return NominalStance(np.array(centre), np.array(normal), np.array(room))
 
 
 def _ground(limb: Limb) -> tuple[Array, Array, Array]:
-    """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it may be [m]."""
+    """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it
+    may be [m]."""
     outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
     centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
     return centre, np.array([0.0, 0.0, 1.0]), np.array(GROUND_ROOM_M)
 
 
 def _wall(limb: Limb) -> tuple[Array, Array, Array]:
-    """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m], outwards positive."""
+    """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m],
+    outwards positive."""
     side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
     centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
     return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * WALL_ROOM_M
@@ -101,7 +107,8 @@ class StandingRobot:
 
     @classmethod
     def of(cls, robot: Robot | str | None) -> StandingRobot:
-        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file, or as it is; the default hexapod where None.
+        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file, or as it is; the default
+        hexapod where None.
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
         """
@@ -112,7 +119,10 @@ class StandingRobot:
         if robot is None or robot in BUILT_IN:
             default = hexapod()
             return cls(
-                robot=default, toes_m=paper_stance(default.limbs, "ground").centre_m, reach_m=PAPER_REACH_M, paper=True
+                robot=default,
+                toes_m=paper_stance(default.limbs, "ground").centre_m,
+                reach_m=PAPER_REACH_M,
+                paper=True,
             )
         from stancekit.planners.robot.contact_robot import contact_robot  # slow to import
         from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
@@ -123,7 +133,9 @@ class StandingRobot:
         try:
             workspaces = workspaces_of(model)
         except InvalidInput as error:
-            raise InvalidInput(f"{robot if isinstance(robot, str) else robot.name}: {error}") from None
+            raise InvalidInput(
+                f"{robot if isinstance(robot, str) else robot.name}: {error}"
+            ) from None
         reach = float(np.mean([workspace.reach_m for workspace in workspaces]))
         made = robot if isinstance(robot, Robot) else contact_robot(model, workspaces)
         return cls(robot=made, toes_m=standing_toes(model), reach_m=reach)
@@ -137,10 +149,15 @@ class StandingRobot:
         names = self.robot.limb_names
         if count > len(names):
             legs = ", ".join(names)
-            raise InvalidInput(f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with {legs}")
+            raise InvalidInput(
+                f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with {legs}"
+            )
         if self.paper and count in PAPER_LEGS:
             return PAPER_LEGS[count]
-        chosen = max(combinations(range(len(names)), count), key=lambda some: round(_held(self.toes_m[list(some)]), 6))
+        chosen = max(
+            combinations(range(len(names)), count),
+            key=lambda some: round(_held(self.toes_m[list(some)]), 6),
+        )
         return tuple(names[index] for index in chosen)
 
     def stance(self, law: Law, legs: Sequence[str]) -> NominalStance:
@@ -151,7 +168,10 @@ class StandingRobot:
             return paper_stance(limbs, law)
         toes = self.toes_m[[self.robot.limb_names.index(leg) for leg in legs]]
         size = self.reach_m / PAPER_REACH_M
-        side, upwards = np.where(toes[:, 1] >= 0.0, 1.0, -1.0), np.tile([0.0, 0.0, 1.0], (len(toes), 1))
+        side, upwards = (
+            np.where(toes[:, 1] >= 0.0, 1.0, -1.0),
+            np.tile([0.0, 0.0, 1.0], (len(toes), 1)),
+        )
         radii = (size * CIRCUMRADIUS_M[0], size * CIRCUMRADIUS_M[1])
         sizes = radii, size * COM_RADIUS_M, BEYOND * self._farthest, 0.0
         if law != "wall":
@@ -159,12 +179,16 @@ class StandingRobot:
             return NominalStance(toes, upwards, room, *sizes)
         out = np.column_stack([np.ones(len(toes)), side, np.ones(len(toes))])
         centres = _on_walls([_set_of(limb) for limb in limbs], side, size * WALL_ROOM_M[1])
-        return NominalStance(centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes)
+        return NominalStance(
+            centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes
+        )
 
     @property
     def _farthest(self) -> float:
         """Largest distance of a toe from the centre of mass [m]."""
-        return max(float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs)
+        return max(
+            float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs
+        )
 
 
 def _held(toes: Array) -> float:
@@ -206,11 +230,11 @@ def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Arra
 def _is_default(robot: Robot) -> bool:
     """Tell whether a robot without a model is the default hexapod, about which the law of Lin et
     al. draws."""
-    own = hexapod()
-    return robot.limb_names == own.limb_names and all(
+    default = hexapod()
+    return robot.limb_names == default.limb_names and all(
         one.reach_m == other.reach_m
         and one.reach_rows is None
         and one.sole_m is None
         and np.array_equal(one.shoulder_m, other.shoulder_m)
-        for one, other in zip(robot.limbs, own.limbs, strict=True)
+        for one, other in zip(robot.limbs, default.limbs, strict=True)
     )

@@ -1,4 +1,5 @@
-"""Walks drawn at random, or from those that a terrain is known for: what ``stancekit/WarpedGait-v0`` begins with."""
+"""Walks drawn at random, or from those that a terrain is known for: what
+``stancekit/WarpedGait-v0`` begins with."""
 
 from __future__ import annotations
 
@@ -20,7 +21,12 @@ from stancekit.planners.terrain.families import (
     random_heights,
     terrain_family,
 )
-from stancekit.planners.terrain.reference import TERRAINS, TerrainTask, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import (
+    TERRAINS,
+    TerrainTask,
+    reference_tasks,
+    reference_terrain,
+)
 
 DRAWS = 100
 Tasks = Callable[[np.random.Generator], Walk]
@@ -31,10 +37,10 @@ Tasks = Callable[[np.random.Generator], Walk]
 class SampledTasks:
     """Walks over drawn terrains, or the paper's tasks on one of its own.
 
-    terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth ones of the first version
-    (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``, with the walks that it is known for, else drawn ones.
-    difficulty: the families' level, uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal
-    where there is none.
+    terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth ones of
+    the first version (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``, with the walks
+    that it is known for, else drawn ones. difficulty: the families' level, uniform between the two.
+    distance_m: from start to goal, uniform; robot: ANYmal where there is none.
     """
 
     terrain: str = "mixed"
@@ -44,36 +50,50 @@ class SampledTasks:
     robot: GaitRobot = field(default_factory=anymal)
 
     def __post_init__(self) -> None:
-        known = tuple(dict.fromkeys(("mixed", *SMOOTH, "any", *TERRAIN_FAMILIES.names(), *TERRAINS.names())))
+        known = tuple(
+            dict.fromkeys(("mixed", *SMOOTH, "any", *TERRAIN_FAMILIES.names(), *TERRAINS.names()))
+        )
         if self.terrain not in (*known, *OLD) and ".py:" not in self.terrain:
-            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}")
+            raise InvalidInput(
+                f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}"
+            )
         if not self._families:
             TERRAINS.get(self.terrain)
         elif self.terrain not in ("mixed", "any") and not terrain_family(self.terrain).walked:
-            raise InvalidInput(f"terrain: expected a family of ground to walk on, got {self.terrain}, all upright")
+            raise InvalidInput(
+                f"terrain: expected a family of ground to walk on, got {self.terrain}, all upright"
+            )
         for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
             low, high = getattr(self, name)
             if not 0.0 <= low <= high <= most:
-                raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
+                raise InvalidInput(
+                    f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}"
+                )
 
     @cached_property
     def _families(self) -> tuple[str, ...]:
         """The families of which every walk has a ground of its own; none for one terrain."""
         if self.terrain == "mixed":
-            return (*MIXED, *(point.name for point in entry_points(group="stancekit.height_families")))
+            return (
+                *MIXED,
+                *(point.name for point in entry_points(group="stancekit.height_families")),
+            )
         if self.terrain == "any":
             return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)
         return (self.terrain,) if self.terrain in (*TERRAIN_FAMILIES.names(), *OLD) else ()
 
     def __call__(self, rng: np.random.Generator) -> Walk:
-        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
+        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if
+        none is found."""
         tasks = () if self._families else reference_tasks(self.terrain)
         for _ in range(DRAWS):
             try:
                 return self._task_of(tasks, rng) if tasks else self._drawn(rng)
             except InvalidInput as error:
                 refused = error
-        raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
+        raise PlanningFailed(
+            f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}"
+        )
 
     def _drawn(self, rng: np.random.Generator) -> Walk:
         if names := self._families:
@@ -85,16 +105,26 @@ class SampledTasks:
         start = rng.uniform(-1.5, 1.5, 2)
         goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
         return Walk(
-            robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
-            duration_s=self.duration_s, gait=_gait(self.robot),
-        )  # fmt: skip
+            robot=self.robot,
+            terrain=field_,
+            start_xy_m=start,
+            goal_xy_m=goal,
+            start_yaw_rad=turn,
+            duration_s=self.duration_s,
+            gait=_gait(self.robot),
+        )
 
     def _task_of(self, tasks: Sequence[TerrainTask], rng: np.random.Generator) -> Walk:
         walk = tasks[int(rng.integers(len(tasks)))]
         return Walk(
-            robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
-            goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
-        )  # fmt: skip
+            robot=self.robot,
+            terrain=reference_terrain(self.terrain),
+            start_xy_m=walk.start_xy_m,
+            goal_xy_m=walk.goal_xy_m,
+            adhesive=walk.adhesive,
+            duration_s=self.duration_s,
+            gait=_gait(self.robot),
+        )
 
 
 def _gait(robot: GaitRobot) -> str:

@@ -25,9 +25,11 @@ Task = Callable[[], Answer]
 Kind = Literal["processes", "ray"]
 
 IDLE_S = 60
-"""Worker processes end when idle for so long; and at once when the process that started them is gone."""
+"""Worker processes end when idle for so long; and at once when the process that started them is
+gone."""
 DEATHS = 5
-"""How many times in a row, without any answer between, workers may die before a run gives up; or a task's worker."""
+"""How many times in a row, without any answer between, workers may die before a run gives up; or a
+task's worker."""
 POLL_S = 1.0
 """How often a worker looks whether the process that started it is still there."""
 ONE_THREAD = {
@@ -39,10 +41,12 @@ log = logging.getLogger(__name__)
 
 
 class Executor(Protocol):
-    """Runs independent, picklable tasks and gives each one's answer once, as they come. Tasks may run twice.
+    """Runs independent, picklable tasks and gives each one's answer once, as they come. Tasks may
+    run twice.
 
-    Tasks are taken one after the other, when there is room for them: which come next may depend on the answers so far.
-    None among them stands for no task until another answer has been taken; it may only come while a task runs.
+    Tasks are taken one after the other, when there is room for them: which come next may depend on
+    the answers so far. None among them stands for no task until another answer has been taken; it
+    may only come while a task runs.
     """
 
     @property
@@ -64,9 +68,12 @@ class WorkersDied(StancekitError):
 
 
 def gather(
-    run: Executor, tasks: Sequence[Task[Answer]], on_progress: Callable[[int, int], None] | None = None
+    run: Executor,
+    tasks: Sequence[Task[Answer]],
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Answer]:
-    """All answers in the order of the tasks. ``told`` is given how many are there, and how many there will be."""
+    """All answers in the order of the tasks. ``told`` is given how many are there, and how many
+    there will be."""
     answers: dict[int, Answer] = {}
     for number, answer in run([partial(_numbered, k, task) for k, task in enumerate(tasks)]):
         answers[number] = answer
@@ -87,7 +94,8 @@ class _Processes:
 
 
 def processes(workers: int) -> Executor:
-    """Run tasks on this many processes (loky); on one, in this process. A dead worker's tasks run again.
+    """Run tasks on this many processes (loky); on one, in this process. A dead worker's tasks run
+    again.
 
     Raises InvalidInput.
     """
@@ -113,7 +121,8 @@ def _in_worker(parent: int, number: int, task: Task[Answer]) -> tuple[int, Answe
 
 @cache
 def _end_with(parent: int) -> None:
-    """End this process when its parent is gone: nobody would read its answers, and it would wait forever."""
+    """End this process when its parent is gone: nobody would read its answers, and it would wait
+    forever."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -124,16 +133,23 @@ def _end_with(parent: int) -> None:
 
 
 def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answer]:
-    """Keep twice as many tasks in flight as there are workers. left: those that were taken and not answered."""
+    """Keep twice as many tasks in flight as there are workers. left: those that were taken and not
+    answered."""
     left, numbers, deaths = dict[int, Task[Answer]](), itertools.count(), 0
     while True:
         pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=ONE_THREAD)
         fresh, flying = dict(left), set[Future[tuple[int, Answer]]]()
         try:
             while True:
-                fresh |= {next(numbers): task for task in due(tasks, 2 * workers - len(flying) - len(fresh))}
+                fresh |= {
+                    next(numbers): task
+                    for task in due(tasks, 2 * workers - len(flying) - len(fresh))
+                }
                 left |= fresh
-                flying |= {pool.submit(_in_worker, os.getpid(), number, task) for number, task in fresh.items()}
+                flying |= {
+                    pool.submit(_in_worker, os.getpid(), number, task)
+                    for number, task in fresh.items()
+                }
                 fresh = {}
                 if not flying:
                     return
@@ -145,11 +161,15 @@ def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answ
                     yield answer
         except BrokenProcessPool as error:
             if "un-serialize" in str(error):
-                told = (str(error.__cause__ or error).strip("\"' \n").splitlines() or [""])[-1]
-                raise WorkersDied(f"a worker process cannot read its task: {told:.200}") from None
+                message = (str(error.__cause__ or error).strip("\"' \n").splitlines() or [""])[-1]
+                raise WorkersDied(
+                    f"a worker process cannot read its task: {message:.200}"
+                ) from None
             deaths += 1
             if deaths >= DEATHS:
-                raise WorkersDied(f"a worker process died {deaths} times in a row: is there enough memory?") from None
+                raise WorkersDied(
+                    f"a worker process died {deaths} times in a row: is there enough memory?"
+                ) from None
             log.warning("a worker process died; %d tasks are left and run again", len(left))
         except BaseException:  # an error of a task, Ctrl-C, or nobody wants more answers
             pool.shutdown(wait=False, kill_workers=True)

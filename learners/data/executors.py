@@ -1,4 +1,5 @@
-"""The executors by the names that commands have for them: processes of this computer, or a Ray cluster."""
+"""The executors by the names that commands have for them: processes of this computer, or a Ray
+cluster."""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
     """
     if kind == "processes":
         if address is not None:
-            raise InvalidInput(f"address: expected none for processes, got {address!r}; use it with the executor ray")
+            raise InvalidInput(
+                f"address: expected none for processes, got {address!r}; use it with the executor ray"
+            )
         return processes(workers)
     if kind == "ray":
         return ray_cluster(address or "auto")

@@ -1,4 +1,5 @@
-"""Expert data for others: a labelled data set as a Minari data set of one-step episodes of ``EnvelopeSelection-v0``."""
+"""Expert data for others: a labelled data set as a Minari data set of one-step episodes of
+``EnvelopeSelection-v0``."""
 
 from __future__ import annotations
 
@@ -62,25 +63,34 @@ class Exported:
 
 
 def expert_action(row: LabelledPosture, room: float) -> NDArray[np.float32]:
-    """The expert's box: the smallest one around the row's [p, f], every side moved out by ``room``, shape (12N,).
+    """The expert's box: the smallest one around the row's [p, f], every side moved out by ``room``,
+    shape (12N,).
 
-    The point is the witness where the problem is feasible, so P1 over the box must admit it; else the answer of P̄,
-    which only the moment balance keeps out, and over a box so small P1 should say so. Non-dimensional, in [−1, 1].
+    The point is the witness where the problem is feasible, so P1 over the box must admit it; else
+    the answer of P̄, which only the moment balance keeps out, and over a box so small P1 should say
+    so. Non-dimensional, in [−1, 1].
     """
     if row.point is None:
-        raise InvalidInput(f"shard {row.shard} row {row.row}: expected a row with a point, got a {row.kind} one")
+        raise InvalidInput(
+            f"shard {row.shard} row {row.row}: expected a row with a point, got a {row.kind} one"
+        )
     bounds = Envelope.around(row.point[None]).widened(room).to_vector()
     action: NDArray[np.float32] = np.clip(bounds, -1.0, 1.0).astype(np.float32)
     return action
 
 
 def export(
-    dataset: Dataset, out: Path, *, room: float = 0.02, progress: Callable[[int, int], None] | None = None
+    dataset: Dataset,
+    out: Path,
+    *,
+    room: float = 0.02,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Exported:
-    """Write the feasible and hard infeasible rows as episodes of one step, below a new folder; whole or not at all.
+    """Write the feasible and hard infeasible rows as episodes of one step, below a new folder;
+    whole or not at all.
 
-    Observation, action, reward and info are what the environment gives. Raises InvalidInput where the folder is there
-    already, or Minari is not installed.
+    Observation, action, reward and info are what the environment gives. Raises InvalidInput where
+    the folder is there already, or Minari is not installed.
     """
     minari = _minari()
     if not 0.0 < room <= 1.0:
@@ -89,13 +99,19 @@ def export(
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{out}: expected a folder or room for one, got {error.strerror}") from None
+        raise InvalidInput(
+            f"{out}: expected a folder or room for one, got {error.strerror}"
+        ) from None
     dataset_id = f"stancekit/{dataset.problem_class}/expert-v0"
     rows = dataset.select(np.sort(np.concatenate([dataset.feasible, dataset.infeasible])))
     if not len(rows):
-        raise InvalidInput("data set: expected rows that are feasible or infeasible with a point, got none")
+        raise InvalidInput(
+            "data set: expected rows that are feasible or infeasible with a point, got none"
+        )
     scenes = _Scenes(rows)
-    env = EnvelopeSelectionEnv(SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=scenes)
+    env = EnvelopeSelectionEnv(
+        SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=scenes
+    )
     episodes = []
     for index in range(len(rows)):
         observation, _ = env.reset(seed=0 if index == 0 else None)
@@ -107,11 +123,15 @@ def export(
         def create() -> None:
             with _minari_root(partial):
                 minari.create_dataset_from_buffers(
-                    dataset_id, episodes, env=_spec(dataset.header.plan),
-                    observation_space=env.observation_space, action_space=env.action_space,
-                    algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
+                    dataset_id,
+                    episodes,
+                    env=_spec(dataset.header.plan),
+                    observation_space=env.observation_space,
+                    action_space=env.action_space,
+                    algorithm_name="stancekit exact planner",
+                    requirements=[f"stancekit=={version('stancekit')}"],
                     description=_description(dataset, room),
-                )  # fmt: skip
+                )
                 written = load_exported(partial)
                 if sum(1 for _ in written.iterate_episodes()) != len(episodes):
                     raise OSError("expected all episodes back")
@@ -122,18 +142,21 @@ def export(
         dataset_id=dataset_id,
         episodes=len(episodes),
         mean_reward=float(np.mean([episode.rewards[0] for episode in episodes])),
-        agreement=float(np.mean([e.infos["label"][0, 0] == e.infos["p1_feasible"][0, 0] for e in episodes])),
+        agreement=float(
+            np.mean([e.infos["label"][0, 0] == e.infos["p1_feasible"][0, 0] for e in episodes])
+        ),
     )
 
 
 def _apart(create: Callable[[], None]) -> None:
-    """Do it in a process of its own: a full disk takes HDF5 down with the process. Raises OSError where it failed."""
-    with TemporaryFile() as said:
+    """Do it in a process of its own: a full disk takes HDF5 down with the process. Raises OSError
+    where it failed."""
+    with TemporaryFile() as sink:
         process = os.fork()
         if not process:
             status = 1
             try:
-                os.dup2(said.fileno(), 2)
+                os.dup2(sink.fileno(), 2)
                 create()
                 status = 0
             except BaseException as error:
@@ -142,20 +165,22 @@ def _apart(create: Callable[[], None]) -> None:
                 os._exit(status)  # and not by way of HDF5's own clean-up
         _, status = os.waitpid(process, 0)
         if status:
-            said.seek(0)
-            raise failure_of("Minari", said.read().decode(errors="replace"))
+            sink.seek(0)
+            raise failure_of("Minari", sink.read().decode(errors="replace"))
 
 
 def load_exported(root: Path) -> Any:
     """The MinariDataset that ``export`` wrote below this folder. Raises InvalidInput."""
     minari = _minari()
-    found = sorted(root.glob("stancekit/*/expert-v0/data"))
-    if len(found) != 1:
-        raise InvalidInput(f"{root}: expected one exported data set, found {len(found)}")
+    folders = sorted(root.glob("stancekit/*/expert-v0/data"))
+    if len(folders) != 1:
+        raise InvalidInput(f"{root}: expected one exported data set, found {len(folders)}")
     try:
-        return minari.MinariDataset(found[0])
+        return minari.MinariDataset(folders[0])
     except (OSError, KeyError, ValueError, AssertionError) as error:
-        raise InvalidInput(f"{found[0]}: expected a whole Minari data set: {' '.join(str(error).split())}") from None
+        raise InvalidInput(
+            f"{folders[0]}: expected a whole Minari data set: {' '.join(str(error).split())}"
+        ) from None
 
 
 class _Scenes:
@@ -169,7 +194,9 @@ class _Scenes:
     def draw(self, rng: np.random.Generator) -> LabelledScene:
         self.row = row = next(self._rows)
         feasible = row.status is Status.FEASIBLE
-        return LabelledScene(problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound)
+        return LabelledScene(
+            problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound
+        )
 
 
 def _episode(
@@ -197,7 +224,10 @@ def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
     this class, robot and terrain."""
     spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
     files = {"robot": plan.robot, "terrain": plan.terrain}
-    spec.kwargs = {"problem": plan.distribution, **{name: file for name, file in files.items() if file is not None}}
+    spec.kwargs = {
+        "problem": plan.distribution,
+        **{name: file for name, file in files.items() if file is not None},
+    }
     return spec
 
 
@@ -222,7 +252,8 @@ def _minari() -> Any:
 
 @contextmanager
 def _minari_root(root: Path) -> Iterator[None]:
-    """Let Minari write below this folder only, and keep its advice on authors and links to itself."""
+    """Let Minari write below this folder only, and keep its advice on authors and links to
+    itself."""
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(root)
     try:

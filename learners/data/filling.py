@@ -1,4 +1,5 @@
-"""Filling a data set's folder: whatever is drawn, shard by shard, on any executor, going on from what is there."""
+"""Filling a data set's folder: whatever is drawn, shard by shard, on any executor, going on from
+what is there."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class Progress:
 
 
 class Drafts(Protocol[Made]):
-    """The shards that are being made: which tasks come next, and which shard has become whole by an answer."""
+    """The shards that are being made: which tasks come next, and which shard has become whole by an
+    answer."""
 
     def tasks(self) -> Iterable[Task[Made] | None]:
         """Tasks for an executor."""
@@ -54,8 +56,8 @@ def fill(
 ) -> None:
     """Make the shards that a folder with a header lacks, and write each one once, when it is whole.
 
-    drafts_of: given the numbers of the shards that are missing. progress: called once at the start and after every
-    shard.
+    drafts_of: given the numbers of the shards that are missing. progress: called once at the start
+    and after every shard.
     """
     there = ledger.Ledger.open(folder)
     done, begin = dict(there.tallies), time.perf_counter()
@@ -63,11 +65,22 @@ def fill(
     shards = there.header.plan.shards
 
     def report() -> None:
-        drawn, rows = (sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows"))
-        rate = (drawn - earlier) / max(time.perf_counter() - begin, 1e-9)
-        log.info("label: %d of %d shards, %d rows of %d drawn, %.0f a second", len(done), shards, rows, drawn, rate)
+        count, rows = (
+            sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows")
+        )
+        rate = (count - earlier) / max(time.perf_counter() - begin, 1e-9)
+        log.info(
+            "label: %d of %d shards, %d rows of %d drawn, %.0f a second",
+            len(done),
+            shards,
+            rows,
+            count,
+            rate,
+        )
         if progress is not None:
-            progress(Progress(shards_done=len(done), shards=shards, rows=rows, drawn=drawn, rate=rate))
+            progress(
+                Progress(shards_done=len(done), shards=shards, rows=rows, drawn=count, rate=rate)
+            )
 
     report()
     drafts = drafts_of(there.missing)
@@ -80,17 +93,22 @@ def fill(
 
 
 def begin(folder: Path, header: H) -> H:
-    """Write the header of a new data set, or read that of the one begun here after checking that it is the same.
+    """Write the header of a new data set, or read that of the one begun here after checking that it
+    is the same.
 
     Raises InvalidInput where the folder holds another data set.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
+        raise InvalidInput(
+            f"{folder}: expected a folder or room for one, got {error.strerror}"
+        ) from None
     ledger.remove_leftovers(folder)
     if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
-        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode())
+        write_bytes(
+            folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode()
+        )
         return header
     there = ledger.read_header(folder)
     where = f"{folder / ledger.HEADER}"
@@ -99,15 +117,23 @@ def begin(folder: Path, header: H) -> H:
     begun: dict[str, Any] = asdict(there.plan)
     for key, wanted in asdict(header.plan).items():
         if wanted != begun[key]:
-            raise InvalidInput(f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}")
+            raise InvalidInput(
+                f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}"
+            )
     same = header
     if isinstance(there, Header) and isinstance(header, Header):
         if there.witness != header.witness and ledger.Ledger.open(folder).missing:
-            raise InvalidInput(f"{where}: witness: expected {header.witness!r} to go on with, got {there.witness!r}")
+            raise InvalidInput(
+                f"{where}: witness: expected {header.witness!r} to go on with, got {there.witness!r}"
+            )
         same = header.model_copy(update={"witness": there.witness})
     if there.digest != same.digest:
-        drawn = header.plan.distribution
-        raise InvalidInput(f"{where}: first_sample: expected what {drawn!r} draws here and now, got another")
+        distribution = header.plan.distribution
+        raise InvalidInput(
+            f"{where}: first_sample: expected what {distribution!r} draws here and now, got another"
+        )
     if there.software != header.software:
-        log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)
+        log.warning(
+            "%s was begun with %s, goes on with %s", folder, there.software, header.software
+        )
     return there

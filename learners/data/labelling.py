@@ -1,9 +1,11 @@
-"""Algorithm E1, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
+"""Algorithm E1, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data
+set.
 
-Rows come in shards. A shard is drawn from a random stream of its own, and the planner's answers do not depend on what
-it answered before, so its rows depend on nothing but the plan. Any executor may decide its samples, in blocks; this
-process puts them together in order and writes a shard once, when it is whole. A run that was killed goes on from the
-shards that are there, and no folder need be shared.
+Rows come in shards. A shard is drawn from a random stream of its own, and the planner's answers do
+not depend on what it answered before, so its rows depend on nothing but the plan. Any executor may
+decide its samples, in blocks; this process puts them together in order and writes a shard once,
+when it is whole. A run that was killed goes on from the shards that are there, and no folder need
+be shared.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
-"""How postures and points are chosen now (``search.canonical``); another choice gets another name."""
+"""How postures and points are chosen now (``search.canonical``); another choice gets another
+name."""
 
 INNER = (
     "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
@@ -58,8 +61,9 @@ class RecheckReport:
     Arguments:
         witnesses: how many postures or plans were checked.
         certificates: how many proofs were checked.
-        refused: indices of the rows whose proof is missing, is not accepted or proves less than its row says; of tries
-            of leaps also of those that are solved, and that a proof of another try of the scene speaks against.
+        refused: indices of the rows whose proof is missing, is not accepted or proves less than its
+            row says; of tries of leaps also of those that are solved, and that a proof of another
+            try of the scene speaks against.
         worst_residual: largest violation by a witness, non-dimensional; NaN without any.
         smallest_bound: least that the certificates of rows that are not trivial prove, likewise.
         seconds: that it took [s].
@@ -102,14 +106,17 @@ def label(
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
 
-    workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
-    source: the distribution, where its name is not a registered one. run: the executor, in place of ``processes``.
-    draws_per_row: a shard gives up after this many draws a row. proposers: those whose digest is planned.
-    Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
+    workers: processes; the rows do not depend on them. progress: called once at the start and after
+    every shard. source: the distribution, where its name is not a registered one. run: the
+    executor, in place of ``processes``. draws_per_row: a shard gives up after this many draws a
+    row. proposers: those whose digest is planned. Raises InvalidInput where the folder holds
+    another data set, LabellingFailed where a shard gives up.
     """
     execute = run or processes(workers)
     if source is not None and source.name != plan.distribution:
-        raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
+        raise InvalidInput(
+            f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}"
+        )
     folder, source = Path(path), source or planned(plan)
     ledger.check_arrow()
     if plan.proposers != (None if proposers is None else proposers.digest):
@@ -126,19 +133,28 @@ def label(
 
 
 class _Drafts:
-    """The shards that are being drawn: which samples are decided next, and which shard has become whole by it."""
+    """The shards that are being drawn: which samples are decided next, and which shard has become
+    whole by it."""
 
     def __init__(
-        self, header: Header, missing: Sequence[int], executor: Executor, source: Distribution, draws_per_row: int,
+        self,
+        header: Header,
+        missing: Sequence[int],
+        executor: Executor,
+        source: Distribution,
+        draws_per_row: int,
         proposers: Proposers | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._source, self._proposers, self._executor = source, proposers, executor
-        came, kept = Counter[str](), KeptPrograms()
-        self._unopened = iter([ShardDraft(header, shard, draws_per_row, came, kept) for shard in missing])
+        came, programs = Counter[str](), KeptPrograms()
+        self._unopened = iter(
+            [ShardDraft(header, shard, draws_per_row, came, programs) for shard in missing]
+        )
         self._left, self._open = len(missing), list[ShardDraft]()
 
     def tasks(self) -> Iterator[Callable[[], LabelBlock] | None]:
-        """Blocks to decide, of the first shards first; None where there are none until another block is decided."""
+        """Blocks to decide, of the first shards first; None where there are none until another
+        block is decided."""
         while self._left or self._open:
             if self._left and not any(draft.lacking for draft in self._open):
                 self._open.append(next(self._unopened))
@@ -176,7 +192,9 @@ def recheck(dataset: Dataset) -> RecheckReport:
             proof = check_certificate(row.certificate, tolerance=plan.gap)
             certificates += 1
             bounds += [] if row.trivial else [proof.figures["lower_bound"]]
-            accepted = proof.accepted and proof.figures["lower_bound"] >= (1.0 - 1e-9) * row.lower_bound
+            accepted = (
+                proof.accepted and proof.figures["lower_bound"] >= (1.0 - 1e-9) * row.lower_bound
+            )
         refused += [] if accepted else [index]
     return RecheckReport(
         witnesses=len(residuals),
@@ -199,5 +217,7 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         software=ledger.software(),
         witness=WITNESS,
         robot=first.robot.identity or None,
-        speaks_of=INNER if any(contact.reach_rows is not None for contact in first.contacts) else None,
+        speaks_of=INNER
+        if any(contact.reach_rows is not None for contact in first.contacts)
+        else None,
     )

@@ -1,7 +1,9 @@
-"""Labels of leaps: scenes of a class, tries of each one's contacts, and what each try's evidence is worth.
+"""Labels of leaps: scenes of a class, tries of each one's contacts, and what each try's evidence is
+worth.
 
-A scene and its tries follow from (seed, number of the scene) alone, so any executor may make scenes in any order; they
-are put together in theirs, and a shard is written once, when all of its scenes are there.
+A scene and its tries follow from (seed, number of the scene) alone, so any executor may make scenes
+in any order; they are put together in theirs, and a shard is written once, when all of its scenes
+are there.
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ SPEAKS_OF = {
 
 
 def scene(plan: TryPlan, number: int) -> Leap:
-    """The scene of a number: each has a generator of its own. Raises InvalidInput for a class that there is not."""
+    """The scene of a number: each has a generator of its own. Raises InvalidInput for a class that
+    there is not."""
     name = scene_name(plan.distribution, plan.seed, number)
     return leap_class(plan.distribution).draw(np.random.default_rng([plan.seed, number]), name)
 
@@ -86,9 +89,11 @@ def label_leaps(
 
 
 def recheck_leaps(tries: LeapTries) -> RecheckReport:
-    """Let the verifier judge every stored plan and every row of multipliers again: no solver takes part.
+    """Let the verifier judge every stored plan and every row of multipliers again: no solver takes
+    part.
 
-    A try that is solved is refused, too, where an accepted row of multipliers of its scene refutes it.
+    A try that is solved is refused, too, where an accepted row of multipliers of its scene refutes
+    it.
     """
     began, report = time.perf_counter(), _Recheck()
     rows = tries.tries()
@@ -106,7 +111,8 @@ def recheck_leaps(tries: LeapTries) -> RecheckReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Scene:
-    """A scene's tries, labelled. number: of the scene; table: of its rows; labels: of the tries; ms: of each one."""
+    """A scene's tries, labelled. number: of the scene; table: of its rows; labels: of the tries;
+    ms: of each one."""
 
     number: int
     table: pa.Table
@@ -160,7 +166,9 @@ class _Drafts:
         import pyarrow as pa
 
         labels = Counter(label for each in scenes for label in each.labels)
-        counts = Counts(feasible=labels["solved"], infeasible=labels["refuted"], undecided=labels["unsolved"])
+        counts = Counts(
+            feasible=labels["solved"], infeasible=labels["refuted"], undecided=labels["unsolved"]
+        )
         tally = Tally(
             dataset=self._header.digest,
             shard=shard,
@@ -195,7 +203,9 @@ class _Recheck:
             label, timing = str(rows["label"][index]), int(rows["timing"][index])
             accepted = label == "unsolved"
             if label == "solved" and timing in range(len(leap.timings_s)):
-                plan = plan_of_row(LeapNumbers.of(leap, timing), {name: rows[name][index] for name in rows})
+                plan = plan_of_row(
+                    LeapNumbers.of(leap, timing), {name: rows[name][index] for name in rows}
+                )
                 report = check_leap(plan)
                 self.residuals.append(report.worst)
                 accepted = report.accepted
@@ -210,8 +220,10 @@ class _Recheck:
             self.refused |= set() if accepted else {index}
         for timing, row in cuts.values():
             against = [index for index in solved if rows["timing"][index] == timing]
-            found = refuter.bounds(timing, row, rows["choice"][against])
-            self.refused |= {index for index, bound in zip(against, found, strict=True) if bound > GUARD}
+            bounds = refuter.bounds(timing, row, rows["choice"][against])
+            self.refused |= {
+                index for index, bound in zip(against, bounds, strict=True) if bound > GUARD
+            }
 
 
 def _header(plan: TryPlan) -> TryHeader:

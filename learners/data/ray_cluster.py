@@ -1,6 +1,8 @@
-"""Tasks on a Ray cluster. This process never joins it: a driver of its own does (``ray_driver``), which may die.
+"""Tasks on a Ray cluster. This process never joins it: a driver of its own does (``ray_driver``),
+which may die.
 
-Ray ends a driver whose node or head is gone, with a page of text or without a word. Here that is one line.
+Ray ends a driver whose node or head is gone, with a page of text or without a word. Here that is
+one line.
 """
 
 from __future__ import annotations
@@ -28,16 +30,19 @@ SILENCE_S = 8.0
 DRIVER = ("-m", "stancekit.learners.data.ray_driver")
 """How Python starts a driver."""
 START_S, JOIN_S = 60.0, 60.0
-"""Time that a driver may take to start, and to join a cluster that has let it in, or to start one of its own."""
+"""Time that a driver may take to start, and to join a cluster that has let it in, or to start one
+of its own."""
 
 
 def ray_cluster(address: str = "auto") -> Executor:
-    """Run tasks on a Ray cluster, one processor each; Ray runs the tasks of a lost worker or node again.
+    """Run tasks on a Ray cluster, one processor each; Ray runs the tasks of a lost worker or node
+    again.
 
-    address: host:port of the cluster's head; ``auto``, the cluster that this machine belongs to; ``local``, one of its
-    own. The connection is made by the first run and kept. Every node needs this version of Stancekit and of what its
-    answers depend on; no files are shared. Raises ClusterGone where the cluster is not there or not fit, here or while
-    tasks run, and InvalidInput without Ray.
+    address: host:port of the cluster's head; ``auto``, the cluster that this machine belongs to;
+    ``local``, one of its own. The connection is made by the first run and kept. Every node needs
+    this version of Stancekit and of what its answers depend on; no files are shared. Raises
+    ClusterGone where the cluster is not there or not fit, here or while tasks run, and InvalidInput
+    without Ray.
     """
     return _Cluster(address)
 
@@ -61,7 +66,10 @@ class _Cluster:
         driver, source, flying = self._joined(), iter(tasks), 0
         try:
             while True:
-                fresh = [cloudpickle.dumps(task) for task in due(source, max(2 * driver.processors + 2 - flying, 0))]
+                fresh = [
+                    cloudpickle.dumps(task)
+                    for task in due(source, max(2 * driver.processors + 2 - flying, 0))
+                ]
                 flying += len(fresh)
                 if not flying:
                     return
@@ -91,19 +99,26 @@ class _Driver:
         self._pipe, there = Pipe()
         command = [sys.executable, *DRIVER, str(there.fileno()), address]
         self._process = subprocess.Popen(
-            command, pass_fds=[there.fileno()], start_new_session=True, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            command,
+            pass_fds=[there.fileno()],
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        )  # fmt: skip
+        )
         there.close()
-        self.close = weakref.finalize(self, _end, self._pipe, self._process, wait=address == "local")
+        self.close = weakref.finalize(
+            self, _end, self._pipe, self._process, wait=address == "local"
+        )
         self._pipe.send(software())
         for limit_s in (START_S, SILENCE_S, JOIN_S):
             self._heard(limit_s)
         self.processors = int(self._heard(SILENCE_S)[0])
 
     def answers(self, tasks: list[bytes]) -> list[tuple[str, Any]]:
-        """Hand over these tasks, and take what has been answered since: ("answer" or "raised", its value)."""
+        """Hand over these tasks, and take what has been answered since: ("answer" or "raised", its
+        value)."""
         with suppress(OSError):  # what it said last says why
             self._pipe.send(tasks)
         self.processors, answered = self._heard(SILENCE_S)
@@ -112,13 +127,19 @@ class _Driver:
     def _heard(self, limit_s: float) -> Any:
         """The driver's next message. Raises ClusterGone."""
         try:
-            message = self._pipe.recv() if self._pipe.poll(limit_s) else ("gone", "does not answer any more")
+            message = (
+                self._pipe.recv()
+                if self._pipe.poll(limit_s)
+                else ("gone", "does not answer any more")
+            )
         except (EOFError, OSError):
             message = ("gone", "has lost the node that this process joined it by")
         if message[0] == "refused":
             raise ClusterGone(f"address: expected a Ray cluster at {self._address!r}: {message[1]}")
         if message[0] == "gone":
-            raise ClusterGone(f"the Ray cluster at {self._address!r} {message[1]}; what it had answered is kept")
+            raise ClusterGone(
+                f"the Ray cluster at {self._address!r} {message[1]}; what it had answered is kept"
+            )
         return message[1:]
 
 

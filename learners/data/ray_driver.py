@@ -1,6 +1,8 @@
-"""The process that joins a Ray cluster on behalf of ``ray_cluster``: tasks come by a pipe, answers go back.
+"""The process that joins a Ray cluster on behalf of ``ray_cluster``: tasks come by a pipe, answers
+go back.
 
-It says something every second, ends with the process that started it, and knows nothing of the tasks but their bytes.
+It says something every second, ends with the process that started it, and knows nothing of the
+tasks but their bytes.
 """
 
 from __future__ import annotations
@@ -50,21 +52,31 @@ def main(pipe: Connection, address: str) -> None:
 
 
 def joined(address: str, pipe: Connection) -> Any:
-    """Ray, connected. The other side hears when the cluster is asked, and when it has let us in. Raises Refused."""
+    """Ray, connected. The other side hears when the cluster is asked, and when it has let us in.
+    Raises Refused."""
     import ray
 
     raylet: Any = import_module("ray._raylet")  # its stubs lack the client
 
-    options: dict[str, Any] = {"address": address, "logging_level": logging.CRITICAL, "log_to_driver": False}
+    options: dict[str, Any] = {
+        "address": address,
+        "logging_level": logging.CRITICAL,
+        "log_to_driver": False,
+    }
     if address == "local":
-        options |= {"include_dashboard": False, "_node_ip_address": "127.0.0.2"}  # Ray replaces 127.0.0.1
+        options |= {
+            "include_dashboard": False,
+            "_node_ip_address": "127.0.0.2",
+        }  # Ray replaces 127.0.0.1
     pipe.send(("asks",))
     head = None if address == "local" else head_of(address)
     if head is not None and not answers(head):
         raise Refused(f"nothing answers at {head}")
     try:
         if head is not None:
-            raylet.GcsClient(address=head)  # says at once what ray.init says after a while: that the token is another
+            raylet.GcsClient(
+                address=head
+            )  # says at once what ray.init says after a while: that the token is another
         pipe.send(("joins",))
         ray.init(**options)
     except Exception as error:  # of a node that does not start Ray raises a plain Exception
@@ -78,10 +90,16 @@ def head_of(address: str) -> str | None:
         from ray._private.services import get_ray_address_from_environment
 
         try:
-            found = get_ray_address_from_environment(address, None)
+            address_seen = get_ray_address_from_environment(address, None)
         except ConnectionError:
-            raise Refused("none runs on this machine; start one with ray start --head, or name its head") from None
-        return None if found is None or "://" in found or found == "auto" else found
+            raise Refused(
+                "none runs on this machine; start one with ray start --head, or name its head"
+            ) from None
+        return (
+            None
+            if address_seen is None or "://" in address_seen or address_seen == "auto"
+            else address_seen
+        )
     if not address.rpartition(":")[2].isdecimal():
         raise Refused("expected host:port, auto or local")
     return address
@@ -100,7 +118,8 @@ def reason(error: Exception) -> str:
 
 
 def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
-    """Run what comes by the pipe, one processor a task. Raises Gone, and EOFError once nobody listens."""
+    """Run what comes by the pipe, one processor a task. Raises Gone, and EOFError once nobody
+    listens."""
     remote = ray.remote(num_cpus=1, max_retries=DEATHS)(call(expected))
     pipe.send(("joined",))
     watch = Watch(ray)
@@ -155,7 +174,8 @@ def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
 
 
 class Watch:
-    """Looks after the head and the processors of a cluster. Ray itself says so only after a minute, or ends us."""
+    """Looks after the head and the processors of a cluster. Ray itself says so only after a minute,
+    or ends us."""
 
     def __init__(self, ray: Any) -> None:
         self._ray = ray
@@ -164,7 +184,8 @@ class Watch:
         self._processors = int(ray.cluster_resources().get("CPU", 0))
 
     def processors(self, *, seen: bool = False) -> int:
-        """Processors of the cluster. seen: an answer came just now. Raises Gone after PATIENCE_S without any."""
+        """Processors of the cluster. seen: an answer came just now. Raises Gone after PATIENCE_S
+        without any."""
         now = time.monotonic()
         if seen:
             self._seen_s = now
@@ -172,9 +193,15 @@ class Watch:
             return self._processors
         self._looked_s, there = now, answers(self._head)
         if there:
-            nodes = [node for node in self._ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0)]
+            nodes = [
+                node
+                for node in self._ray.nodes()
+                if node["Alive"] and node["Resources"].get("CPU", 0)
+            ]
             self._processors = int(sum(node["Resources"]["CPU"] for node in nodes))
-            if any(answers(f"{node['NodeManagerAddress']}:{node['NodeManagerPort']}") for node in nodes):
+            if any(
+                answers(f"{node['NodeManagerAddress']}:{node['NodeManagerPort']}") for node in nodes
+            ):
                 self._seen_s = now
         if now - self._seen_s > PATIENCE_S:
             raise Gone("has no processor left" if there else "does not answer any more")

@@ -1,4 +1,5 @@
-"""Scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a plan there."""
+"""Scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a
+plan there."""
 
 from __future__ import annotations
 
@@ -42,16 +43,27 @@ def judged(planner: Planner, name: str) -> SceneVerdict:
         return SceneVerdict(status=Status.INFEASIBLE, proof="no footing")
     if outcome.status is Status.INFEASIBLE and outcome.certificate is None:
         return SceneVerdict(status=Status.UNDECIDED)
-    return SceneVerdict(status=outcome.status, proof="certificate" if outcome.status is Status.INFEASIBLE else "")
+    return SceneVerdict(
+        status=outcome.status, proof="certificate" if outcome.status is Status.INFEASIBLE else ""
+    )
 
 
 def export_scenes(
-    out: Path, family: str, level: float, *, count: int, planner: Planner, seed: int = 0, spacing_m: float = 0.02,
+    out: Path,
+    family: str,
+    level: float,
+    *,
+    count: int,
+    planner: Planner,
+    seed: int = 0,
+    spacing_m: float = 0.02,
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Write scenes ``seed`` to ``seed + count − 1`` into a new or empty folder, whole or not at all; and their index.
+) -> dict[str, Any]:
+    """Write scenes ``seed`` to ``seed + count − 1`` into a new or empty folder, whole or not at
+    all; and their index.
 
-    Raises InvalidInput for a folder with something in it, and for another family, level, seed or spacing.
+    Raises InvalidInput for a folder with something in it, and for another family, level, seed or
+    spacing.
     """
     check_new_folder(out)
     checked_int(count, "count", least=1)
@@ -63,17 +75,24 @@ def export_scenes(
             scene = family_terrain(family, level, number)
             verdict = judged(planner, f"{family}:{level!r}:{number}")
             record = {
-                "seed": number, "status": verdict.status.value, "proof": verdict.proof, "figures": dict(scene.figures),
-            }  # fmt: skip
+                "seed": number,
+                "status": verdict.status.value,
+                "proof": verdict.proof,
+                "figures": dict(scene.figures),
+            }
             if scene.rise is not None:
                 record |= _heights(folder, f"{number}.npy", scene, spacing_m)
             scenes.append(record | {"surfaces": _surfaces(scene)})
             if progress is not None:
                 progress(k + 1, count)
         index = {
-            "format": FORMAT, "family": family, "level": level, "quantity": terrain_family(family).quantity,
-            "robot": "hexapod", "scenes": scenes,
-        }  # fmt: skip
+            "format": FORMAT,
+            "family": family,
+            "level": level,
+            "quantity": terrain_family(family).quantity,
+            "robot": "hexapod",
+            "scenes": scenes,
+        }
         (folder / INDEX).write_text(json.dumps(index), encoding="utf-8")
     return index
 
@@ -82,7 +101,10 @@ def _heights(folder: Path, name: str, scene: Terrain, spacing_m: float) -> dict[
     """The keys of the heights of a scene, written into its folder."""
     step = checked(spacing_m, "spacing_m", least=0.002, most=0.2)
     (x0, y0, _), (x1, y1, _) = SCENE
-    x, y = (scene.begin_m[k] + np.arange(a, b + 1e-9, step) for k, (a, b) in enumerate(((x0, x1), (y0, y1))))
+    x, y = (
+        scene.begin_m[k] + np.arange(a, b + 1e-9, step)
+        for k, (a, b) in enumerate(((x0, x1), (y0, y1)))
+    )
     np.save(folder / name, scene.grid(x, y))
     return {"heights": name, "spacing_m": spacing_m, "corner_m": [float(x[0]), float(y[0])]}
 
@@ -91,8 +113,10 @@ def _surfaces(scene: Terrain) -> list[dict[str, Any]]:
     """Every polygon with its normal and friction."""
     return [
         {
-            "vertices_m": patch.vertices_m.tolist(), "normal": patch.normal.tolist(), "friction": patch.friction,
+            "vertices_m": patch.vertices_m.tolist(),
+            "normal": patch.normal.tolist(),
+            "friction": patch.friction,
             "footing": footing,
         }
         for patch, footing in scene.surfaces
-    ]  # fmt: skip
+    ]

@@ -1,7 +1,9 @@
-"""One shard of a data set: its stream of samples is decided in blocks, anywhere, and kept in order (Algorithm E1).
+"""One shard of a data set: its stream of samples is decided in blocks, anywhere, and kept in order
+(Algorithm E1).
 
-A block is decided together because that is cheaper, and apart from others because several workers can then draw one
-shard. Neither changes a row: where a block begins and ends, and who decides it, leaves no trace.
+A block is decided together because that is cheaper, and apart from others because several workers
+can then draw one shard. Neither changes a row: where a block begins and ends, and who decides it,
+leaves no trace.
 """
 
 from __future__ import annotations
@@ -40,10 +42,11 @@ if TYPE_CHECKING:
 BLOCK = 512
 """Samples that are decided together, at most."""
 LEAST = 32
-"""Samples that are decided together, at least, where several workers share a shard: a block costs as much as 50 to 100
-samples before its first one is decided."""
+"""Samples that are decided together, at least, where several workers share a shard: a block costs
+as much as 50 to 100 samples before its first one is decided."""
 KEPT_BYTES = 1 << 24
-"""Once a block of memory of this size was freed, glibc keeps as much for later, instead of giving it back at once."""
+"""Once a block of memory of this size was freed, glibc keeps as much for later, instead of giving
+it back at once."""
 BARREN = 10_000
 """After so many draws without a single row of a label that is wanted, a shard gives up."""
 
@@ -55,12 +58,14 @@ class LabellingFailed(StancekitError):
 
 
 def planned(plan: LabelPlan) -> Distribution:
-    """The distribution of a plan. Raises InvalidInput where there is none of its name, for its robot and terrain."""
+    """The distribution of a plan. Raises InvalidInput where there is none of its name, for its
+    robot and terrain."""
     return distribution(plan.distribution, robot=plan.robot, terrain=plan.terrain)
 
 
 def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[Problem]:
-    """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
+    """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from
+    0."""
     source, rng = source or planned(plan), _stream(plan, shard)
     while True:
         yield source.sample(rng)
@@ -78,8 +83,9 @@ Place = tuple[int, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LabelBlock:
-    """Neighbouring samples of a shard, decided. kinds: each one's label, "trivial" set apart. rows: those that may be
-    kept, as a shard's table, with ``row`` 0. after: the place in the stream behind the block. solve_ms: by sample.
+    """Neighbouring samples of a shard, decided. kinds: each one's label, "trivial" set apart. rows:
+    those that may be kept, as a shard's table, with ``row`` 0. after: the place in the stream
+    behind the block. solve_ms: by sample.
     """
 
     shard: int
@@ -92,16 +98,25 @@ class LabelBlock:
 
 
 def decide_block(
-    plan: LabelPlan, source: Distribution, shard: int, start: Place | None, first: int, count: int,
-    kinds: frozenset[str], kept: KeptPrograms, proposers: Proposer | None = None,
-) -> LabelBlock:  # fmt: skip
+    plan: LabelPlan,
+    source: Distribution,
+    shard: int,
+    start: Place | None,
+    first: int,
+    count: int,
+    kinds: frozenset[str],
+    kept: KeptPrograms,
+    proposers: Proposer | None = None,
+) -> LabelBlock:
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
 
-    start: a known place in the stream at or before the first sample; None for its beginning. kept: programs that
-    other blocks used before; no row depends on them.
+    start: a known place in the stream at or before the first sample; None for its beginning. kept:
+    programs that other blocks used before; no row depends on them.
     """
     begin, rng = time.process_time(), _stream(plan, shard)
-    np.empty(KEPT_BYTES, dtype=np.uint8)  # or the arrays of a block would come anew from the system, step by step
+    np.empty(
+        KEPT_BYTES, dtype=np.uint8
+    )  # or the arrays of a block would come anew from the system, step by step
     at, state = start or (0, rng.bit_generator.state)
     rng.bit_generator.state = state
     while at < first:
@@ -113,13 +128,19 @@ def decide_block(
     labeller = _Labeller(plan, shard, first, kinds, kept.programs, proposers)
     rows, decided, solve_ms = labeller.rows(batch)
     return LabelBlock(
-        shard=shard, first=first, kinds=decided, rows=table_of(rows, len(batch.like.contacts)), after=after,
-        solve_ms=solve_ms, cpu_s=time.process_time() - begin,
-    )  # fmt: skip
+        shard=shard,
+        first=first,
+        kinds=decided,
+        rows=table_of(rows, len(batch.like.contacts)),
+        after=after,
+        solve_ms=solve_ms,
+        cpu_s=time.process_time() - begin,
+    )
 
 
 class KeptPrograms:
-    """The programs of one call of ``label``; in a worker process, those of its thread, which blocks share."""
+    """The programs of one call of ``label``; in a worker process, those of its thread, which blocks
+    share."""
 
     def __init__(self, programs: Programs | None = None) -> None:
         self.programs = programs or Programs()
@@ -133,23 +154,36 @@ def _of_this_thread() -> KeptPrograms:
 
 
 class _Labeller:
-    """Lines 4 to 11 of Algorithm E1 for one block. No clock takes part: slow machines label as fast ones do."""
+    """Lines 4 to 11 of Algorithm E1 for one block. No clock takes part: slow machines label as fast
+    ones do."""
 
     def __init__(
-        self, plan: LabelPlan, shard: int, first: int, kinds: frozenset[str], programs: Programs,
+        self,
+        plan: LabelPlan,
+        shard: int,
+        first: int,
+        kinds: frozenset[str],
+        programs: Programs,
         proposers: Proposer | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._plan, self._shard, self._first, self._kinds = plan, shard, first, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
-            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=programs,
+            acceptance=acceptance,
+            max_nodes=plan.max_nodes,
+            time_limit_s=math.inf,
+            programs=programs,
             proposers=proposers,
-        )  # fmt: skip
+        )
 
     def rows(self, batch: PostureBatch) -> tuple[list[LabelledPosture], list[str], list[float]]:
-        """The rows of the kinds that are asked for; of every sample its label and how long it took [ms]."""
+        """The rows of the kinds that are asked for; of every sample its label and how long it took
+        [ms]."""
         decided = decide_all(self._exact, batch, points="infeasible" in self._kinds)
-        kinds, points = [_kind(outcome) for outcome in decided.outcomes], self._points(batch, decided)
+        kinds, points = (
+            [_kind(outcome) for outcome in decided.outcomes],
+            self._points(batch, decided),
+        )
         rows = [
             self._row(self._first + k, batch.problems[k], outcome, points.get(k))
             for k, outcome in enumerate(decided.outcomes)
@@ -160,36 +194,56 @@ class _Labeller:
     def _row(
         self, sample: int, problem: Problem, outcome: Answer[Plan], point: Array | None
     ) -> LabelledPosture:
-        """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
+        """The row as it will be kept; undecided if P̄ has no answer to keep although it should have
+        one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
         if _kind(outcome) == "infeasible" and point is None:
             status, certificate, bound = Status.UNDECIDED, None, 0.0
         return LabelledPosture(
-            shard=self._shard, row=0, sample=sample, problem=problem, status=status,
-            trivial=_kind(outcome) == "trivial", posture=outcome.solution, point=point, certificate=certificate,
-            lower_bound=bound, solves=outcome.effort.solves, nodes=int(outcome.details["nodes"]),
-        )  # fmt: skip
+            shard=self._shard,
+            row=0,
+            sample=sample,
+            problem=problem,
+            status=status,
+            trivial=_kind(outcome) == "trivial",
+            posture=outcome.solution,
+            point=point,
+            certificate=certificate,
+            lower_bound=bound,
+            solves=outcome.effort.solves,
+            nodes=int(outcome.details["nodes"]),
+        )
 
     def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
-        """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
+        """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates
+        nothing else."""
         postures, outcomes = dict[int, Plan](), decided.outcomes
         if "feasible" in self._kinds:
-            postures |= {k: outcome.solution for k, outcome in enumerate(outcomes) if outcome.solution is not None}
+            postures |= {
+                k: outcome.solution
+                for k, outcome in enumerate(outcomes)
+                if outcome.solution is not None
+            }
         if "infeasible" in self._kinds:
             of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
             postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
             rows = np.array([k for k in of if k not in decided.relaxed], dtype=np.intp)
-            found = solved(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
-            postures |= {int(rows[k]): posture for k, posture in found.items()}
-        pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))
+            points = solved(
+                self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance
+            )
+            postures |= {int(rows[k]): posture for k, posture in points.items()}
+        pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(
+            list(postures.values())
+        )
         return dict(zip(postures, pairs, strict=True))
 
 
 class ShardDraft:
-    """A shard that is put together from its blocks: whichever comes when, they are taken in the stream's order.
+    """A shard that is put together from its blocks: whichever comes when, they are taken in the
+    stream's order.
 
-    came: labels of all samples of this run so far, which others add to, too; by it the draft knows how many it needs.
-    kept: programs for its blocks.
+    came: labels of all samples of this run so far, which others add to, too; by it the draft knows
+    how many it needs. kept: programs for its blocks.
     """
 
     def __init__(
@@ -197,7 +251,9 @@ class ShardDraft:
     ) -> None:
         self._header, self._plan, self._came, self._programs = header, header.plan, came, kept
         self.shard = shard
-        self._room = Counter(dict(zip(("feasible", "infeasible"), header.plan.quota(shard), strict=True)))
+        self._room = Counter(
+            dict(zip(("feasible", "infeasible"), header.plan.quota(shard), strict=True))
+        )
         self._wanted = self._room.total()
         self._limit = draws_per_row * self._wanted
         self._asked, self._places = 0, list[Place]()
@@ -210,7 +266,9 @@ class ShardDraft:
     def missing(self) -> str:
         """Number of rows of each kind that are missing, in words; empty where none is."""
         if self._plan.natural:
-            return f"{self._wanted - self._kept.total()}" if self._kept.total() < self._wanted else ""
+            return (
+                f"{self._wanted - self._kept.total()}" if self._kept.total() < self._wanted else ""
+            )
         return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
 
     @property
@@ -220,20 +278,29 @@ class ShardDraft:
         if self._plan.natural:
             expected = self._wanted - len(self._drawn)
         else:
-            drawn = self._came.total() + 2
-            expected = max(-(-count * drawn // (self._came[kind] + 1)) for kind, count in self._room.items())
+            samples = self._came.total() + 2
+            expected = max(
+                -(-count * samples // (self._came[kind] + 1)) for kind, count in self._room.items()
+            )
         return max(min(expected - (self._asked - len(self._drawn)), self._most - self._asked), 0)
 
-    def block(self, source: Distribution, count: int, proposers: Proposer | None) -> Callable[[], LabelBlock]:
+    def block(
+        self, source: Distribution, count: int, proposers: Proposer | None
+    ) -> Callable[[], LabelBlock]:
         """The task that decides the next ``count`` samples."""
         first, self._asked = self._asked, self._asked + count
-        start = max((place for place in self._places if place[0] <= first), key=lambda place: place[0], default=None)
+        start = max(
+            (place for place in self._places if place[0] <= first),
+            key=lambda place: place[0],
+            default=None,
+        )
         kinds = frozenset(kind for kind in KINDS if self._wants(kind))
         place = (self._plan, source, self.shard, start, first, count)
         return partial(decide_block, *place, kinds, self._programs, proposers)
 
     def take(self, block: LabelBlock) -> Shard | None:
-        """Keep what is wanted of a block, once all before it are there; the shard, where it has become whole.
+        """Keep what is wanted of a block, once all before it are there; the shard, where it has
+        become whole.
 
         Raises LabellingFailed where too many samples were drawn.
         """
@@ -250,8 +317,14 @@ class ShardDraft:
         """Keep the rows of the next block that are wanted, in its order; what comes after the last
         row was not drawn."""
         begin, chosen = len(self._drawn), list[int]()
-        rows = zip(*(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")), strict=True)
-        made = {sample: (k, "trivial" if trivial else label) for k, (sample, trivial, label) in enumerate(rows)}
+        rows = zip(
+            *(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")),
+            strict=True,
+        )
+        made = {
+            sample: (k, "trivial" if trivial else label)
+            for k, (sample, trivial, label) in enumerate(rows)
+        }
         for sample, label in enumerate(block.kinds, block.first):
             if not self.missing:
                 break
@@ -267,7 +340,9 @@ class ShardDraft:
         self._solve_ms += block.solve_ms[: len(self._drawn) - begin]
         self._cpu_s += block.cpu_s
         if self.missing and len(self._drawn) >= self._most:
-            came = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(self._drawn).items()))
+            came = ", ".join(
+                f"{count} {kind}" for kind, count in sorted(Counter(self._drawn).items())
+            )
             lacks = f"lacks {self.missing} rows after {self._most} draws: {came}"
             raise LabellingFailed(f"{self._plan.distribution}: shard {self.shard} {lacks}")
 
@@ -284,17 +359,28 @@ class ShardDraft:
     def _whole(self) -> Shard:
         undecided = [sample for sample, kind in enumerate(self._drawn) if kind == "undecided"]
         if undecided:
-            log.warning("shard %d: %d of %d samples stayed undecided: %s",
-                        self.shard, len(undecided), len(self._drawn), undecided)  # fmt: skip
+            log.warning(
+                "shard %d: %d of %d samples stayed undecided: %s",
+                self.shard,
+                len(undecided),
+                len(self._drawn),
+                undecided,
+            )
         tally = Tally(
-            dataset=self._header.digest, shard=self.shard, rows=Counts(**self._kept),
-            drawn=Counts(**Counter(self._drawn)), undecided_samples=undecided, software=ledger.software(),
-        )  # fmt: skip
+            dataset=self._header.digest,
+            shard=self.shard,
+            rows=Counts(**self._kept),
+            drawn=Counts(**Counter(self._drawn)),
+            undecided_samples=undecided,
+            software=ledger.software(),
+        )
         import pyarrow as pa  # large, and no question of one problem needs it
 
         rows = pa.concat_tables(self._rows).combine_chunks()
         numbers = pa.array(np.arange(len(rows)), pa.int32())
-        rows = rows.set_column(rows.schema.get_field_index("row"), rows.schema.field("row"), numbers)
+        rows = rows.set_column(
+            rows.schema.get_field_index("row"), rows.schema.field("row"), numbers
+        )
         timing = ledger.ShardTiming(shard=self.shard, cpu_s=self._cpu_s, solve_ms=self._solve_ms)
         return Shard(table=rows, tally=tally, timing=timing)
 

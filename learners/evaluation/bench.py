@@ -1,4 +1,5 @@
-"""Table I again: label, learn by every method, compare on held-out terrains. What is done is kept and used again."""
+"""Table I again: label, learn by every method, compare on held-out terrains. What is done is kept
+and used again."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ SHARD_SIZE = 125
 class ClassResult:
     """Results of a run for one class of problems.
 
-    labelling: summary of the training rows. learned: selectors by method. fresh: rows that this run made.
+    labelling: summary of the training rows. learned: selectors by method. fresh: rows that this run
+    made.
     """
 
     problem_class: str
@@ -53,12 +55,20 @@ class ClassResult:
 
     @property
     def best_envelopes(self) -> tuple[str, EnvelopeSet]:
-        """Name and envelopes of the fixed selector with the best balanced P1 share. Raises InvalidInput without any."""
+        """Name and envelopes of the fixed selector with the best balanced P1 share. Raises
+        InvalidInput without any."""
         learned = {name: item.selector for name, item in self.learned.items()}
-        fixed = {name: selector.envelopes for name, selector in learned.items() if isinstance(selector, FixedSelector)}
+        fixed = {
+            name: selector.envelopes
+            for name, selector in learned.items()
+            if isinstance(selector, FixedSelector)
+        }
         if not fixed:
             raise InvalidInput("methods: expected one or more that learn envelopes, got none")
-        best = max((score for score in self.scores if score.selector in fixed), key=lambda score: score.balanced)
+        best = max(
+            (score for score in self.scores if score.selector in fixed),
+            key=lambda score: score.balanced,
+        )
         return best.selector, fixed[best.selector]
 
 
@@ -86,15 +96,17 @@ def run(
 ) -> Iterator[ClassResult]:
     """Yield the result of every class as it comes; everything is kept in ``folder``.
 
-    Data sets are gone on with, selectors and rows used again, wherever they follow from the same settings, data and
-    software. executor: where labelling, generations and rollouts run. Raises InvalidInput, e.g. where a data set of
-    another plan is in the folder.
+    Data sets are gone on with, selectors and rows used again, wherever they follow from the same
+    settings, data and software. executor: where labelling, generations and rollouts run. Raises
+    InvalidInput, e.g. where a data set of another plan is in the folder.
     """
     for name in experiment.problems:
         (folder / name).mkdir(parents=True, exist_ok=True)
 
         def on_progress(stage: str, name: str = name) -> Callable[[int, int], None]:
-            return lambda done, total: None if progress is None else progress(f"{name}: {stage}", done, total)
+            return lambda done, total: (
+                None if progress is None else progress(f"{name}: {stage}", done, total)
+            )
 
         yield _Class(experiment, name, folder / name, executor, on_progress).result()
 
@@ -103,7 +115,12 @@ class _Class:
     """The run of one class of problems."""
 
     def __init__(
-        self, experiment: Experiment, name: str, folder: Path, executor: Executor, on_progress: OnProgress
+        self,
+        experiment: Experiment,
+        name: str,
+        folder: Path,
+        executor: Executor,
+        on_progress: OnProgress,
     ) -> None:
         self._experiment, self._name, self._folder, self._run, self._told = (
             experiment,
@@ -117,7 +134,11 @@ class _Class:
         """All rows of this class."""
         experiment = self._experiment
         train, labelling = self._label("train", experiment.train)
-        calibration = None if experiment.calibration is None else self._label("calibration", experiment.calibration)[0]
+        calibration = (
+            None
+            if experiment.calibration is None
+            else self._label("calibration", experiment.calibration)[0]
+        )
         test, _ = self._label("test", experiment.test)
         scenes = scenes_of(test)
         scores: list[Score] = []
@@ -130,24 +151,44 @@ class _Class:
             scores.append(score)
         scores.append(self._lift(scenes, test))
         fresh += [] if scores[-1].notes["kept"] else ["lift"]
-        plain = tuple(replace(s, notes={k: v for k, v in s.notes.items() if k != "kept"}) for s in scores)
+        plain = tuple(
+            replace(s, notes={k: v for k, v in s.notes.items() if k != "kept"}) for s in scores
+        )
         return ClassResult(
-            problem_class=test.problem_class, labelling=labelling, scores=plain, learned=learned, test=test,
+            problem_class=test.problem_class,
+            labelling=labelling,
+            scores=plain,
+            learned=learned,
+            test=test,
             fresh=tuple(fresh),
-        )  # fmt: skip
+        )
 
     def _label(self, part: str, quota: Quota) -> tuple[Dataset, Mapping[str, Any]]:
         plan = LabelPlan(
-            distribution=self._name, robot=self._experiment.robot, terrain=self._experiment.terrain,
-            shard_size=SHARD_SIZE, **asdict(quota),
-        )  # fmt: skip
+            distribution=self._name,
+            robot=self._experiment.robot,
+            terrain=self._experiment.terrain,
+            shard_size=SHARD_SIZE,
+            **asdict(quota),
+        )
         bar = self._told(f"label {part}")
-        summary = label(plan, self._folder / part, run=self._run, progress=lambda state: bar(state.rows, plan.rows))
+        summary = label(
+            plan,
+            self._folder / part,
+            run=self._run,
+            progress=lambda state: bar(state.rows, plan.rows),
+        )
         return Dataset.open(self._folder / part), summary.to_json()
 
-    def _learned(self, method: str, train: Dataset, calibration: Dataset | None) -> tuple[_Row, Learned]:
+    def _learned(
+        self, method: str, train: Dataset, calibration: Dataset | None
+    ) -> tuple[_Row, Learned]:
         """The selector that is there, or a new one; and its row as far as it is known."""
-        digests = [train.header.digest, "" if calibration is None else calibration.header.digest, *_source(method)]
+        digests = [
+            train.header.digest,
+            "" if calibration is None else calibration.header.digest,
+            *_source(method),
+        ]
         key = _digest(["fit", method, self._experiment.fit.concerning(method), digests, software()])
         row = self._read(method)
         if row is not None and row.fit_key == key and (self._folder / row.file).is_file():
@@ -158,29 +199,47 @@ class _Class:
         bar = self._told(f"fit {method}")
         settings = self._experiment.fit
         learned = learn_selector(
-            method, train, settings, bar, calibration=calibration, checkpoint=checkpoint, run=self._run
+            method,
+            train,
+            settings,
+            bar,
+            calibration=calibration,
+            checkpoint=checkpoint,
+            run=self._run,
         )
         if _source(method) and not isinstance(learned.selector, FixedSelector):
             blank = _Row(fit_key=key, file="", file_sha256="", fit_seconds=perf_counter() - begin)
-            return blank, learned  # no format of ours: judged as it is, and learned again by the next run
+            return (
+                blank,
+                learned,
+            )  # no format of ours: judged as it is, and learned again by the next run
         path = self._folder / f"{_stem(method)}{learned.suffix}"
         learned.write(path)
         row = _Row(
-            fit_key=key, file=path.name, file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            fit_key=key,
+            file=path.name,
+            file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
             fit_seconds=perf_counter() - begin,
-        )  # fmt: skip
+        )
         self._write(method, row)
         return row, load_selector(path)
 
-    def _score(self, method: str, row: _Row, learned: Learned, scenes: list[LabelledScene], test: Dataset) -> Score:
+    def _score(
+        self, method: str, row: _Row, learned: Learned, scenes: list[LabelledScene], test: Dataset
+    ) -> Score:
         key = self._row_key(row.file_sha256 or row.fit_key, test)
         notes = {"fit_seconds": row.fit_seconds, "file": row.file}
         if row.row_key == key:
             return _as_score(method, row, {**notes, "kept": True})
         score = evaluate(
-            method, learned, scenes, problem_class=test.problem_class, projections=self._experiment.projections,
-            progress=self._told(f"evaluate {method}"), run=self._run,
-        )  # fmt: skip
+            method,
+            learned,
+            scenes,
+            problem_class=test.problem_class,
+            projections=self._experiment.projections,
+            progress=self._told(f"evaluate {method}"),
+            run=self._run,
+        )
         self._write(method, _with_score(row, key, score))
         return replace(score, notes={**notes, "kept": False})
 
@@ -190,13 +249,17 @@ class _Class:
         if row is not None and row.row_key == key:
             return _as_score("lift", row, {"kept": True})
         projections = self._experiment.projections
-        score = evaluate_lift(scenes, projections=projections, progress=self._told("evaluate lift"), run=self._run)
+        score = evaluate_lift(
+            scenes, projections=projections, progress=self._told("evaluate lift"), run=self._run
+        )
         blank = _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0)
         self._write("lift", _with_score(blank, key, score))
         return replace(score, notes={"kept": False})
 
     def _row_key(self, selector: str, test: Dataset) -> str:
-        return _digest(["row", selector, test.header.digest, list(self._experiment.projections), software()])
+        return _digest(
+            ["row", selector, test.header.digest, list(self._experiment.projections), software()]
+        )
 
     def _read(self, name: str) -> _Row | None:
         """A row that an earlier run kept; None where there is none that can be used."""
@@ -212,7 +275,11 @@ class _Class:
 def _source(method: str) -> list[str]:
     """Digest of the file of a method FILE.py:NAME, as a list; empty for other methods."""
     path, colon, _ = method.rpartition(":")
-    return [hashlib.sha256(Path(path).read_bytes()).hexdigest()] if colon and Path(path).is_file() else []
+    return (
+        [hashlib.sha256(Path(path).read_bytes()).hexdigest()]
+        if colon and Path(path).is_file()
+        else []
+    )
 
 
 def _stem(method: str) -> str:
@@ -224,7 +291,10 @@ def _with_score(row: _Row, key: str, score: Score) -> _Row:
     def pair(share: Share) -> tuple[int, int]:
         return share.hits, share.of
 
-    numbers = {name: value if value == value else None for name, value in (("gap", score.gap), ("p1_ms", score.p1_ms))}
+    numbers = {
+        name: value if value == value else None
+        for name, value in (("gap", score.gap), ("p1_ms", score.p1_ms))
+    }
     shares = {"p1_feasible": pair(score.p1_feasible), "p1_infeasible": pair(score.p1_infeasible)}
     projected = {way: pair(share) for way, share in score.projected.items()}
     return row.model_copy(update={"row_key": key, **shares, "projected": projected, **numbers})

@@ -1,4 +1,5 @@
-"""Room for learning in the environments of postures and climbs: episodes that policies play, paired over the scenes."""
+"""Room for learning in the environments of postures and climbs: episodes that policies play, paired
+over the scenes."""
 
 from __future__ import annotations
 
@@ -33,9 +34,10 @@ RANDOM = ("random", "random-again")
 class Plays:
     """An environment and what is played in it.
 
-    options: keywords of ``gymnasium.make``. budget: of an episode, in words. players: makes the policies, by name;
-    learned: names of those that learned. solves: convex problems of an episode, within which the exact planner answers
-    the scene beside the environment; None where the scene is no posture.
+    options: keywords of ``gymnasium.make``. budget: of an episode, in words. players: makes the
+    policies, by name; learned: names of those that learned. solves: convex problems of an episode,
+    within which the exact planner answers the scene beside the environment; None where the scene is
+    no posture.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -53,7 +55,8 @@ def environment_room(
     seed: int,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Room:
-    """Play what the folder does not have, and return the room of an environment at the budget of its episodes.
+    """Play what the folder does not have, and return the room of an environment at the budget of
+    its episodes.
 
     Arguments:
         name: among ``ENVIRONMENTS``.
@@ -78,7 +81,9 @@ def environment_room(
         for index in range(scenes):
             if on_progress is not None:
                 on_progress(f"{name} {index}", index, scenes)
-            if all((index, method) in rows for method in (*players, *([EXACT] if plays.solves else []))):
+            if all(
+                (index, method) in rows for method in (*players, *([EXACT] if plays.solves else []))
+            ):
                 continue
             for row in _scene(env, plays, players, seed, index):
                 rows[index, row["method"]] = row
@@ -115,7 +120,13 @@ def _scene(
             observation, _, ended, cut_off, info = env.step(player(env, observation, rng))
             over = ended or cut_off
         won = bool(info["is_success"])
-        yield {"scene": index, "method": method, "found": won, "anywhere": won, "cpu_s": time.process_time() - begin}
+        yield {
+            "scene": index,
+            "method": method,
+            "found": won,
+            "anywhere": won,
+            "cpu_s": time.process_time() - begin,
+        }
     if plays.solves is not None:
         env.reset(seed=episode)
         begin = time.process_time()
@@ -169,7 +180,11 @@ def _selectors() -> Mapping[str, Player]:
 
     rows = Dataset.open(folder_of("pool-wall-3"))
     boxes = {name: _by(FixedSelector(name, fit(name, rows))) for name in ("heuristic", "quantile")}
-    return {**dict.fromkeys(RANDOM, _drawn), **boxes, "neural-wall-3": _by(load_selector("neural-wall-3").selector)}
+    return {
+        **dict.fromkeys(RANDOM, _drawn),
+        **boxes,
+        "neural-wall-3": _by(load_selector("neural-wall-3").selector),
+    }
 
 
 def _rules() -> Mapping[str, Player]:
@@ -191,12 +206,18 @@ def _always(chosen: int) -> Player:
 
 ENVIRONMENTS: Mapping[str, Plays] = {
     "EnvelopeSelection-v0": Plays(
-        options={"problem": "wall-3"}, budget="one box: 2 convex problems", players=_selectors,
-        learned=("neural-wall-3",), solves=2,
+        options={"problem": "wall-3"},
+        budget="one box: 2 convex problems",
+        players=_selectors,
+        learned=("neural-wall-3",),
+        solves=2,
     ),
     "EnvelopeRefinement-v0": Plays(
-        options={"problem": "ground-3", "budget": 50}, budget="50 convex problems", players=_rules, solves=50,
+        options={"problem": "ground-3", "budget": 50},
+        budget="50 convex problems",
+        players=_rules,
+        solves=50,
     ),
     "Traverse-v0": Plays(budget="an episode", players=_planners),
-}  # fmt: skip
+}
 """Environments whose episodes take little enough time, by name without the package's."""

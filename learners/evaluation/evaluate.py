@@ -1,4 +1,5 @@
-"""Compare selectors: one rollout for all, Table I's shares with confidence intervals, and the paper's figures."""
+"""Compare selectors: one rollout for all, Table I's shares with confidence intervals, and the
+paper's figures."""
 
 from __future__ import annotations
 
@@ -51,13 +52,15 @@ TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = Mapping
         },
     }
 )
-"""Lin et al.'s Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by NLP."""
+"""Lin et al.'s Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by
+NLP."""
 
 _PAPER_NAMES = {"heuristic": "heuristic", "gmm-printed": "cluster", "gmm": "cluster", "ga": "GA"}
 
 
 def paper_row(problem_class: str, selector: str) -> dict[str, float] | None:
-    """The paper's figures for the method that a selector stands for, by the names of ``Score.to_json``; or None."""
+    """The paper's figures for the method that a selector stands for, by the names of
+    ``Score.to_json``; or None."""
     row = TABLE_I.get(problem_class, {}).get(_PAPER_NAMES.get(selector, ""))
     names = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_nlp")
     return None if row is None else dict(zip(names, row, strict=True))
@@ -81,7 +84,10 @@ class Share:
         if not self.of:
             return float("nan"), float("nan")
         z, n, p = 1.96, self.of, self.value
-        middle, half = p + z * z / (2 * n), z * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
+        middle, half = (
+            p + z * z / (2 * n),
+            z * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))),
+        )
         return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
 
 
@@ -92,7 +98,8 @@ class Score:
     Arguments:
         selector: its name.
         p1_feasible, p1_infeasible: shares of the problems that P1 answers as the expert does.
-        projected: of the feasible problems, the share for which P1 → P2 ends in a verified posture, by projection.
+        projected: of the feasible problems, the share for which P1 → P2 ends in a verified posture,
+            by projection.
         gap: median McCormick gap over the feasible problems that P1 admits.
         p1_ms: median time of P1 over them [ms].
         notes: further figures by name.
@@ -134,7 +141,8 @@ class Score:
 def rollout(
     selector: Selector, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
-    """Play one-step episodes and return the info of each, with its ``reward``: what every selector is judged by.
+    """Play one-step episodes and return the info of each, with its ``reward``: what every selector
+    is judged by.
 
     stable-baselines3's ``evaluate_policy(selector, env)`` plays the same episodes.
     """
@@ -159,7 +167,8 @@ def evaluate(
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
-    """Roll a selector out over the scenes, through the environment. run: the executor; this process where None."""
+    """Roll a selector out over the scenes, through the environment. run: the executor; this process
+    where None."""
     play = _Player(learned, problem_class, projections)
     return _score(name, _everywhere(play, scenes, progress, run), projections)
 
@@ -172,7 +181,11 @@ def evaluate_lift(
     run: Executor | None = None,
 ) -> Score:
     """Score the relaxation without envelopes (the lift), which has no box to choose."""
-    return _score("lift", _everywhere(partial(_lifted, Programs(), projections), scenes, progress, run), projections)
+    return _score(
+        "lift",
+        _everywhere(partial(_lifted, Programs(), projections), scenes, progress, run),
+        projections,
+    )
 
 
 def _everywhere(
@@ -181,7 +194,8 @@ def _everywhere(
     progress: Progress | None,
     run: Executor | None,
 ) -> list[dict[str, Any]]:
-    """Play the scenes CHUNK by CHUNK wherever the executor likes; the infos come in the order of the scenes."""
+    """Play the scenes CHUNK by CHUNK wherever the executor likes; the infos come in the order of
+    the scenes."""
     chunks = [scenes[begin : begin + CHUNK] for begin in range(0, len(scenes), CHUNK)]
 
     def on_progress(done: int, total: int) -> None:
@@ -193,10 +207,12 @@ def _everywhere(
 
 
 class _Player:
-    """Plays chunks of scenes with one selector, in one environment, which goes to no other process: a copy makes its
-    own."""
+    """Plays chunks of scenes with one selector, in one environment, which goes to no other process:
+    a copy makes its own."""
 
-    def __init__(self, learned: Learned, problem_class: str, projections: tuple[Projection, ...]) -> None:
+    def __init__(
+        self, learned: Learned, problem_class: str, projections: tuple[Projection, ...]
+    ) -> None:
         self._learned, self._problem_class, self._projections = learned, problem_class, projections
         self._made: tuple[EnvelopeSelectionEnv, _Dealt] | None = None
 
@@ -215,9 +231,13 @@ class _Player:
     def _environment(self, legs: tuple[str, ...]) -> tuple[EnvelopeSelectionEnv, _Dealt]:
         source, learned = _Dealt(), self._learned
         env = EnvelopeSelectionEnv(
-            SceneKind(name=self._problem_class, legs=legs), boxes=learned.boxes, relaxation=learned.relaxation,
-            projections=self._projections, scenes=source, timing=True,
-        )  # fmt: skip
+            SceneKind(name=self._problem_class, legs=legs),
+            boxes=learned.boxes,
+            relaxation=learned.relaxation,
+            projections=self._projections,
+            scenes=source,
+            timing=True,
+        )
         return env, source
 
 
@@ -245,7 +265,12 @@ def _lifted(
         lift = solve_lift(programs, scaled, least_moment=True)
         seconds = time.perf_counter() - begin
         admits = lift.solved and lift.bound <= acceptance.gap
-        info = {"label": int(scene.feasible), "p1_feasible": int(admits), "gap": float("nan"), "p1_seconds": seconds}
+        info = {
+            "label": int(scene.feasible),
+            "p1_feasible": int(admits),
+            "gap": float("nan"),
+            "p1_seconds": seconds,
+        }
         info["p1_right"] = int(lift.solved and admits == scene.feasible)
         for way in projections:
             reached = False
@@ -253,14 +278,18 @@ def _lifted(
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
                     claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
-                    outcome = acceptance.answer(scene.problem, claim, method=way, clock=Clock.start())
+                    outcome = acceptance.answer(
+                        scene.problem, claim, method=way, clock=Clock.start()
+                    )
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)
         infos.append(info)
     return infos
 
 
-def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]) -> Score:
+def _score(
+    name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]
+) -> Score:
     feasible = [info for info in infos if info["label"]]
     infeasible = [info for info in infos if not info["label"]]
     admitted = [info for info in feasible if info["p1_feasible"]]
@@ -269,10 +298,13 @@ def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Pro
         p1_feasible=Share(hits=len(admitted), of=len(feasible)),
         p1_infeasible=Share(hits=sum(info["p1_right"] for info in infeasible), of=len(infeasible)),
         projected={
-            way: Share(hits=int(sum(info[_key(way)] for info in feasible)), of=len(feasible)) for way in projections
+            way: Share(hits=int(sum(info[_key(way)] for info in feasible)), of=len(feasible))
+            for way in projections
         },
         gap=float(np.median([info["gap"] for info in admitted])) if admitted else float("nan"),
-        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos])) if infos else float("nan"),
+        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos]))
+        if infos
+        else float("nan"),
     )
 
 

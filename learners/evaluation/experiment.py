@@ -26,7 +26,8 @@ class Experiment:
     ``train``, ``calibration`` and ``test`` differ.
 
     robot, terrain: files that the problems are of, where not the default hexapod and no terrain's.
-    calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for that.
+    calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for
+    that.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -43,16 +44,25 @@ class Experiment:
 
     def __post_init__(self) -> None:
         if self.train.seed == self.test.seed:
-            raise InvalidInput(f"test.seed: expected another seed than train.seed, got {self.test.seed} for both")
-        if self.calibration is not None and self.calibration.seed in (self.train.seed, self.test.seed):
+            raise InvalidInput(
+                f"test.seed: expected another seed than train.seed, got {self.test.seed} for both"
+            )
+        if self.calibration is not None and self.calibration.seed in (
+            self.train.seed,
+            self.test.seed,
+        ):
             got = self.calibration.seed
-            raise InvalidInput(f"calibration.seed: expected another seed than train.seed and test.seed, got {got}")
+            raise InvalidInput(
+                f"calibration.seed: expected another seed than train.seed and test.seed, got {got}"
+            )
         for name in self.problems:
             distribution(name, robot=self.robot, terrain=self.terrain)
         for index, method in enumerate(self.methods):
             known = [name for name in METHODS.names() if name != "modes"]
             if method not in known and ".py:" not in method:
-                raise InvalidInput(f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}")
+                raise InvalidInput(
+                    f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}"
+                )
             if ".py:" in method:
                 METHODS.get(method)  # what is no method is said before anything is labelled
             self.fit.check(method)
@@ -66,8 +76,8 @@ class Experiment:
     def from_yaml(
         cls, path: str | Path, *, quick: bool = False, overrides: Mapping[str, Any] | None = None
     ) -> Experiment:
-        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the main ones; overrides:
-        in place of either.
+        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the
+        main ones; overrides: in place of either.
 
         Raises InvalidInput with every key that is wrong.
         """

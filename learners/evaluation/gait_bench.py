@@ -1,8 +1,10 @@
-"""Pan et al.'s benchmarks again: how often, how fast and how well charts find gaits that are feasible, and that verify.
+"""Pan et al.'s benchmarks again: how often, how fast and how well charts find gaits that are
+feasible, and that verify.
 
-Every cell is one task of a terrain, one initial guess and one method, and a file of its own, written when it is
-measured: a run that is stopped goes on with the next cell. Cells come in an order that stays balanced wherever it
-stops: tasks far apart first, all terrains and methods of a task together.
+Every cell is one task of a terrain, one initial guess and one method, and a file of its own,
+written when it is measured: a run that is stopped goes on with the next cell. Cells come in an
+order that stays balanced wherever it stops: tasks far apart first, all terrains and methods of a
+task together.
 """
 
 from __future__ import annotations
@@ -56,9 +58,9 @@ JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
 class GaitBenchSettings:
     """Settings of the measurement.
 
-    every: each how manieth task of a terrain; seeds: perturbed guesses a task, besides the guess itself; noise: their
-    deviation on every variable [m, rad, m·g]; iterations: of a solve; cap_s: CPU time at which a solve is cut off and
-    counts as a failure [s]; total_s: of a portfolio.
+    every: each how manieth task of a terrain; seeds: perturbed guesses a task, besides the guess
+    itself; noise: their deviation on every variable [m, rad, m·g]; iterations: of a solve; cap_s:
+    CPU time at which a solve is cut off and counts as a failure [s]; total_s: of a portfolio.
     """
 
     terrains: tuple[str, ...] = TERRAINS
@@ -74,7 +76,9 @@ class GaitBenchSettings:
         for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
-                raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+                raise InvalidInput(
+                    f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}"
+                )
         check_fields(self)
 
     @classmethod
@@ -90,7 +94,8 @@ class GaitBenchSettings:
 
 @dataclass(frozen=True)
 class GaitCell:
-    """One task, one guess (0: the terrain-following one, else perturbed with this seed), one method."""
+    """One task, one guess (0: the terrain-following one, else perturbed with this seed), one
+    method."""
 
     terrain: str
     task: int
@@ -105,17 +110,19 @@ class GaitCell:
 
 def cells(settings: GaitBenchSettings) -> list[GaitCell]:
     """Every cell, in the order in which they are measured."""
-    found: list[GaitCell] = []
+    result: list[GaitCell] = []
     for seed in range(settings.seeds + 1):
-        turns = {name: _spread(len(reference_tasks(name)), settings.every) for name in settings.terrains}
+        turns = {
+            name: _spread(len(reference_tasks(name)), settings.every) for name in settings.terrains
+        }
         for k in range(max(len(tasks) for tasks in turns.values())):
-            found += [
+            result += [
                 GaitCell(name, turns[name][k], seed, method)
                 for name in settings.terrains
                 if k < len(turns[name])
                 for method in settings.methods
             ]
-    return found
+    return result
 
 
 def _spread(count: int, every: int) -> list[int]:
@@ -129,7 +136,8 @@ def run(
     on_progress: Callable[[str, int, int], None] | None = None,
     workers: int = 1,
 ) -> Iterator[dict[str, Any]]:
-    """Measure the cells that the folder does not have by this protocol; yield the row of every cell, as they come."""
+    """Measure the cells that the folder does not have by this protocol; yield the row of every
+    cell, as they come."""
     every, missing = cells(settings), []
     for cell in every:
         row = _kept(cell, settings, folder)
@@ -141,12 +149,15 @@ def run(
     for row in processes(workers)([partial(measured, cell, settings, folder) for cell in missing]):
         done += 1
         if on_progress is not None:
-            on_progress(f"{row['terrain']} {row['task']}, {METHODS[row['method']].label}", done, len(every))
+            on_progress(
+                f"{row['terrain']} {row['task']}, {METHODS[row['method']].label}", done, len(every)
+            )
         yield row
 
 
 def kept(settings: GaitBenchSettings, folder: Path) -> list[dict[str, Any]]:
-    """The rows that the folder has by this protocol. Raises InvalidInput for a file that is no cell."""
+    """The rows that the folder has by this protocol. Raises InvalidInput for a file that is no
+    cell."""
     rows = (_kept(cell, settings, folder) for cell in cells(settings))
     return [row for row in rows if row is not None]
 
@@ -157,7 +168,9 @@ def _kept(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str
         return None
     content = read_json(path)
     if not isinstance(content, dict):
-        raise InvalidInput(f"{path}: expected an object with protocol and row, got {type(content).__name__}")
+        raise InvalidInput(
+            f"{path}: expected an object with protocol and row, got {type(content).__name__}"
+        )
     same = content.get("protocol") == settings.protocol()
     return checked_row(content.get("row"), asdict(cell), str(path)) if same else None
 
@@ -176,8 +189,8 @@ def measure(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[s
     try:
         if method.portfolio:
             return _planned(cell, settings, task)
-        own = GaitSettings(max_iterations=settings.iterations, **method.settings)
-        program = formulate(task, own, lambda: _map(cell.terrain, folder))
+        settings_of_method = GaitSettings(max_iterations=settings.iterations, **method.settings)
+        program = formulate(task, settings_of_method, lambda: _map(cell.terrain, folder))
     except PlanningFailed as error:
         return {"success": False, "verified": False, "status": str(error), "message": str(error)}
     guess = program.perturbed(_rng(cell), settings.noise) if cell.seed else program.guess
@@ -186,37 +199,54 @@ def measure(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[s
     report = check_trajectory(solution.trajectory())
     (record,) = budget.solves
     return {
-        "success": record.success, "verified": record.success and report.accepted, "status": record.status,
-        "iterations": record.iterations, "cpu_s": record.seconds, "evaluating_s": record.seconds_evaluating,
-        "linear_s": record.seconds_linear, "violations": [_finite(value) for value in record.violations],
+        "success": record.success,
+        "verified": record.success and report.accepted,
+        "status": record.status,
+        "iterations": record.iterations,
+        "cpu_s": record.seconds,
+        "evaluating_s": record.seconds_evaluating,
+        "linear_s": record.seconds_linear,
+        "violations": [_finite(value) for value in record.violations],
         "capped": not record.success and record.seconds >= settings.cap_s,
         **figures(report),
-    }  # fmt: skip
+    }
 
 
 def _planned(cell: GaitCell, settings: GaitBenchSettings, task: Walk) -> dict[str, Any]:
     """The product: all phases, from a guess that is perturbed alike in every chart."""
     caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
-    attempts = [one.perturbed(cell.seed, settings.noise) if cell.seed else one for one in default_attempts(task)]
-    plan = plan_gait(task, GaitSettings(max_iterations=settings.iterations), caps=caps, attempts=attempts)
+    attempts = [
+        one.perturbed(cell.seed, settings.noise) if cell.seed else one
+        for one in default_attempts(task)
+    ]
+    plan = plan_gait(
+        task, GaitSettings(max_iterations=settings.iterations), caps=caps, attempts=attempts
+    )
     if not plan.attempts:
         raise PlanningFailed(plan.message)
     best = plan.attempts[-1]
-    phases = {name: [one for one in plan.solves if one.phase == name] for name in ("feasible", "smooth", "densify")}
+    phases = {
+        name: [one for one in plan.solves if one.phase == name]
+        for name in ("feasible", "smooth", "densify")
+    }
     before = plan.feasible[-1]
     return {
-        "success": any(report is not None for report in plan.feasible), "verified": plan.verified,
-        "status": best.solution.status, "chart": best.attempt.chart,
+        "success": any(report is not None for report in plan.feasible),
+        "verified": plan.verified,
+        "status": best.solution.status,
+        "chart": best.attempt.chart,
         "iterations": sum(one.iterations for one in phases["feasible"]),
         "cpu_s": plan.seconds,
         "evaluating_s": sum(one.seconds_evaluating for one in plan.solves),
         "linear_s": sum(one.seconds_linear for one in plan.solves),
         "phase_s": {name: sum(one.seconds for one in solves) for name, solves in phases.items()},
-        "phase_iterations": {name: sum(one.iterations for one in solves) for name, solves in phases.items()},
+        "phase_iterations": {
+            name: sum(one.iterations for one in solves) for name, solves in phases.items()
+        },
         "capped": not plan.verified and plan.seconds >= settings.total_s,
         "before": None if before is None else figures(before),
         **figures(best.report),
-    }  # fmt: skip
+    }
 
 
 def figures(report: Report[Trajectory]) -> dict[str, Any]:
@@ -233,14 +263,19 @@ def figures(report: Report[Trajectory]) -> dict[str, Any]:
 def gait_task(terrain: str, number: int) -> Walk:
     """A task of Pan et al.'s benchmark for ANYmal.
 
-    In pits the robot faces its goal, for its suckers are in front; elsewhere it faces x and walks in all directions.
+    In pits the robot faces its goal, for its suckers are in front; elsewhere it faces x and walks
+    in all directions.
     """
-    asked = reference_tasks(terrain)[number]
-    way = asked.goal_xy_m - asked.start_xy_m
+    task = reference_tasks(terrain)[number]
+    way = task.goal_xy_m - task.start_xy_m
     return Walk(
-        robot=anymal(), terrain=_terrain(terrain), start_xy_m=asked.start_xy_m, goal_xy_m=asked.goal_xy_m,
-        adhesive=asked.adhesive, start_yaw_rad=math.atan2(way[1], way[0]) if terrain.startswith("pit") else 0.0,
-    )  # fmt: skip
+        robot=anymal(),
+        terrain=_terrain(terrain),
+        start_xy_m=task.start_xy_m,
+        goal_xy_m=task.goal_xy_m,
+        adhesive=task.adhesive,
+        start_yaw_rad=math.atan2(way[1], way[0]) if terrain.startswith("pit") else 0.0,
+    )
 
 
 @lru_cache(maxsize=4)
@@ -250,7 +285,8 @@ def _terrain(name: str) -> HeightField:
 
 @lru_cache(maxsize=4)
 def _map(terrain: str, folder: Path) -> SplineMap:
-    """The terrain's map, from the folder where it was made before. Raises PlanningFailed for one that folds."""
+    """The terrain's map, from the folder where it was made before. Raises PlanningFailed for one
+    that folds."""
     from stancekit.planners.warp.conformal import flatten
 
     path = folder / f"map-{terrain}.npz"

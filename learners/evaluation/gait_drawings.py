@@ -1,8 +1,8 @@
-"""The cells of ``gait_bench`` as pictures: violation and CPU time by walking direction (Pan et al. Figs. 8 and 9), and
-violation by iteration.
+"""The cells of ``gait_bench`` as pictures: violation and CPU time by walking direction (Pan et al.
+Figs. 8 and 9), and violation by iteration.
 
-Drawn are the paper's method, ours and the baseline, by the paper's quasi-Newton and by the exact Hessian; a portfolio
-has phases, and is in the tables alone.
+Drawn are the paper's method, ours and the baseline, by the paper's quasi-Newton and by the exact
+Hessian; a portfolio has phases, and is in the tables alone.
 """
 
 from __future__ import annotations
@@ -30,16 +30,25 @@ Draw = Callable[..., Any]
 
 
 def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
-    """Write convergence-TERRAIN.png, and directions- and times-TERRAIN.png where tasks go all around; what was written.
+    """Write convergence-TERRAIN.png, and directions- and times-TERRAIN.png where tasks go all
+    around; what was written.
 
     Cells without a single iterate, e.g. for want of a map, are left out.
     """
     from stancekit.views.sheet import save
 
-    every, written = [row for row in rows if row["method"] in DRAWN and row.get("violations")], list[Path]()
+    every, written = (
+        [row for row in rows if row["method"] in DRAWN and row.get("violations")],
+        list[Path](),
+    )
     for terrain in dict.fromkeys(row["terrain"] for row in every):
-        own = [row for method in DRAWN for row in every if (row["method"], row["terrain"]) == (method, terrain)]
-        for name, figure in _figures(terrain, own):
+        rows_of_method = [
+            row
+            for method in DRAWN
+            for row in every
+            if (row["method"], row["terrain"]) == (method, terrain)
+        ]
+        for name, figure in _figures(terrain, rows_of_method):
             written.append(folder / f"{name}-{terrain}.png")
             save(figure, written[-1])
     return written
@@ -48,12 +57,24 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
 def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
     seeds = sorted({row["seed"] for row in rows})
     runs = [_run(row) for row in rows]
-    yield "convergence", draw_convergence(runs, caption=f"Convergence on {terrain}", methods=COLOURED)
+    yield (
+        "convergence",
+        draw_convergence(runs, caption=f"Convergence on {terrain}", methods=COLOURED),
+    )
     if terrain in AROUND:
         wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
-        beside = [_run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows]
-        guesses = f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
-        yield "directions", draw_directions(beside, caption=f"Violation by walking direction on {terrain}, {guesses}")
+        beside = [
+            _run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows
+        ]
+        guesses = (
+            f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
+        )
+        yield (
+            "directions",
+            draw_directions(
+                beside, caption=f"Violation by walking direction on {terrain}, {guesses}"
+            ),
+        )
         caption = f"CPU time by walking direction on {terrain}, {guesses}"
         yield "times", draw_times(runs, caption=caption, methods=COLOURED)
 

@@ -12,28 +12,33 @@ from .gait_bench import METHODS, PAPER
 
 Row = Mapping[str, Any]
 BASELINE = "ambient"
-"""What iterations and times are compared with: the exact Hessian in the world's coordinates, in the same run."""
+"""What iterations and times are compared with: the exact Hessian in the world's coordinates, in the
+same run."""
 QUARTILES = (25.0, 50.0, 75.0)
 
 
 def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """One record a method and terrain, in the order of ``METHODS`` and of the rows.
 
-    cells; success, verified: shares; left_cone: share of those that succeeded whose feet leave the true cone; paper:
-    the success that Pan et al. print for it, if any; capped: how many were cut off. verified_cpu_s: quartiles over what
-    the verifier accepts. Quartiles over the cells that succeeded: iterations, cpu_s, iteration_s, linear_share (of the
-    CPU time in the solver and its linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point),
-    force_rms, force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside the cone.
+    cells; success, verified: shares; left_cone: share of those that succeeded whose feet leave the
+    true cone; paper: the success that Pan et al. print for it, if any; capped: how many were cut
+    off. verified_cpu_s: quartiles over what the verifier accepts. Quartiles over the cells that
+    succeeded: iterations, cpu_s, iteration_s, linear_share (of the CPU time in the solver and its
+    linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point), force_rms,
+    force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside
+    the cone.
     """
     every = list(rows)
     terrains = list(dict.fromkeys(row["terrain"] for row in every))
-    found: list[dict[str, Any]] = []
+    lines: list[dict[str, Any]] = []
     for method in METHODS:
         for terrain in terrains:
-            own = [row for row in every if row["method"] == method and row["terrain"] == terrain]
-            if own:
-                found.append(_record(method, terrain, own))
-    return found
+            rows_of_method = [
+                row for row in every if row["method"] == method and row["terrain"] == terrain
+            ]
+            if rows_of_method:
+                lines.append(_record(method, terrain, rows_of_method))
+    return lines
 
 
 def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
@@ -45,7 +50,9 @@ def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
         "cells": len(rows),
         "success": _share(row["success"] for row in rows),
         "verified": _share(row["verified"] for row in rows),
-        "left_cone": _share(row["outside_cone"] > 0.0 for row in good if row.get("outside_cone") is not None),
+        "left_cone": _share(
+            row["outside_cone"] > 0.0 for row in good if row.get("outside_cone") is not None
+        ),
         "paper": PAPER.get(method, {}).get(terrain),
         "capped": sum(bool(row.get("capped")) for row in rows),
         "refused": _counted(group for row in good for group in row.get("refused", ())),
@@ -67,7 +74,11 @@ def _shares(row: Row) -> float | None:
 
 
 def _iteration(row: Row) -> float | None:
-    steps = sum(row["phase_iterations"].values()) if "phase_iterations" in row else row.get("iterations", 0)
+    steps = (
+        sum(row["phase_iterations"].values())
+        if "phase_iterations" in row
+        else row.get("iterations", 0)
+    )
     return row["cpu_s"] / steps if steps else None
 
 
@@ -93,19 +104,32 @@ def quartiles(values: Iterable[float | None]) -> list[float] | None:
     return [float(value) for value in np.percentile(known, QUARTILES)] if known else None
 
 
-def ratios(rows: Iterable[Row], method: str, name: str = "iterations", against: str = BASELINE) -> dict[str, float]:
-    """By terrain: the median of a measure over the median of ``against``, on the cells in which both succeeded.
+def ratios(
+    rows: Iterable[Row], method: str, name: str = "iterations", against: str = BASELINE
+) -> dict[str, float]:
+    """By terrain: the median of a measure over the median of ``against``, on the cells in which
+    both succeeded.
 
     Terrains without such a cell are missing.
     """
-    cells = {(row["terrain"], row["task"], row["seed"], row["method"]): row for row in rows if row["success"]}
+    cells = {
+        (row["terrain"], row["task"], row["seed"], row["method"]): row
+        for row in rows
+        if row["success"]
+    }
     pairs: dict[str, list[tuple[float, float]]] = {}
-    for (terrain, task, seed, own), row in cells.items():
+    for (terrain, task, seed, name_of_method), row in cells.items():
         other = cells.get((terrain, task, seed, against))
-        if own == method and other is not None:
+        if name_of_method == method and other is not None:
             pairs.setdefault(terrain, []).append((float(row[name]), float(other[name])))
-    medians = {terrain: np.median(np.array(found), axis=0) for terrain, found in pairs.items()}
-    return {terrain: float(own / max(theirs, 1e-9)) for terrain, (own, theirs) in medians.items()}
+    medians = {
+        terrain: np.median(np.array(cells_of_pair), axis=0)
+        for terrain, cells_of_pair in pairs.items()
+    }
+    return {
+        terrain: float(name_of_method / max(theirs, 1e-9))
+        for terrain, (name_of_method, theirs) in medians.items()
+    }
 
 
 def _share(flags: Iterable[bool]) -> float | None:
@@ -115,7 +139,7 @@ def _share(flags: Iterable[bool]) -> float | None:
 
 
 def _counted(names: Iterable[str]) -> dict[str, int]:
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for name in names:
-        found[name] = found.get(name, 0) + 1
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+        counts[name] = counts.get(name, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))

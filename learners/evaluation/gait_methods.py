@@ -11,7 +11,8 @@ from stancekit.planners.gait.charts import CHARTS
 
 @dataclass(frozen=True, kw_only=True)
 class GaitMethod:
-    """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product, with all phases."""
+    """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product,
+    with all phases."""
 
     label: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -25,17 +26,22 @@ _KNOWN: Mapping[str, GaitMethod] = {
     "warped": GaitMethod(label="warped, as published", settings={"chart": "warped", **_PAPER}),
     "decoupled": GaitMethod(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
     "portfolio": GaitMethod(label="ours: portfolio, smoothed", portfolio=True),
-    "warped-exact": GaitMethod(label="ours: warped-exact, centred", settings={"chart": "warped-exact"}),
+    "warped-exact": GaitMethod(
+        label="ours: warped-exact, centred", settings={"chart": "warped-exact"}
+    ),
     "shear": GaitMethod(label="shear, centred", settings={"chart": "shear"}),
     "ambient-centred": GaitMethod(label="ambient, centred", settings={"chart": "ambient"}),
-    "ambient-lbfgs": GaitMethod(label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}),
+    "ambient-lbfgs": GaitMethod(
+        label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}
+    ),
     "warped-lbfgs": GaitMethod(
-        label="warped, as published, L-BFGS", settings={"chart": "warped", "hessian": "lbfgs", **_PAPER}
+        label="warped, as published, L-BFGS",
+        settings={"chart": "warped", "hessian": "lbfgs", **_PAPER},
     ),
     "decoupled-lbfgs": GaitMethod(
         label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
     ),
-}  # fmt: skip
+}
 
 METHODS: Mapping[str, GaitMethod] = {
     **_KNOWN,
@@ -45,7 +51,8 @@ METHODS: Mapping[str, GaitMethod] = {
         if chart not in _KNOWN
     },
 }
-"""By name, and every further chart by its own. The paper's own methods have its dynamics and no term for the trunk."""
+"""By name, and every further chart by its own. The paper's own methods have its dynamics and no
+term for the trunk."""
 
 PAPER: Mapping[str, Mapping[str, float]] = {
     "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},

@@ -1,7 +1,9 @@
-"""Planners of leaps side by side on scenes of a class: the share that each finds within so many solves, and its time.
+"""Planners of leaps side by side on scenes of a class: the share that each finds within so many
+solves, and its time.
 
-Every method on every scene is a line of a file, written when it is measured: a run that is stopped goes on with the
-next one, and more scenes or methods are measured beside those that there are. Scenes that nobody solves are failures.
+Every method on every scene is a line of a file, written when it is measured: a run that is stopped
+goes on with the next one, and more scenes or methods are measured beside those that there are.
+Scenes that nobody solves are failures.
 """
 
 from __future__ import annotations
@@ -45,10 +47,16 @@ FINDERS = {
 METHODS = (*FINDERS, "ipopt")
 AGAIN = {"noise": ("noise-again", LeapFinder(order="noise", solves=MANY, seed=1))}
 """Methods that draw, by another name with another seed."""
-TUNED = {"finder-tuned": LeapFinder(rule=Rule(grip=3.0, grip_cap=0.3, room=14.0, room_cap=-0.09), solves=MANY)}
-"""The finder with the rule's constants chosen on the 900 scenes from which learned scores are learned, too."""
+TUNED = {
+    "finder-tuned": LeapFinder(
+        rule=Rule(grip=3.0, grip_cap=0.3, room=14.0, room_cap=-0.09), solves=MANY
+    )
+}
+"""The finder with the rule's constants chosen on the 900 scenes from which learned scores are
+learned, too."""
 SCORER = ".safetensors"
-"""Ending of a file of learned scores, which the finder takes in place of the rule's: a method by the file's name."""
+"""Ending of a file of learned scores, which the finder takes in place of the rule's: a method by
+the file's name."""
 UNLEARNED = (*METHODS, *TUNED, *(name for name, _ in AGAIN.values()))
 """Names of all methods but learned scores."""
 PROOF = "proof"
@@ -60,11 +68,12 @@ ROWS = "rows.jsonl"
 class LeapBenchSettings:
     """Settings of the measurement.
 
-    distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of all of them. methods:
-    of ``UNLEARNED``, and files of learned scores, or names of such that ship. solves: convex problems at most per
-    method and scene, which does not depend on how busy the computer is.
-    ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned rule [s]; proof: convex
-    problems at most in search of a proof where nobody found a plan, 0 for none.
+    distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of
+    all of them. methods: of ``UNLEARNED``, and files of learned scores, or names of such that ship.
+    solves: convex problems at most per method and scene, which does not depend on how busy the
+    computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of
+    the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found a
+    plan, 0 for none.
     """
 
     distribution: str = "leap-hard"
@@ -86,7 +95,9 @@ class LeapBenchSettings:
             if not is_scorer(method):
                 checked_choice(method, "method", UNLEARNED)
         if len({name_of(method) for method in self.methods}) < len(self.methods):
-            raise InvalidInput(f"methods: expected different names, got {', '.join(map(name_of, self.methods))}")
+            raise InvalidInput(
+                f"methods: expected different names, got {', '.join(map(name_of, self.methods))}"
+            )
 
     def scene(self, index: int) -> Leap:
         """The scene of a number, which has a generator of its own."""
@@ -104,7 +115,8 @@ def run(
     folder: Path,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Measure what the folder does not have; return the row of every method on every scene, proofs among them.
+    """Measure what the folder does not have; return the row of every method on every scene, proofs
+    among them.
 
     Raises InvalidInput where the folder holds rows of other settings, or lines that are none.
     """
@@ -160,7 +172,9 @@ class _Bench:
     def __init__(self, settings: LeapBenchSettings) -> None:
         self._settings, self._programs = settings, Programs()
         self._finders = {
-            name_of(method): _finder(method, settings.seed) for method in settings.methods if method != "ipopt"
+            name_of(method): _finder(method, settings.seed)
+            for method in settings.methods
+            if method != "ipopt"
         }
         self._nlps: dict[tuple[Any, ...], LeapNlp] = {}
 
@@ -170,7 +184,7 @@ class _Bench:
         """The rows of a scene that are not there yet, its proof last."""
         names = list(map(name_of, self._settings.methods))
         todo = [name for name in names if (index, name) not in rows]
-        found = any(row["found"] for (scene, _), row in rows.items() if scene == index)
+        solved = any(row["found"] for (scene, _), row in rows.items() if scene == index)
         leap = self._settings.scene(index)
         for method in todo:
             row = (
@@ -178,26 +192,26 @@ class _Bench:
                 if method == "ipopt"
                 else self._by_finder(leap, self._finders[method])
             )
-            found = found or row["found"]
+            solved = solved or row["found"]
             yield {"scene": index, "method": method, **row}
-        if not found and self._settings.proof and (index, PROOF) not in rows:
+        if not solved and self._settings.proof and (index, PROOF) not in rows:
             yield {"scene": index, "method": PROOF, **self._proof(leap)}
 
     def _by_finder(self, leap: Leap, method: LeapFinder) -> dict[str, Any]:
         """Until a plan that the verifier accepts, or the solves are spent."""
         begin = time.process_time()
         search, refused = LeapSearch(leap, method, self._programs), 0
-        found = False
+        solved = False
         for attempt in search.attempts():
             if attempt.solved:
-                found = check_leap(plan_of(search.last.numbers, attempt, method.order)).accepted
-                refused += not found
-            if found or search.solves >= self._settings.solves:
+                solved = check_leap(plan_of(search.last.numbers, attempt, method.order)).accepted
+                refused += not solved
+            if solved or search.solves >= self._settings.solves:
                 break
         seconds = time.process_time() - begin
-        found = found and search.solves <= self._settings.solves
+        solved = solved and search.solves <= self._settings.solves
         return {
-            "found": found,
+            "found": solved,
             "tries": search.tries,
             "solves": search.solves,
             "cpu_s": seconds,
@@ -210,21 +224,21 @@ class _Bench:
         nlps = [
             self._nlp(leap, timing) for timing in range(len(numbers))
         ]  # compiled once, which no row counts
-        begin, tries, refused, found = time.process_time(), 0, 0, False
+        begin, tries, refused, solved = time.process_time(), 0, 0, False
         search = LeapSearch(leap, FINDERS["rule-tuned"], self._programs)
         for timing, choice in search.choices():
-            nlp, own = nlps[timing], numbers[timing]
-            point = nlp.solve(leap, choice, nlp.nominal(leap, choice, own))
+            nlp, numbers_of_timing = nlps[timing], numbers[timing]
+            point = nlp.solve(leap, choice, nlp.nominal(leap, choice, numbers_of_timing))
             tries += 1
             if point.solved:
-                plan = plan_from(own, choice, point.toes_m, point.forces_n, "ipopt")
-                found = check_leap(plan).accepted
-                refused += not found
-            if found or time.process_time() - begin > self._settings.ipopt_s:
+                plan = plan_from(numbers_of_timing, choice, point.toes_m, point.forces_n, "ipopt")
+                solved = check_leap(plan).accepted
+                refused += not solved
+            if solved or time.process_time() - begin > self._settings.ipopt_s:
                 break
         seconds = time.process_time() - begin
         return {
-            "found": found,
+            "found": solved,
             "tries": tries,
             "solves": tries,
             "cpu_s": seconds,
@@ -279,11 +293,12 @@ def _finder(method: str, seed: int) -> LeapFinder:
 
 
 def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str, Any]]:
-    """A line per method: shares of all of its scenes, and the median CPU time of those that anybody solves.
+    """A line per method: shares of all of its scenes, and the median CPU time of those that anybody
+    solves.
 
-    Shares are triples, with the ends of their 95 % intervals (Wilson). cpu_s: of the scenes that anybody solves, those
-    that the method does not solve taken as infinite; null where that is the median. share_of_union: of the same scenes,
-    those that the method solves within 25 solves.
+    Shares are triples, with the ends of their 95 % intervals (Wilson). cpu_s: of the scenes that
+    anybody solves, those that the method does not solve taken as infinite; null where that is the
+    median. share_of_union: of the same scenes, those that the method solves within 25 solves.
     """
     solved = {row["scene"] for row in rows if row["found"]}
     lines = []
@@ -291,15 +306,15 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
     measured = {row["method"]: None for row in rows if row["method"] != PROOF}
     others = [method for method in measured if method not in known]
     for method in (*(method for method in known if method in measured), *others):
-        own = [row for row in rows if row["method"] == method]
-        within = {row["scene"]: row["solves"] for row in own if row["found"]}
-        shared = [row for row in own if row["scene"] in solved]
+        rows_of_method = [row for row in rows if row["method"] == method]
+        within = {row["scene"]: row["solves"] for row in rows_of_method if row["found"]}
+        shared = [row for row in rows_of_method if row["scene"] in solved]
         cpu_s = (
             float(np.median([row["cpu_s"] if row["found"] else math.inf for row in shared]))
             if shared
             else math.inf
         )
-        count, union = len(own), len(shared)
+        count, union = len(rows_of_method), len(shared)
         lines.append(
             {
                 "distribution": distribution,
@@ -308,14 +323,16 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
                 "scenes": count,
                 "solved": share(len(within), count),
                 "solved_by_any": share(union, count),
-                "first_try": share(sum(row["found"] and row["tries"] == 1 for row in own), count),
+                "first_try": share(
+                    sum(row["found"] and row["tries"] == 1 for row in rows_of_method), count
+                ),
                 "within_12_solves": share(sum(solves <= 12 for solves in within.values()), count),
                 "within_25_solves": share(sum(solves <= 25 for solves in within.values()), count),
                 "share_of_union": share(sum(solves <= 25 for solves in within.values()), union),
                 "cpu_s": cpu_s if math.isfinite(cpu_s) else None,
-                "tries_per_cpu_s": sum(row["tries"] for row in own)
-                / max(sum(row["cpu_s"] for row in own), 1e-9),
-                "refused": sum(row["refused"] for row in own),
+                "tries_per_cpu_s": sum(row["tries"] for row in rows_of_method)
+                / max(sum(row["cpu_s"] for row in rows_of_method), 1e-9),
+                "refused": sum(row["refused"] for row in rows_of_method),
             }
         )
     return lines

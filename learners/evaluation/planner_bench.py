@@ -1,7 +1,9 @@
-"""Lin et al.'s Table II again: how long the planners of courses take, and how large their programs are.
+"""Lin et al.'s Table II again: how long the planners of courses take, and how large their programs
+are.
 
-Every cell of the table is one planner at one number of key frames, and a file of its own, written when it is measured:
-a run that is stopped goes on with the next cell. Of two-stage planners compiling and re-solving are timed apart.
+Every cell of the table is one planner at one number of key frames, and a file of its own, written
+when it is measured: a run that is stopped goes on with the next cell. Of two-stage planners
+compiling and re-solving are timed apart.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from ..selectors.modes import solved_postures
 from ..selectors.quantile import quantile_box
 
-Form = Literal["lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"]
+Form = Literal[
+    "lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"
+]
 FORMS: Mapping[Form, str] = {
     "lift": "two-stage, lift",
     "envelope": "two-stage, envelope",
@@ -70,9 +74,10 @@ PAPER: Mapping[tuple[Form, int], dict[str, Any]] = {
 class PlannerBenchSettings:
     """Settings of the measurement.
 
-    two_stage, micp, optimised: numbers of key frames, of the last kind MICP with the objective minimised to ``gap``
-    instead of the first point taken. solver: of MICP. cap_s: its time limit. repeats: of re-solving, the median counts.
-    samples: solved postures of wall-3 that the envelope is the 5 % quantile box of.
+    two_stage, micp, optimised: numbers of key frames, of the last kind MICP with the objective
+    minimised to ``gap`` instead of the first point taken. solver: of MICP. cap_s: its time limit.
+    repeats: of re-solving, the median counts. samples: solved postures of wall-3 that the envelope
+    is the 5 % quantile box of.
     """
 
     course: str = "walls"
@@ -89,7 +94,9 @@ class PlannerBenchSettings:
     @classmethod
     def quick(cls) -> PlannerBenchSettings:
         """Small enough to try it out."""
-        return cls(two_stage=(4, 8), micp=(1, 2), optimised=(1,), cap_s=20.0, repeats=3, samples=100)
+        return cls(
+            two_stage=(4, 8), micp=(1, 2), optimised=(1,), cap_s=20.0, repeats=3, samples=100
+        )
 
 
 @dataclass(frozen=True)
@@ -108,34 +115,53 @@ class PlannerCell:
 
 def cells(settings: PlannerBenchSettings) -> list[PlannerCell]:
     """Every cell, the quick ones first."""
-    found = [PlannerCell(form, frames) for form in FORMS if form not in MICP for frames in settings.two_stage]
-    found += [PlannerCell(form, frames) for frames in settings.micp for form in MICP]
-    return found + [PlannerCell(form, frames, settings.gap) for frames in settings.optimised for form in OPTIMISED]
+    planner_cells = [
+        PlannerCell(form, frames)
+        for form in FORMS
+        if form not in MICP
+        for frames in settings.two_stage
+    ]
+    planner_cells += [PlannerCell(form, frames) for frames in settings.micp for form in MICP]
+    return planner_cells + [
+        PlannerCell(form, frames, settings.gap)
+        for frames in settings.optimised
+        for form in OPTIMISED
+    ]
 
 
 def run(
-    settings: PlannerBenchSettings, folder: Path, on_progress: Callable[[str, int, int], None] | None = None
+    settings: PlannerBenchSettings,
+    folder: Path,
+    on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Measure the cells that the folder does not have with these settings; yield the row of every cell, in order."""
-    every, given = cells(settings), json.loads(json.dumps(asdict(settings)))
-    shared = {name: given[name] for name in ("course", "solver", "cap_s", "repeats", "samples", "seed", "gap")}
+    """Measure the cells that the folder does not have with these settings; yield the row of every
+    cell, in order."""
+    every, request = cells(settings), json.loads(json.dumps(asdict(settings)))
+    shared = {
+        name: request[name]
+        for name in ("course", "solver", "cap_s", "repeats", "samples", "seed", "gap")
+    }
     envelopes = wall_envelope(settings, folder)
     for index, cell in enumerate(every):
         if on_progress is not None:
             on_progress(f"{FORMS[cell.form]}, M = {cell.frames}", index, len(every))
         path = folder / cell.file
-        kept = read_json(path) if path.exists() else {}
-        if kept.get("settings") != shared:
-            kept = {"settings": shared, "row": measure(cell, settings, envelopes)}
-            write_text(path, json.dumps(kept, indent=1) + "\n")
-        yield kept["row"]
+        saved = read_json(path) if path.exists() else {}
+        if saved.get("settings") != shared:
+            saved = {"settings": shared, "row": measure(cell, settings, envelopes)}
+            write_text(path, json.dumps(saved, indent=1) + "\n")
+        yield saved["row"]
     if on_progress is not None:
         on_progress("done", len(every), len(every))
 
 
 def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
-    """The envelope of the table, from the folder where it was learned with the same settings before."""
-    path, made = folder / "envelope.json", {"method": "quantile", "samples": settings.samples, "seed": settings.seed}
+    """The envelope of the table, from the folder where it was learned with the same settings
+    before."""
+    path, made = (
+        folder / "envelope.json",
+        {"method": "quantile", "samples": settings.samples, "seed": settings.seed},
+    )
     if path.exists():
         try:
             known = EnvelopeSet.from_json(read_json(path))
@@ -143,25 +169,45 @@ def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
                 return known
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
-    problems, points = solved_postures("wall-3", settings.samples, ExactPlanner(), np.random.default_rng(settings.seed))
+    problems, points = solved_postures(
+        "wall-3", settings.samples, ExactPlanner(), np.random.default_rng(settings.seed)
+    )
     envelopes = EnvelopeSet.for_problems("wall-3", problems, [quantile_box(points)], made)
     write_text(path, json.dumps(envelopes.to_json()) + "\n")
     return envelopes
 
 
-def measure(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def measure(
+    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+) -> dict[str, Any]:
     """The row of one cell; times in seconds.
 
-    Of re-solving: seconds, solver_s and verify_s, the solver's and the verifier's parts, of the median; cpu_s: CPU time
-    in the mean. over_solver: planning, the verifier left out, over the solver's own time, the median over all.
+    Of re-solving: seconds, solver_s and verify_s, the solver's and the verifier's parts, of the
+    median; cpu_s: CPU time in the mean. over_solver: planning, the verifier left out, over the
+    solver's own time, the median over all.
     """
-    figures = _micp(cell, settings, envelopes) if cell.form in MICP else _two_stage(cell, settings, envelopes)
-    row = {"method": FORMS[cell.form], "frames": cell.frames, "optimised": cell.gap is not None, **figures}
+    figures = (
+        _micp(cell, settings, envelopes)
+        if cell.form in MICP
+        else _two_stage(cell, settings, envelopes)
+    )
+    row = {
+        "method": FORMS[cell.form],
+        "frames": cell.frames,
+        "optimised": cell.gap is not None,
+        **figures,
+    }
     paper = PAPER.get((cell.form, cell.frames)) if cell.gap is None else None
-    return row if paper is None else {**row, "paper": {k: v for k, v in paper.items() if v != float("inf")}}
+    return (
+        row
+        if paper is None
+        else {**row, "paper": {k: v for k, v in paper.items() if v != float("inf")}}
+    )
 
 
-def _two_stage(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def _two_stage(
+    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+) -> dict[str, Any]:
     course, programs = read_course(settings.course, frames=cell.frames), Programs()
     planner: TwoStageCoursePlanner | EnvelopeCoursePlanner = (
         TwoStageCoursePlanner(programs=programs)
@@ -173,20 +219,34 @@ def _two_stage(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: Env
     again = [planner.solve(course) for _ in range(settings.repeats)]
     cpu_s = (time.process_time() - cpu_s) / settings.repeats
     middle = sorted(again, key=lambda outcome: outcome.effort.seconds)[len(again) // 2]
-    over = [(outcome.effort.seconds - outcome.effort.verifier_s) / outcome.effort.solver_s for outcome in again]
+    over = [
+        (outcome.effort.seconds - outcome.effort.verifier_s) / outcome.effort.solver_s
+        for outcome in again
+    ]
     scaled = Scaled.of(course)
     if isinstance(planner, EnvelopeCoursePlanner):
         rows, columns = planner.size(scaled)
     else:
-        rows, columns = programs.get(LiftProgram, scaled.layout, scaled.box_implied, False).rows.shape
+        rows, columns = programs.get(
+            LiftProgram, scaled.layout, scaled.box_implied, False
+        ).rows.shape
     return {
-        **_answer(middle), "variables": columns, "binaries": 0, "constraints": rows,
-        "compile_s": first.effort.compile_s, "seconds": middle.effort.seconds, "solver_s": middle.effort.solver_s,
-        "cpu_s": cpu_s, "verify_s": middle.effort.verifier_s, "over_solver": float(np.median(over)),
-    }  # fmt: skip
+        **_answer(middle),
+        "variables": columns,
+        "binaries": 0,
+        "constraints": rows,
+        "compile_s": first.effort.compile_s,
+        "seconds": middle.effort.seconds,
+        "solver_s": middle.effort.solver_s,
+        "cpu_s": cpu_s,
+        "verify_s": middle.effort.verifier_s,
+        "over_solver": float(np.median(over)),
+    }
 
 
-def _micp(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
+def _micp(
+    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+) -> dict[str, Any]:
     course = read_course(settings.course, frames=cell.frames)
     form, intervals = cell.form.split("-")
     grid = MicpGrid(
@@ -204,20 +264,30 @@ def _micp(cell: PlannerCell, settings: PlannerBenchSettings, envelopes: Envelope
     outcome = planner.solve(course)
     sizes = {name: int(outcome.details[name]) for name in ("variables", "binaries", "constraints")}
     return {
-        **_answer(outcome), **sizes, "compile_s": outcome.effort.compile_s, "seconds": outcome.details["solver_s"],
+        **_answer(outcome),
+        **sizes,
+        "compile_s": outcome.effort.compile_s,
+        "seconds": outcome.details["solver_s"],
         "cpu_s": outcome.details["solver_cpu_s"],
         "capped": outcome.claim == "unknown",
-        "cell_error": outcome.details["cell_error"], "claimed_residual": outcome.details.get("claimed_residual"),
-    }  # fmt: skip
+        "cell_error": outcome.details["cell_error"],
+        "claimed_residual": outcome.details.get("claimed_residual"),
+    }
 
 
 def _answer(outcome: Answer[Plan]) -> dict[str, Any]:
     objective = None if np.isnan(outcome.objective) else outcome.objective
-    return {"status": outcome.status.value, "claim": outcome.claim, "objective": objective, "message": outcome.message}
+    return {
+        "status": outcome.status.value,
+        "claim": outcome.claim,
+        "objective": objective,
+        "message": outcome.message,
+    }
 
 
 def growth(rows: list[dict[str, Any]], method: str) -> float:
-    """Exponent k of CPU seconds ~ M^k over the rows of one method, by least squares; NaN for fewer than two."""
+    """Exponent k of CPU seconds ~ M^k over the rows of one method, by least squares; NaN for fewer
+    than two."""
     pairs = [(row["frames"], row["cpu_s"]) for row in rows if row["method"] == method]
     if len(pairs) < 2:
         return float("nan")

@@ -1,7 +1,9 @@
-"""Room for learning: how much the best unlearned control leaves of what any method finds, at a stated budget.
+"""Room for learning: how much the best unlearned control leaves of what any method finds, at a
+stated budget.
 
-Room is oracle − control, in points. The oracle is the union of all methods at a larger budget; a second run of the
-methods that draw, with another seed, says how much of it is luck. All scenes are in every denominator.
+Room is oracle − control, in points. The oracle is the union of all methods at a larger budget; a
+second run of the methods that draw, with another seed, says how much of it is luck. All scenes are
+in every denominator.
 """
 
 from __future__ import annotations
@@ -23,11 +25,11 @@ DRAWS = 10_000
 class Room:
     """One environment at one budget; shares of all scenes, with the ends of their 95 % intervals.
 
-    control: the best unlearned method within the budget, whose name is ``controlled_by``; random: choices at random;
-    learned: the mean of the learned methods, as of one with several training seeds, None without any; gain: learned −
-    control in points, paired over the scenes;
-    oracle: the union of all methods at ``oracle_budget``; again: the same with other seeds. room: oracle − control,
-    in points.
+    control: the best unlearned method within the budget, whose name is ``controlled_by``; random:
+    choices at random; learned: the mean of the learned methods, as of one with several training
+    seeds, None without any; gain: learned − control in points, paired over the scenes; oracle: the
+    union of all methods at ``oracle_budget``; again: the same with other seeds. room: oracle −
+    control, in points.
     """
 
     environment: str
@@ -58,17 +60,23 @@ def leap_room(
     solves: int | None = None,
     cpu_s: float | None = None,
 ) -> Room:
-    """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of ``bench leaps`` with
-    ``most`` solves per scene."""
-    found: dict[str, dict[int, Mapping[str, Any]]] = {}
+    """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of
+    ``bench leaps`` with ``most`` solves per scene."""
+    by_method: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in rows:
         if row["method"] != PROOF:
-            found.setdefault(row["method"], {})[row["scene"]] = row
-    scenes = sorted(set.intersection(*(set(own) for own in found.values())))
+            by_method.setdefault(row["method"], {})[row["scene"]] = row
+    scenes = sorted(
+        set.intersection(*(set(rows_of_method) for rows_of_method in by_method.values()))
+    )
     within = {
-        method: np.array([_within(own[k], tries, solves, cpu_s) for k in scenes]) for method, own in found.items()
+        method: np.array([_within(rows_of_method[k], tries, solves, cpu_s) for k in scenes])
+        for method, rows_of_method in by_method.items()
     }
-    anywhere = {method: np.array([bool(own[k]["found"]) for k in scenes]) for method, own in found.items()}
+    anywhere = {
+        method: np.array([bool(rows_of_method[k]["found"]) for k in scenes])
+        for method, rows_of_method in by_method.items()
+    }
     return room_of(
         environment=f"LeapChoice-v0 ({distribution})",
         budget=_budget(tries, solves, cpu_s),
@@ -94,8 +102,9 @@ def room_of(
 ) -> Room:
     """The room of an environment at a budget.
 
-    within, anywhere: by method, which scenes it solves within the budget and within the oracle's, shape (scenes,).
-    fair: methods that may be the control. again: of methods that draw, the name of the same with another seed.
+    within, anywhere: by method, which scenes it solves within the budget and within the oracle's,
+    shape (scenes,). fair: methods that may be the control. again: of methods that draw, the name of
+    the same with another seed.
     """
     control = max(fair, key=lambda method: int(within[method].sum()))
     mean = np.mean([within[method] for method in learned], axis=0) if learned else None
@@ -122,16 +131,21 @@ def room_of(
 
 
 def paired(one: Any, other: Any, seed: int = 0) -> Share:
-    """The difference of two shares over the same scenes in points, with the ends of its 95 % interval (bootstrap)."""
+    """The difference of two shares over the same scenes in points, with the ends of its 95 %
+    interval (bootstrap)."""
     apart = 100.0 * (np.asarray(one, dtype=float) - np.asarray(other, dtype=float))
-    drawn = np.random.default_rng(seed).integers(len(apart), size=(DRAWS, len(apart)))
-    low, high = np.percentile(apart[drawn].mean(axis=1), [2.5, 97.5])
+    resamples = np.random.default_rng(seed).integers(len(apart), size=(DRAWS, len(apart)))
+    low, high = np.percentile(apart[resamples].mean(axis=1), [2.5, 97.5])
     return float(apart.mean()), float(low), float(high)
 
 
-def _within(row: Mapping[str, Any], tries: int | None, solves: int | None, cpu_s: float | None) -> bool:
+def _within(
+    row: Mapping[str, Any], tries: int | None, solves: int | None, cpu_s: float | None
+) -> bool:
     limits = {"tries": tries, "solves": solves, "cpu_s": cpu_s}
-    return bool(row["found"]) and all(limit is None or row[name] <= limit for name, limit in limits.items())
+    return bool(row["found"]) and all(
+        limit is None or row[name] <= limit for name, limit in limits.items()
+    )
 
 
 def _budget(tries: int | None, solves: int | None, cpu_s: float | None) -> str:
@@ -141,7 +155,8 @@ def _budget(tries: int | None, solves: int | None, cpu_s: float | None) -> str:
 
 
 def _mean(found: Any) -> Share:
-    """The mean over methods and scenes, with the ends of its interval; found: shares of the methods, by scene."""
+    """The mean over methods and scenes, with the ends of its interval; found: shares of the
+    methods, by scene."""
     if set(np.unique(found)) <= {0.0, 1.0}:
         return _share(found)
     middle, low, high = paired(found, np.zeros(len(found)))

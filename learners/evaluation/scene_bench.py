@@ -1,8 +1,9 @@
-"""Published scenes and planners of contacts side by side: L1 and MIP without forces, two-stage, exact and decoupled.
+"""Published scenes and planners of contacts side by side: L1 and MIP without forces, two-stage,
+exact and decoupled.
 
-Every cell is one planner on one scene and a file of its own, written when it is measured: a run that is stopped goes on
-with the next cell. Who plans without forces is judged twice: with its body where it was planned, and at its feet alone,
-where any body and any forces will do.
+Every cell is one planner on one scene and a file of its own, written when it is measured: a run
+that is stopped goes on with the next cell. Who plans without forces is judged twice: with its body
+where it was planned, and at its feet alone, where any body and any forces will do.
 """
 
 from __future__ import annotations
@@ -35,15 +36,17 @@ KINEMATIC = ("l1", "mip-highs", "mip-scip")
 COUPLED = ("two-stage", "exact", "decoupled")
 METHODS = (*KINEMATIC, *COUPLED)
 FEET_ALONE = ("anymal-inclined-surfaces", "talos-ramp")
-"""Scenes that are published without a centre of mass: planners without forces have none there either."""
+"""Scenes that are published without a centre of mass: planners without forces have none there
+either."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneBenchSettings:
     """Settings of the measurement.
 
-    scenes: names or files. methods: of ``METHODS``. robot: in place of the published polytopes, as ``read_course`` has
-    it; reach: a folder of polytopes in their place. time_limit_s: of each planner on each scene.
+    scenes: names or files. methods: of ``METHODS``. robot: in place of the published polytopes, as
+    ``read_course`` has it; reach: a folder of polytopes in their place. time_limit_s: of each
+    planner on each scene.
     """
 
     scenes: tuple[str, ...] = ()
@@ -57,7 +60,9 @@ class SceneBenchSettings:
             if method not in METHODS:
                 raise InvalidInput(f"method: expected some of {', '.join(METHODS)}, got {method!r}")
         if not self.time_limit_s > 0.0:
-            raise InvalidInput(f"time_limit_s: expected a number above 0, got {self.time_limit_s:g}")
+            raise InvalidInput(
+                f"time_limit_s: expected a number above 0, got {self.time_limit_s:g}"
+            )
 
     @property
     def all_scenes(self) -> tuple[str, ...]:
@@ -66,36 +71,49 @@ class SceneBenchSettings:
 
 
 def run(
-    settings: SceneBenchSettings, folder: Path, on_progress: Callable[[str, int, int], None] | None = None
+    settings: SceneBenchSettings,
+    folder: Path,
+    on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Measure the cells that the folder does not have with these settings; yield the row of every cell, in order.
+    """Measure the cells that the folder does not have with these settings; yield the row of every
+    cell, in order.
 
-    Plans that are found are kept beside the rows, as ``SCENE-METHOD.plan.json``. Raises InvalidInput for a scene that
-    there is not; one whose data contradict themselves is a row that says so.
+    Plans that are found are kept beside the rows, as ``SCENE-METHOD.plan.json``. Raises
+    InvalidInput for a scene that there is not; one whose data contradict themselves is a row that
+    says so.
     """
-    methods = [m for m in settings.methods if m != "mip-scip" or SOLVERS["scip"] in cp.installed_solvers()]
+    methods = [
+        m for m in settings.methods if m != "mip-scip" or SOLVERS["scip"] in cp.installed_solvers()
+    ]
     cells = [(scene, method) for scene in settings.all_scenes for method in methods]
     for index, (scene, method) in enumerate(cells):
         if on_progress is not None:
             on_progress(f"{scene}: {method}", index, len(cells))
         path = folder / f"{Path(scene).stem}-{method}.json"
-        shared = {"scene": scene, "robot": settings.robot, "reach": settings.reach, "limit": settings.time_limit_s}
-        kept = read_json(path) if path.exists() else {}
-        if kept.get("settings") != shared:
+        shared = {
+            "scene": scene,
+            "robot": settings.robot,
+            "reach": settings.reach,
+            "limit": settings.time_limit_s,
+        }
+        saved = read_json(path) if path.exists() else {}
+        if saved.get("settings") != shared:
             row = measure(scene, method, settings, folder / f"{path.stem}.plan.json")
-            kept = {"settings": shared, "row": row}
-            write_text(path, json.dumps(kept, indent=1) + "\n")
-        yield kept["row"]
+            saved = {"settings": shared, "row": row}
+            write_text(path, json.dumps(saved, indent=1) + "\n")
+        yield saved["row"]
     if on_progress is not None:
         on_progress("done", len(cells), len(cells))
 
 
-def measure(scene: str, method: str, settings: SceneBenchSettings, plan_file: Path) -> dict[str, Any]:
+def measure(
+    scene: str, method: str, settings: SceneBenchSettings, plan_file: Path
+) -> dict[str, Any]:
     """The row of one planner on one scene; times in s, of the planner's whole work.
 
-    success: it says that it has a plan. verified: the verifier accepts it; of planners without forces as_planned, with
-    their own body, and verified, at their feet. status: feasible, infeasible (with a proof that was checked), or
-    undecided.
+    success: it says that it has a plan. verified: the verifier accepts it; of planners without
+    forces as_planned, with their own body, and verified, at their feet. status: feasible,
+    infeasible (with a proof that was checked), or undecided.
     """
     row: dict[str, Any] = {"scene": Path(scene).stem, "method": method}
     try:
@@ -103,7 +121,13 @@ def measure(scene: str, method: str, settings: SceneBenchSettings, plan_file: Pa
     except InvalidInput as error:
         if settings.robot is not None or scene not in builtin_scenes():
             raise
-        return {**row, "status": "undecided", "success": False, "verified": False, "message": str(error)}
+        return {
+            **row,
+            "status": "undecided",
+            "success": False,
+            "verified": False,
+            "message": str(error),
+        }
     begin = time.process_time()
     outcome = _solved(course, Path(scene).stem, method, settings)
     cpu_s = time.process_time() - begin
@@ -116,11 +140,15 @@ def _solved(course: Problem, scene: str, method: str, settings: SceneBenchSettin
     if method in KINEMATIC:
         choice, _, solver = method.partition("-")
         planner = KinematicPlanner(
-            "l1" if choice == "l1" else "mip", solver=solver or "highs", body=scene not in FEET_ALONE,
+            "l1" if choice == "l1" else "mip",
+            solver=solver or "highs",
+            body=scene not in FEET_ALONE,
             time_limit_s=settings.time_limit_s,
-        )  # fmt: skip
+        )
         return planner.solve(course)
-    return make_planner(method, PlannerOptions(time_limit_s=settings.time_limit_s), of="courses").solve(course)
+    return make_planner(
+        method, PlannerOptions(time_limit_s=settings.time_limit_s), of="courses"
+    ).solve(course)
 
 
 def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
@@ -150,27 +178,34 @@ def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
 
 
 def shares(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """By method: scenes, with a plan, verified as planned, verified, with a proof that there is none; CPU s in sum."""
-    found = []
+    """By method: scenes, with a plan, verified as planned, verified, with a proof that there is
+    none; CPU s in sum."""
+    lines = []
     for method in dict.fromkeys(row["method"] for row in rows):
-        own = [row for row in rows if row["method"] == method]
-        found.append(
+        rows_of_method = [row for row in rows if row["method"] == method]
+        lines.append(
             {
-                "method": method, "scenes": len(own), "success": sum(row["success"] for row in own),
-                "as_planned": sum(bool(row.get("as_planned", row["verified"])) for row in own),
-                "verified": sum(row["verified"] for row in own),
-                "refuted": sum(row["status"] == "infeasible" for row in own),
-                "cpu_s": sum(row.get("cpu_s", 0.0) for row in own),
+                "method": method,
+                "scenes": len(rows_of_method),
+                "success": sum(row["success"] for row in rows_of_method),
+                "as_planned": sum(
+                    bool(row.get("as_planned", row["verified"])) for row in rows_of_method
+                ),
+                "verified": sum(row["verified"] for row in rows_of_method),
+                "refuted": sum(row["status"] == "infeasible" for row in rows_of_method),
+                "cpu_s": sum(row.get("cpu_s", 0.0) for row in rows_of_method),
             }
-        )  # fmt: skip
-    return found
+        )
+    return lines
 
 
 def page(rows: list[dict[str, Any]], settings: SceneBenchSettings) -> str:
     """The rows as Markdown: a line a scene and method, the sums, and what is said of each."""
     reach = settings.robot or settings.reach or "the published polytopes"
     lines = [f"# Scenes, reach of {reach}, {settings.time_limit_s:g} s a cell", ""]
-    lines += ["| scene | steps | method | plan | as planned | verified | status | CPU s | to the goal |"]
+    lines += [
+        "| scene | steps | method | plan | as planned | verified | status | CPU s | to the goal |"
+    ]
     lines += ["|---|---|---|---|---|---|---|---|---|"]
     for row in rows:
         lines.append(
@@ -189,7 +224,9 @@ def page(rows: list[dict[str, Any]], settings: SceneBenchSettings) -> str:
         for s in shares(list(rows))
     ]
     lines += ["", "What is said:", ""]
-    lines += [f"- {row['scene']}, {row['method']}: {row['message']}" for row in rows if row.get("message")]
+    lines += [
+        f"- {row['scene']}, {row['method']}: {row['message']}" for row in rows if row.get("message")
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -18,10 +18,11 @@ from .scorer import FOOTHOLDS, LeapScorer, ScoreNetwork
 
 
 class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignore]
-    """Draw a candidate per foothold of LeapChoice-v0 by the softmax of a score network, which is the whole actor.
+    """Draw a candidate per foothold of LeapChoice-v0 by the softmax of a score network, which is
+    the whole actor.
 
-    ``MaskablePPO(ScorePolicy, env, policy_kwargs={"scorer": "set.safetensors"})`` goes on from what ``fit`` learned;
-    ``scorer()`` gives back what ``plan``, ``bench room`` and ``LeapFinder`` take.
+    ``MaskablePPO(ScorePolicy, env, policy_kwargs={"scorer": "set.safetensors"})`` goes on from what
+    ``fit`` learned; ``scorer()`` gives back what ``plan``, ``bench room`` and ``LeapFinder`` take.
 
     Arguments:
         observation_space, action_space, lr_schedule: as stable-baselines3 passes them.
@@ -52,8 +53,12 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         **more: Any,
     ) -> None:
         self._begins = {"scorer": None if scorer is None else str(scorer), "kind": kind}
-        own = {"net_arch": [], "ortho_init": False, "features_extractor_class": _Scored,
-               "features_extractor_kwargs": self._begins}  # fmt: skip
+        own = {
+            "net_arch": [],
+            "ortho_init": False,
+            "features_extractor_class": _Scored,
+            "features_extractor_kwargs": self._begins,
+        }
         super().__init__(observation_space, action_space, lr_schedule, **{**more, **own})
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
@@ -66,19 +71,26 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
     def scorer(self) -> LeapScorer:
         """The scores as they are now."""
         found: Any = self.features_extractor
-        network = ScoreNetwork(found.network.kind, found.network.width, found.network.layers, found.network.heads)
+        network = ScoreNetwork(
+            found.network.kind, found.network.width, found.network.layers, found.network.heads
+        )
         network.load_state_dict(found.network.state_dict())
         return LeapScorer(network=network.eval(), origin={**found.origin, "method": "maskable-ppo"})
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         taken = ("net_arch", "ortho_init", "features_extractor_class", "features_extractor_kwargs")
-        kept = {name: value for name, value in super()._get_constructor_parameters().items() if name not in taken}
+        kept = {
+            name: value
+            for name, value in super()._get_constructor_parameters().items()
+            if name not in taken
+        }
         extractor: Any = self.features_extractor
         return {**kept, "scorer": None, "kind": extractor.network.kind}
 
 
 class _Scored(BaseFeaturesExtractor):
-    """Scores of all candidates; after them, for the value, how likely the best choice has a leap, and ``left``."""
+    """Scores of all candidates; after them, for the value, how likely the best choice has a leap,
+    and ``left``."""
 
     def __init__(self, space: spaces.Dict, scorer: str | None, kind: Kind) -> None:
         super().__init__(space, int(np.prod(space["mask"].shape or ())) + EXTRA)
@@ -87,7 +99,9 @@ class _Scored(BaseFeaturesExtractor):
         self.origin = {} if read is None else read.origin
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
-        scores, odds = self.network.seen(*(observation[name] for name in ("candidates", "mask", "leap")))
+        scores, odds = self.network.seen(
+            *(observation[name] for name in ("candidates", "mask", "leap"))
+        )
         tables = scores.reshape(len(scores), FOOTHOLDS, -1)
         likely = torch.sigmoid(tables.amax(dim=2).sum(dim=1) + odds)
         return torch.cat([scores.flatten(1), likely[:, None], observation["left"]], dim=1)

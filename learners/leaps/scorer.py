@@ -1,4 +1,5 @@
-"""Learned scores of a leap's candidates: numbers that add up over the toes, in place of those of the hand rule."""
+"""Learned scores of a leap's candidates: numbers that add up over the toes, in place of those of
+the hand rule."""
 
 from __future__ import annotations
 
@@ -34,16 +35,22 @@ CLIP = 8.0
 
 
 def with_caps(candidates: Array) -> Array:
-    """Features of candidates, and those of ``CAPS`` up to their caps; shape (…, F) to (…, ``FEATURES``)."""
-    capped = [np.minimum(candidates[..., OF_CANDIDATE.index(name)], cap) for name, caps in CAPS.items() for cap in caps]
+    """Features of candidates, and those of ``CAPS`` up to their caps; shape (…, F) to (…,
+    ``FEATURES``)."""
+    capped = [
+        np.minimum(candidates[..., OF_CANDIDATE.index(name)], cap)
+        for name, caps in CAPS.items()
+        for cap in caps
+    ]
     return np.concatenate([candidates, np.stack(capped, axis=-1)], axis=-1)
 
 
 class ScoreNetwork(nn.Module):
-    """Scores of candidates, shape (B, P, R), and the odds of the scene, shape (B,), whose sum over a choice is a logit.
+    """Scores of candidates, shape (B, P, R), and the odds of the scene, shape (B,), whose sum over
+    a choice is a logit.
 
-    additive: a score is linear in the candidate's own features. set: an attention network sees all candidates of all
-    toes, whatever their order, and adds to the linear score.
+    additive: a score is linear in the candidate's own features. set: an attention network sees all
+    candidates of all toes, whatever their order, and adds to the linear score.
     """
 
     mean: Tensor
@@ -60,11 +67,15 @@ class ScoreNetwork(nn.Module):
             ("leap_mean", len(OF_LEAP)),
             ("leap_scale", len(OF_LEAP)),
         ):
-            self.register_buffer(name, torch.zeros(size) if name.endswith("mean") else torch.ones(size))
+            self.register_buffer(
+                name, torch.zeros(size) if name.endswith("mean") else torch.ones(size)
+            )
         self.linear = nn.Linear(FEATURES, 1, bias=False)
         self.scene = nn.Sequential(nn.Linear(len(OF_LEAP), 32), nn.SiLU(), nn.Linear(32, 1))
         if kind == "set":
-            self.embed = nn.Sequential(nn.Linear(FEATURES + len(OF_LEAP), width), nn.SiLU(), nn.Linear(width, width))
+            self.embed = nn.Sequential(
+                nn.Linear(FEATURES + len(OF_LEAP), width), nn.SiLU(), nn.Linear(width, width)
+            )
             self.toe = nn.Linear(2 * width, width)
             self.blocks = nn.ModuleList(AttentionBlock(width, heads) for _ in range(layers))
             self.head = nn.Sequential(
@@ -73,13 +84,16 @@ class ScoreNetwork(nn.Module):
             self.odds = nn.Linear(width, 1)
 
     def forward(self, candidates: Tensor, mask: Tensor, leap: Tensor) -> tuple[Tensor, Tensor]:
-        """Scores and odds. candidates: shape (B, P, R, ``FEATURES``); mask: (B, P, R); leap: (B, G)."""
+        """Scores and odds. candidates: shape (B, P, R, ``FEATURES``); mask: (B, P, R); leap: (B,
+        G)."""
         seen = ((candidates - self.mean) / self.scale).clamp(-CLIP, CLIP) * mask[..., None]
         task = ((leap - self.leap_mean) / self.leap_scale).clamp(-CLIP, CLIP)
         scores, odds = self.linear(seen)[..., 0], self.scene(task)[:, 0]
         if self.kind == "additive":
             return scores, odds
-        hidden = self.embed(torch.cat([seen, task[:, None, None].expand(*seen.shape[:3], -1)], dim=-1))
+        hidden = self.embed(
+            torch.cat([seen, task[:, None, None].expand(*seen.shape[:3], -1)], dim=-1)
+        )
         hidden = hidden * mask[..., None]
         mean = hidden.sum(dim=2) / mask.sum(dim=2).clamp(min=1.0)[..., None]
         most = hidden.masked_fill(mask[..., None] == 0.0, -1e4).amax(dim=2)
@@ -91,14 +105,17 @@ class ScoreNetwork(nn.Module):
         return scores, odds + self.odds(tokens.mean(dim=1))[:, 0]
 
     def seen(self, candidates: Tensor, mask: Tensor, leap: Tensor) -> tuple[Tensor, Tensor]:
-        """Scores, very low where there is no candidate, and odds, from the flat parts of LeapChoice-v0's observations.
+        """Scores, very low where there is no candidate, and odds, from the flat parts of
+        LeapChoice-v0's observations.
 
         candidates: shape (B, P * R * F); mask: (B, P * R); leap: (B, G).
         """
         table = candidates.reshape(len(candidates), FOOTHOLDS, -1, len(OF_CANDIDATE))
         there = mask.reshape(len(mask), FOOTHOLDS, -1)
         capped = [
-            table[..., OF_CANDIDATE.index(name), None].clamp(max=cap) for name, caps in CAPS.items() for cap in caps
+            table[..., OF_CANDIDATE.index(name), None].clamp(max=cap)
+            for name, caps in CAPS.items()
+            for cap in caps
         ]
         scores, odds = self(torch.cat([table, *capped], dim=-1), there, leap)
         return scores.masked_fill(there == 0.0, NONE), odds
@@ -127,11 +144,14 @@ class LeapScorer:
     origin: dict[str, Any]
 
     def scores(self, numbers: LeapNumbers) -> Array:
-        """The score of every candidate, the larger the better, shape (P, options); −inf where there is none."""
+        """The score of every candidate, the larger the better, shape (P, options); −inf where there
+        is none."""
         seen = LeapFeatures.of(numbers)
         with torch.no_grad():
             inputs = (with_caps(seen.candidates), seen.mask, seen.leap)
-            scores, _ = self.network(*(torch.as_tensor(each, dtype=torch.float32)[None] for each in inputs))
+            scores, _ = self.network(
+                *(torch.as_tensor(each, dtype=torch.float32)[None] for each in inputs)
+            )
         return np.where(seen.mask > 0.0, scores[0].numpy().astype(np.float64), -np.inf)
 
     def predict(
@@ -141,15 +161,18 @@ class LeapScorer:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.int64], Any]:
-        """Choices from observations of LeapChoice-v0, single ones or batches, as policies of stable-baselines3 do.
+        """Choices from observations of LeapChoice-v0, single ones or batches, as policies of
+        stable-baselines3 do.
 
-        deterministic: the best candidate per foothold; otherwise drawn by the softmax of the scores, by torch's own
-        generator.
+        deterministic: the best candidate per foothold; otherwise drawn by the softmax of the
+        scores, by torch's own generator.
         """
         seen = torch.as_tensor(np.atleast_2d(observation["candidates"]))
         mask = torch.as_tensor(np.atleast_2d(observation["mask"]))
         with torch.no_grad():
-            scores = self.network.seen(seen, mask, torch.as_tensor(np.atleast_2d(observation["leap"])))[0]
+            scores = self.network.seen(
+                seen, mask, torch.as_tensor(np.atleast_2d(observation["leap"]))
+            )[0]
         if deterministic:
             choice = scores.argmax(dim=2).numpy()
         else:
@@ -160,7 +183,12 @@ class LeapScorer:
     def write(self, path: str | Path) -> None:
         """Write a safetensors file."""
         network = self.network
-        sizes = {"kind": network.kind, "width": network.width, "layers": network.layers, "heads": network.heads}
+        sizes = {
+            "kind": network.kind,
+            "width": network.width,
+            "layers": network.layers,
+            "heads": network.heads,
+        }
         write_tensors(path, FORMAT, {**sizes, "origin": self.origin}, network.state_dict())
 
     @classmethod
@@ -169,8 +197,15 @@ class LeapScorer:
         path = file_of(path)
         header, tensors = read_tensors(path, FORMAT)
         try:
-            kind, sizes = header["kind"], [int(header[name]) for name in ("width", "layers", "heads")]
-            if kind not in KINDS or not all(1 <= size <= 1024 for size in sizes) or sizes[0] % sizes[2]:
+            kind, sizes = (
+                header["kind"],
+                [int(header[name]) for name in ("width", "layers", "heads")],
+            )
+            if (
+                kind not in KINDS
+                or not all(1 <= size <= 1024 for size in sizes)
+                or sizes[0] % sizes[2]
+            ):
                 raise ValueError
         except (KeyError, TypeError, ValueError):
             raise InvalidInput(

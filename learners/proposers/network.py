@@ -1,4 +1,5 @@
-"""The network of the proposers: a scene's contacts in, numbers for a posture and for two proofs out."""
+"""The network of the proposers: a scene's contacts in, numbers for a posture and for two proofs
+out."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ from ..selectors.network import Architecture, Encoder, SceneTensors
 
 
 class ProposerNetwork(nn.Module):
-    """Scenes to numbers a contact, (B, N, contact), and a scene, (B, body); the scene's are of the tokens' mean."""
+    """Scenes to numbers a contact, (B, N, contact), and a scene, (B, body); the scene's are of the
+    tokens' mean."""
 
     def __init__(self, architecture: Architecture, *, contact: int, body: int) -> None:
         super().__init__()

@@ -1,4 +1,5 @@
-"""Proposers of postures and proofs for one class of problems: two networks in one file, whom nobody has to believe."""
+"""Proposers of postures and proofs for one class of problems: two networks in one file, whom nobody
+has to believe."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ def networks(architecture: Architecture) -> nn.ModuleDict:
 class Proposers:
     """Trained networks that propose for one class of problems; a ``Proposer`` of ``ExactPlanner``.
 
-    problem_class, legs, robot, force_scale_n, length_scale_m: of the problems that they learned from. provenance: how.
+    problem_class, legs, robot, force_scale_n, length_scale_m: of the problems that they learned
+    from. provenance: how.
     """
 
     def __init__(
@@ -75,10 +77,12 @@ class Proposers:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of class and weights: what its proposals follow from."""
-        found = hashlib.sha256(f"{FORMAT} {self.problem_class} {self.legs} {self.robot}".encode())
+        hash_so_far = hashlib.sha256(
+            f"{FORMAT} {self.problem_class} {self.legs} {self.robot}".encode()
+        )
         for name, tensor in sorted(self.network.state_dict().items()):
-            found.update(name.encode() + tensor.numpy().tobytes())
-        return found.hexdigest()
+            hash_so_far.update(name.encode() + tensor.numpy().tobytes())
+        return hash_so_far.hexdigest()
 
     def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem is of these legs of this robot, on triangles."""
@@ -87,25 +91,33 @@ class Proposers:
         for index, contact in enumerate(problem.contacts):
             corners = len(contact.patch.vertices_m)
             if corners != CORNERS:
-                raise InvalidInput(f"contacts[{index}].vertices_m: expected {CORNERS} for {learned}, got {corners}")
+                raise InvalidInput(
+                    f"contacts[{index}].vertices_m: expected {CORNERS} for {learned}, got {corners}"
+                )
 
     def check_drawn(self, source: Distribution) -> None:
-        """Raise InvalidInput unless they learned from this distribution, or one of its name and robot."""
+        """Raise InvalidInput unless they learned from this distribution, or one of its name and
+        robot."""
         if source.name != self.problem_class:
-            raise InvalidInput(f"proposers: expected some for {source.name}, got some for {self.problem_class}")
+            raise InvalidInput(
+                f"proposers: expected some for {source.name}, got some for {self.problem_class}"
+            )
         self.check_fits(source.sample(np.random.default_rng(0)))
 
     def postures(self, scaled: ScaledBatch) -> tuple[Index, PointBatch]:
         """Points of the problems for which the network's own sums say that they meet everything."""
         with torch.no_grad():
             scenes = Scenes.of(scaled, torch.float64)
-            found = witness.claims(scenes, *self._said("postures", scenes))
-        parts = as_arrays(found.com, found.rotation, found.toes, found.forces)
-        index = np.flatnonzero(found.violation.amax(dim=1).numpy() < MET)
-        return index, PointBatch(**dict(zip(("com", "rotation", "toes", "forces"), parts, strict=True))).select(index)
+            claims = witness.claims(scenes, *self._said("postures", scenes))
+        parts = as_arrays(claims.com, claims.rotation, claims.toes, claims.forces)
+        index = np.flatnonzero(claims.violation.amax(dim=1).numpy() < MET)
+        return index, PointBatch(
+            **dict(zip(("com", "rotation", "toes", "forces"), parts, strict=True))
+        ).select(index)
 
     def proofs(self, scaled: ScaledBatch) -> Array:
-        """A proof without moments and one with them, zeros where the network's own sums say that they prove nothing."""
+        """A proof without moments and one with them, zeros where the network's own sums say that
+        they prove nothing."""
         with torch.no_grad():
             scenes = Scenes.of(scaled, torch.float64)
             rows = proof.multipliers(*self._said("proofs", scenes)).flip(1)
@@ -129,18 +141,26 @@ class Proposers:
 
     @classmethod
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Proposers:
-        """Read proposers. Raises InvalidInput for a file that is damaged or foreign, or made for another class."""
+        """Read proposers. Raises InvalidInput for a file that is damaged or foreign, or made for
+        another class."""
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         if problem_class not in (None, raw.problem_class):
-            raise InvalidInput(f"{path}: expected proposers for {problem_class}, got some for {raw.problem_class}")
+            raise InvalidInput(
+                f"{path}: expected proposers for {problem_class}, got some for {raw.problem_class}"
+            )
         with torch.device("meta"):
             network = networks(raw.architecture.architecture(path))
         load_weights(network, tensors, path)
         return cls(
-            network, problem_class=raw.problem_class, legs=raw.legs, robot=raw.robot, provenance=raw.provenance,
-            force_scale_n=raw.force_scale_n, length_scale_m=raw.length_scale_m,
-        )  # fmt: skip
+            network,
+            problem_class=raw.problem_class,
+            legs=raw.legs,
+            robot=raw.robot,
+            provenance=raw.provenance,
+            force_scale_n=raw.force_scale_n,
+            length_scale_m=raw.length_scale_m,
+        )
 
 
 class _Header(BaseModel):

@@ -1,8 +1,9 @@
 """Training proposers without labels, with a loss that counts what a network fails to settle.
 
-A posture's loss is by how much it breaks its problem, a proof's is what it lacks to prove something. Both saturate, so
-that a problem that has no posture, or no proof, pulls at nothing. Of the draws only those are kept that a few steps of
-the fixed iteration (``planners.search.witness``) leave open: the rest will never be asked about. No solver takes part.
+A posture's loss is by how much it breaks its problem, a proof's is what it lacks to prove
+something. Both saturate, so that a problem that has no posture, or no proof, pulls at nothing. Of
+the draws only those are kept that a few steps of the fixed iteration (``planners.search.witness``)
+leave open: the rest will never be asked about. No solver takes part.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ Progress = Callable[[int, int], None]
 ROOM = 2e-3
 """By this, non-dimensional, a posture must meet everything before nothing more is asked of it."""
 BOUND = 1e-2
-"""So much a proof must prove, its multipliers of unit length, before nothing more is asked of it."""
+"""So much a proof must prove, its multipliers of unit length, before nothing more is asked of
+it."""
 SATURATED = 0.05
 """Where a loss v / (v + this) is one half."""
 BLOCK = 512
@@ -47,10 +49,11 @@ RECORDS = 10
 class ProposerSettings:
     """Settings of training proposers.
 
-    architecture: of either network. proofs, postures: steps of AdamW of each: more settle more problems, and take
-    longer. batch: scenes a step. rate: of AdamW; it rises over the first twentieth and falls along a cosine. pool:
-    scenes to learn from, fewer where so many draws leave fewer. easy: steps of the iteration that leave them open.
-    held: draws that the training curve is taken on, as they come. seed: of draws and weights.
+    architecture: of either network. proofs, postures: steps of AdamW of each: more settle more
+    problems, and take longer. batch: scenes a step. rate: of AdamW; it rises over the first
+    twentieth and falls along a cosine. pool: scenes to learn from, fewer where so many draws leave
+    fewer. easy: steps of the iteration that leave them open. held: draws that the training curve is
+    taken on, as they come. seed: of draws and weights.
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=64, layers=2))
@@ -69,17 +72,21 @@ class ProposerSettings:
 
 
 def train_proposers(
-    source: Distribution, settings: ProposerSettings = ProposerSettings(), progress: Progress | None = None
+    source: Distribution,
+    settings: ProposerSettings = ProposerSettings(),
+    progress: Progress | None = None,
 ) -> Proposers:
-    """Train both networks on draws of a distribution; uses one torch thread. Equal settings give equal networks.
+    """Train both networks on draws of a distribution; uses one torch thread. Equal settings give
+    equal networks.
 
-    progress: told steps done and in all. Raises InvalidInput for problems that are not on triangles.
+    progress: told steps done and in all. Raises InvalidInput for problems that are not on
+    triangles.
     """
     torch.set_num_threads(1)
     rng = np.random.default_rng(settings.seed)
-    drawn = source.batch(rng, settings.held)
-    _check(drawn)
-    held, pool = Scenes.of(ScaledBatch.of(drawn)), _left_open(source, rng, settings)
+    scenes = source.batch(rng, settings.held)
+    _check(scenes)
+    held, pool = Scenes.of(ScaledBatch.of(scenes)), _left_open(source, rng, settings)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         both = networks(settings.architecture)
@@ -93,40 +100,58 @@ def train_proposers(
                 progress(done + step, settings.proofs + settings.postures)
         done += settings.proofs
     return Proposers(
-        both, problem_class=source.name, legs=drawn.like.legs, robot=drawn.like.robot.identity,
-        force_scale_n=cast(float, drawn.like.force_scale_n), length_scale_m=drawn.like.length_scale_m,
+        both,
+        problem_class=source.name,
+        legs=scenes.like.legs,
+        robot=scenes.like.robot.identity,
+        force_scale_n=cast(float, scenes.like.force_scale_n),
+        length_scale_m=scenes.like.length_scale_m,
         provenance={
-            "method": "proposers", "settings": asdict(settings), "scenes": len(pool), "history": history,
+            "method": "proposers",
+            "settings": asdict(settings),
+            "scenes": len(pool),
+            "history": history,
         },
-    )  # fmt: skip
+    )
 
 
-def _left_open(source: Distribution, rng: np.random.Generator, settings: ProposerSettings) -> Scenes:
+def _left_open(
+    source: Distribution, rng: np.random.Generator, settings: ProposerSettings
+) -> Scenes:
     """Draws that the fixed iteration leaves open. Raises InvalidInput where there is none."""
-    found, open_, drawn = list[ScaledBatch](), 0, 0
-    while open_ < settings.pool and drawn < settings.draws:
+    batches, open_, count = list[ScaledBatch](), 0, 0
+    while open_ < settings.pool and count < settings.draws:
         scaled = ScaledBatch.of(source.batch(rng, BLOCK))
         index, _ = witnesses(scaled, settings.easy)
-        found.append(scaled.select(np.setdiff1d(np.arange(len(scaled)), index)))
-        open_, drawn = open_ + len(found[-1]), drawn + len(scaled)
+        batches.append(scaled.select(np.setdiff1d(np.arange(len(scaled)), index)))
+        open_, count = open_ + len(batches[-1]), count + len(scaled)
     if not open_:
-        raise InvalidInput(f"problems: expected some that are hard, got {drawn} that {settings.easy} steps solve")
+        raise InvalidInput(
+            f"problems: expected some that are hard, got {count} that {settings.easy} steps solve"
+        )
     names = ("vertices", "frames", "friction")
-    parts: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in found]) for name in names}
-    return Scenes.of(replace(found[0], **parts))
+    parts: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in batches]) for name in names
+    }
+    return Scenes.of(replace(batches[0], **parts))
 
 
 def _descent(
     name: str, network: nn.Module, pool: Scenes, held: Scenes, settings: ProposerSettings
 ) -> Iterator[tuple[int, list[dict[str, float]]]]:
-    """Train one network; after every step how many there were, and, now and then, how it does on held scenes."""
+    """Train one network; after every step how many there were, and, now and then, how it does on
+    held scenes."""
     steps, chance = int(getattr(settings, name)), torch.Generator().manual_seed(settings.seed)
     optimizer = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=1e-4)
     order = torch.zeros(0, dtype=torch.long)
     for step in range(1, steps + 1):
         done = step / steps
         for group in optimizer.param_groups:
-            group["lr"] = settings.rate * min(1.0, 20.0 * done) * max(0.01, 0.5 * (1.0 + math.cos(math.pi * done)))
+            group["lr"] = (
+                settings.rate
+                * min(1.0, 20.0 * done)
+                * max(0.01, 0.5 * (1.0 + math.cos(math.pi * done)))
+            )
         if not len(order):
             order = torch.randperm(len(pool), generator=chance)
         rows, order = order[: settings.batch], order[settings.batch :]
@@ -141,26 +166,32 @@ def _descent(
 
 def lacks(name: str, network: nn.Module, scenes: Scenes) -> Tensor:
     """Shortfall of every proposal, at least 0: of postures shape (B, 1), of proofs (B, 2)."""
-    said = network(scenes.observed())
+    outputs = network(scenes.observed())
     if name == "postures":
-        return torch.relu(witness.claims(scenes, *said).violation + ROOM).sum(dim=1, keepdim=True)
-    return torch.relu(BOUND - proof.least_values(scenes, proof.multipliers(*said)))
+        return torch.relu(witness.claims(scenes, *outputs).violation + ROOM).sum(
+            dim=1, keepdim=True
+        )
+    return torch.relu(BOUND - proof.least_values(scenes, proof.multipliers(*outputs)))
 
 
 def settled(name: str, network: nn.Module, scenes: Scenes) -> float:
     """The share of scenes that a network settles by its own sums, in single precision."""
     with torch.no_grad():
-        said = network(scenes.observed())
+        outputs = network(scenes.observed())
         if name == "postures":
-            return float((witness.claims(scenes, *said).violation.amax(dim=1) < 0.0).double().mean())
-        values = proof.least_values(scenes, proof.multipliers(*said))
+            return float(
+                (witness.claims(scenes, *outputs).violation.amax(dim=1) < 0.0).double().mean()
+            )
+        values = proof.least_values(scenes, proof.multipliers(*outputs))
         return float((values.amax(dim=1) > 1e-4).double().mean())
 
 
 def _check(batch: PostureBatch) -> None:
     corners = batch.vertices_m.shape[2]
     if corners != CORNERS:
-        raise InvalidInput(f"problems: expected patches of {CORNERS} corners to learn proposals from, got {corners}")
+        raise InvalidInput(
+            f"problems: expected patches of {CORNERS} corners to learn proposals from, got {corners}"
+        )
 
 
 def curve(proposers: Proposers) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""A chooser among several envelopes: the terrain decides which box P1 gets (Lin et al.'s one binary a box, learned)."""
+"""A chooser among several envelopes: the terrain decides which box P1 gets (Lin et al.'s one binary
+a box, learned)."""
 
 from __future__ import annotations
 
@@ -37,8 +38,9 @@ Progress = Callable[[int, int], None]
 class ChooserSettings:
     """Settings of training a chooser.
 
-    epochs, batch, rate: of AdamW. projection: what a feasible problem costs that P1 admits but fix-p does not solve; a
-    wrong answer of P1 costs 1. caution: how much more a feasible problem counts than an infeasible one.
+    epochs, batch, rate: of AdamW. projection: what a feasible problem costs that P1 admits but
+    fix-p does not solve; a wrong answer of P1 costs 1. caution: how much more a feasible problem
+    counts than an infeasible one.
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=48, layers=2))
@@ -62,10 +64,13 @@ class Chooser(MemorylessPolicy):
         self.network = network.eval()
         self.envelopes = envelopes
         self.provenance = envelopes.provenance
-        self._actions = np.stack([envelope.to_vector() for envelope in envelopes.envelopes]).astype(np.float32)
+        self._actions = np.stack([envelope.to_vector() for envelope in envelopes.envelopes]).astype(
+            np.float32
+        )
 
     def choose(self, observation: Observation) -> NDArray[np.int64]:
-        """Index of the envelope for each scene, shape (B,): an action where the environment has the set as library."""
+        """Index of the envelope for each scene, shape (B,): an action where the environment has the
+        set as library."""
         with torch.no_grad():
             cost = self.network(SceneTensors.of_observation(observation, len(self.envelopes.legs)))
         return np.asarray(cost.argmin(dim=1).numpy(), dtype=np.int64)
@@ -77,12 +82,16 @@ class Chooser(MemorylessPolicy):
 
     def save(self, path: str | Path) -> None:
         """Write network and envelopes as one safetensors file."""
-        header = {"architecture": asdict(self.network.architecture), "envelopes": self.envelopes.to_json()}
+        header = {
+            "architecture": asdict(self.network.architecture),
+            "envelopes": self.envelopes.to_json(),
+        }
         write_tensors(path, FORMAT, header, self.network.state_dict())
 
     @classmethod
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Chooser:
-        """Read a chooser. Raises InvalidInput for a file that is damaged or foreign, or made for another class."""
+        """Read a chooser. Raises InvalidInput for a file that is damaged or foreign, or made for
+        another class."""
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         try:
@@ -90,7 +99,9 @@ class Chooser(MemorylessPolicy):
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):
-            raise InvalidInput(f"{path}: expected a chooser for {problem_class}, got one for {envelopes.problem_class}")
+            raise InvalidInput(
+                f"{path}: expected a chooser for {problem_class}, got one for {envelopes.problem_class}"
+            )
         with torch.device("meta"):
             network = ChoiceNetwork(raw.architecture.architecture(path), len(envelopes.envelopes))
         load_weights(network, tensors, path)
@@ -103,23 +114,44 @@ def fit_chooser(
     settings: ChooserSettings = ChooserSettings(),
     progress: Progress | None = None,
 ) -> Chooser:
-    """Learn which envelope suits a terrain: the network predicts what each box costs, and the cheapest is chosen.
+    """Learn which envelope suits a terrain: the network predicts what each box costs, and the
+    cheapest is chosen.
 
-    The cost of every box on every row is solved for once (``costs``). Uses one torch thread; ``progress`` is told rows
-    solved and rows in all. Raises InvalidInput for a data set of another class or without rows of a label.
+    The cost of every box on every row is solved for once (``costs``). Uses one torch thread;
+    ``progress`` is told rows solved and rows in all. Raises InvalidInput for a data set of another
+    class or without rows of a label.
     """
     torch.set_num_threads(1)
     if dataset.problem_class != envelopes.problem_class:
-        raise InvalidInput(f"envelopes: expected some for {dataset.problem_class}, got {envelopes.problem_class}")
+        raise InvalidInput(
+            f"envelopes: expected some for {dataset.problem_class}, got {envelopes.problem_class}"
+        )
     kinds = (dataset.feasible, dataset.infeasible)
     if not all(len(rows) for rows in kinds):
-        raise InvalidInput(f"data set: expected rows of both labels, got {len(kinds[0])} and {len(kinds[1])}")
+        raise InvalidInput(
+            f"data set: expected rows of both labels, got {len(kinds[0])} and {len(kinds[1])}"
+        )
     problems = [Scaled.of(problem) for rows in kinds for problem in dataset.select(rows).problems()]
     feasible = np.arange(len(problems)) < len(kinds[0])
-    cost = costs(problems, feasible, envelopes.envelopes, Programs(), projection=settings.projection, progress=progress)
-    weight = np.where(feasible, settings.caution / len(kinds[0]), 1.0 / len(kinds[1])) * len(problems) / 2.0
-    targets, weights = (torch.as_tensor(array, dtype=torch.float32) for array in (cost, weight[:, None]))
-    return Chooser(_train(SceneTensors.of_problems(problems), targets, weights, settings), envelopes)
+    cost = costs(
+        problems,
+        feasible,
+        envelopes.envelopes,
+        Programs(),
+        projection=settings.projection,
+        progress=progress,
+    )
+    weight = (
+        np.where(feasible, settings.caution / len(kinds[0]), 1.0 / len(kinds[1]))
+        * len(problems)
+        / 2.0
+    )
+    targets, weights = (
+        torch.as_tensor(array, dtype=torch.float32) for array in (cost, weight[:, None])
+    )
+    return Chooser(
+        _train(SceneTensors.of_problems(problems), targets, weights, settings), envelopes
+    )
 
 
 def costs(
@@ -133,8 +165,8 @@ def costs(
 ) -> Array:
     """Cost of every box on every problem, shape (len(problems), K).
 
-    1 where P1's answer is wrong; ``projection`` where it admits a feasible problem and fix-p does not solve it; else 0.
-    feasible: the labels, shape (len(problems),).
+    1 where P1's answer is wrong; ``projection`` where it admits a feasible problem and fix-p does
+    not solve it; else 0. feasible: the labels, shape (len(problems),).
     """
     cost = np.zeros((len(problems), len(envelopes)))
     for i, problem in enumerate(problems):
@@ -150,10 +182,13 @@ def costs(
     return cost
 
 
-def _train(scenes: SceneTensors, cost: Tensor, weight: Tensor, settings: ChooserSettings) -> ChoiceNetwork:
+def _train(
+    scenes: SceneTensors, cost: Tensor, weight: Tensor, settings: ChooserSettings
+) -> ChoiceNetwork:
     """Regress every box's cost, shape (B, K), by cross-entropy. weight: of each row, shape (B, 1).
 
-    Minimising the expected cost of a softmax choice instead was tried: it settles on the one box that is best overall.
+    Minimising the expected cost of a softmax choice instead was tried: it settles on the one box
+    that is best overall.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
@@ -164,7 +199,9 @@ def _train(scenes: SceneTensors, cost: Tensor, weight: Tensor, settings: Chooser
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs)
     for _ in range(settings.epochs):
         for rows in torch.split(torch.randperm(len(scenes), generator=chance), settings.batch):
-            loss = functional.binary_cross_entropy_with_logits(network(scenes[rows]), cost[rows], weight=weight[rows])
+            loss = functional.binary_cross_entropy_with_logits(
+                network(scenes[rows]), cost[rows], weight=weight[rows]
+            )
             optimizer.zero_grad()
             torch.autograd.backward(loss)
             nn.utils.clip_grad_norm_(network.parameters(), 1.0)

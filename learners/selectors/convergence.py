@@ -28,9 +28,9 @@ FORMAT = "stancekit/evolution/1"
 class Generation:
     """One tested generation.
 
-    mean, variance, best: of the fitness, to be maximised; a, b: of the best individual, over the problems drawn.
-    mutation_rate: with which the next one is bred (NaN where the method has none). evaluations: verdicts of P1 asked
-    for; cached: of them, without a solve; counts: how.
+    mean, variance, best: of the fitness, to be maximised; a, b: of the best individual, over the
+    problems drawn. mutation_rate: with which the next one is bred (NaN where the method has none).
+    evaluations: verdicts of P1 asked for; cached: of them, without a solve; counts: how.
     """
 
     number: int
@@ -54,10 +54,16 @@ class GeneticRun:
     history: Sequence[Generation]
 
 
-def write_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: GeneticRun) -> None:
-    """Write population, history and the state of the generator, whole or not at all. about: what the run is of."""
+def write_checkpoint(
+    path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: GeneticRun
+) -> None:
+    """Write population, history and the state of the generator, whole or not at all. about: what
+    the run is of."""
     content = io.BytesIO()
-    numbers = [[value for value in asdict(done).values() if not isinstance(value, dict)] for done in run.history]
+    numbers = [
+        [value for value in asdict(done).values() if not isinstance(value, dict)]
+        for done in run.history
+    ]
     np.savez(
         content,
         format=np.array(FORMAT),
@@ -75,25 +81,36 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
 
     Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
     """
-    found = read_archive(path)
-    if set(found) != {"format", "digest", "state", "population", "history", "counts"}:
-        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got the arrays {shown(sorted(found))}")
-    if str(found["format"]) != FORMAT:
-        raise InvalidInput(f"{path}: format: expected {FORMAT!r}, got {shown(str(found['format']))}")
-    if str(found["digest"]) != _digest(about):
-        raise InvalidInput(f"{path}: expected the checkpoint of a run with these settings and data, got another's")
+    arrays = read_archive(path)
+    if set(arrays) != {"format", "digest", "state", "population", "history", "counts"}:
+        raise InvalidInput(
+            f"{path}: expected a checkpoint ({FORMAT}), got the arrays {shown(sorted(arrays))}"
+        )
+    if str(arrays["format"]) != FORMAT:
+        raise InvalidInput(
+            f"{path}: format: expected {FORMAT!r}, got {shown(str(arrays['format']))}"
+        )
+    if str(arrays["digest"]) != _digest(about):
+        raise InvalidInput(
+            f"{path}: expected the checkpoint of a run with these settings and data, got another's"
+        )
     try:
-        rng.bit_generator.state = parse_json(str(found["state"]), "state")
+        rng.bit_generator.state = parse_json(str(arrays["state"]), "state")
         history = [
             Generation(
-                number=int(row[0]), **dict(zip(_REALS, map(float, row[1:7]), strict=True)), evaluations=int(row[7]),
-                cached=int(row[8]), counts=VerdictCounts(**dict(zip(_KINDS, map(int, counts), strict=True))),
+                number=int(row[0]),
+                **dict(zip(_REALS, map(float, row[1:7]), strict=True)),
+                evaluations=int(row[7]),
+                cached=int(row[8]),
+                counts=VerdictCounts(**dict(zip(_KINDS, map(int, counts), strict=True))),
             )
-            for row, counts in zip(found["history"], found["counts"], strict=True)
-        ]  # fmt: skip
+            for row, counts in zip(arrays["history"], arrays["counts"], strict=True)
+        ]
     except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
-        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}") from None
-    return GeneticRun(population=found["population"], history=history)
+        raise InvalidInput(
+            f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}"
+        ) from None
+    return GeneticRun(population=arrays["population"], history=history)
 
 
 def _digest(about: Mapping[str, Any]) -> str:

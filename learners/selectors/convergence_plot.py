@@ -16,9 +16,12 @@ from .convergence import Generation
 
 @DEFAULT_STYLE
 def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
-    """Mean fitness with a band of one standard deviation, and the best, by generation: Lin et al., Fig. 4."""
+    """Mean fitness with a band of one standard deviation, and the best, by generation: Lin et al.,
+    Fig. 4."""
     if not histories or not all(histories.values()):
-        raise InvalidInput("histories: expected one or more generations of one or more runs, got none")
+        raise InvalidInput(
+            "histories: expected one or more generations of one or more runs, got none"
+        )
     figure = sheet((1200, 640), (1200, 640))
     axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
     colours = (LEG_COLOURS[0], ACCENT, *LEG_COLOURS[1:])
@@ -29,7 +32,14 @@ def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str =
         half = np.sqrt([done.variance for done in history])
         axes.fill_between(number, mean - half, mean + half, color=colour, alpha=0.15, lw=0)
         axes.plot(number, mean, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
-        axes.plot(number, [done.best for done in history], color=colour, lw=1.2, ls=(0, (4, 2)), label=f"{name}: best")
+        axes.plot(
+            number,
+            [done.best for done in history],
+            color=colour,
+            lw=1.2,
+            ls=(0, (4, 2)),
+            label=f"{name}: best",
+        )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(axis="y", color=RULE, lw=0.8)
     axes.set_axisbelow(True)

@@ -15,7 +15,8 @@ from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 
 BAND = 1e-6
-"""A witness must have this margin to spare, a certificate must exclude this margin: ten times what P1 forgives."""
+"""A witness must have this margin to spare, a certificate must exclude this margin: ten times what
+P1 forgives."""
 ROUNDS = 8
 """How often the moments of a witness are tried again with the largest held at their bounds."""
 Bools = NDArray[np.bool_]
@@ -26,8 +27,8 @@ Index = NDArray[np.intp]
 class DualBounds:
     """P boxes.
 
-    low, high: shape (P, N, 6); products: p_j f_k of the ends, in the order of the envelope rows and with their signs in
-    the Lagrangian, shape (36 N, P).
+    low, high: shape (P, N, 6); products: p_j f_k of the ends, in the order of the envelope rows and
+    with their signs in the Lagrangian, shape (36 N, P).
     """
 
     low: Array
@@ -46,17 +47,19 @@ class DualBounds:
 
     def take(self, which: Index) -> DualBounds:
         """Some of the boxes."""
-        return DualBounds(low=self.low[which], high=self.high[which], products=self.products[:, which])
+        return DualBounds(
+            low=self.low[which], high=self.high[which], products=self.products[:, which]
+        )
 
 
 def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open_: Bools) -> Bools:
     """Tell whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not
     open, shape (K, P).
 
-    point, excess: of K × W witnesses (``DualBound``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A point [p, f] in
-    the box is one of P1 if some moments m = p f + e balance there under the envelope rows, which read
-    −(p − p_low)(f − f_low) ≤ e,  −(p_high − p)(f_high − f) ≤ e,  e ≤ (p − p_low)(f_high − f)
-    and  e ≤ (p_high − p)(f − f_low).
+    point, excess: of K × W witnesses (``DualBound``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A
+    point [p, f] in the box is one of P1 if some moments m = p f + e balance there under the
+    envelope rows, which read −(p − p_low)(f − f_low) ≤ e,  −(p_high − p)(f_high − f) ≤ e,  e ≤ (p −
+    p_low)(f_high − f) and  e ≤ (p_high − p)(f − f_low).
     """
     at = point[:, :, None]
     inside = np.all((at >= bounds.low + BAND) & (at <= bounds.high - BAND), axis=(3, 4))
@@ -65,7 +68,9 @@ def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open
     if not len(k):
         return hits
     above, below = point[k, w] - bounds.low[b], bounds.high[b] - point[k, w]
-    (p_above, f_above), (p_below, f_below) = ((side[..., :3, None], side[..., None, 3:]) for side in (above, below))
+    (p_above, f_above), (p_below, f_below) = (
+        (side[..., :3, None], side[..., None, 3:]) for side in (above, below)
+    )
     bottom = BAND - np.minimum(p_above * f_above, p_below * f_below).reshape(len(k), -1)
     top = np.minimum(p_above * f_below, p_below * f_above).reshape(len(k), -1) - BAND
     hits[k, w, b] = balanced(axes[k], excess[k, w].reshape(len(k), -1), bottom, top)
@@ -76,11 +81,11 @@ def balanced(axes: Array, excess: Array, bottom: Array, top: Array) -> Bools:
     """Tell whether some e in [bottom, top] has the same axes · e as ``excess``; a False may be
     wrong. Shapes (T, 9N).
 
-    Scaled to |s| ≤ 1 about the middle, the smallest s is tried, then what is too large in it is held at ±1 and
-    the rest solved again, ROUNDS times.
+    Scaled to |s| ≤ 1 about the middle, the smallest s is tried, then what is too large in it is
+    held at ±1 and the rest solved again, ROUNDS times.
     """
     middle, half = 0.5 * (top + bottom), 0.5 * (top - bottom)
-    found = np.zeros(len(axes), dtype=bool)
+    flags = np.zeros(len(axes), dtype=bool)
     rows = np.flatnonzero(np.all(half > 0.0, axis=1))
     scaled = axes[rows] * half[rows][:, None]
     target = np.einsum("trc,tc->tr", axes[rows], excess[rows] - middle[rows])
@@ -92,40 +97,51 @@ def balanced(axes: Array, excess: Array, bottom: Array, top: Array) -> Bools:
         s = held + np.einsum("trc,tr->tc", free, np.linalg.solve(gram, rest[..., None])[..., 0])
         off = np.abs(target - np.einsum("trc,tc->tr", scaled, s)).max(axis=1)
         done = np.all(np.abs(s) <= 1.0, axis=1) & (off < 1e-10)
-        found[rows[done]] = True
+        flags[rows[done]] = True
         held = np.where(np.abs(s) > 1.0, np.sign(s), held)
         rows, scaled, target, held = rows[~done], scaled[~done], target[~done], held[~done]
         if not len(rows):
             break
-    return found
+    return flags
 
 
-def least(rows: Array, slope: Array, constant: Array, bounds: DualBounds, low: Array, high: Array) -> Array:
-    """Least value of the Lagrangian over [p, f] in the overlap at a margin of BAND, shape (K, C, P).
+def least(
+    rows: Array, slope: Array, constant: Array, bounds: DualBounds, low: Array, high: Array
+) -> Array:
+    """Least value of the Lagrangian over [p, f] in the overlap at a margin of BAND, shape (K, C,
+    P).
 
-    rows, slope, constant: of K × C certificates (``DualBound``). low, high: the overlap, shape (K, P, N, 6).
-    Where it is positive, P1's margin is larger than BAND.
+    rows, slope, constant: of K × C certificates (``DualBound``). low, high: the overlap, shape (K,
+    P, N, 6). Where it is positive, P1's margin is larger than BAND.
     """
     k, c = rows.shape[:2]
     value = (rows.reshape(k * c, -1) @ bounds.products).reshape(k, c, -1)
     value += (constant - BAND * rows.sum(axis=(2, 3, 4, 5)))[..., None]
     (p_low, f_low), (p_high, f_high) = (
-        (np.moveaxis(side[..., :3], 0, -1), np.moveaxis(side[..., 3:], 0, -1)) for side in (bounds.low, bounds.high)
+        (np.moveaxis(side[..., :3], 0, -1), np.moveaxis(side[..., 3:], 0, -1))
+        for side in (bounds.low, bounds.high)
     )  # each of shape (N, 3, P)
     u = np.moveaxis(rows, 2, 0)
-    by_p = (u[0] - u[3]) @ f_low + (u[1] - u[2]) @ f_high + slope[..., :3, None]  # shape (K, C, N, 3, P)
+    by_p = (
+        (u[0] - u[3]) @ f_low + (u[1] - u[2]) @ f_high + slope[..., :3, None]
+    )  # shape (K, C, N, 3, P)
     turned = u.swapaxes(-1, -2)
     by_f = (turned[0] - turned[2]) @ p_low + (turned[1] - turned[3]) @ p_high + slope[..., 3:, None]
-    middle, half = (np.moveaxis(side, 1, -1)[:, None] for side in (0.5 * (high + low), 0.5 * (high - low)))
+    middle, half = (
+        np.moveaxis(side, 1, -1)[:, None] for side in (0.5 * (high + low), 0.5 * (high - low))
+    )
     for by, part in ((by_p, slice(0, 3)), (by_f, slice(3, 6))):
-        value = value + np.sum(by * middle[..., part, :] - np.abs(by) * half[..., part, :], axis=(2, 3))
+        value = value + np.sum(
+            by * middle[..., part, :] - np.abs(by) * half[..., part, :], axis=(2, 3)
+        )
     return np.asarray(value)
 
 
 def ranges(problem: Scaled) -> tuple[Array, Array]:
     """Bounds of [p, f] in any answer, each of shape (N, 6).
 
-    That is, the patches as seen from the ball of the centre of mass, and the forces in their boxes and cones.
+    That is, the patches as seen from the ball of the centre of mass, and the forces in their boxes
+    and cones.
     """
     whole = domain_of(problem, reach=False)
     room = 1e-7  # what the solver forgives

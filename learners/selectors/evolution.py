@@ -1,8 +1,9 @@
-"""Other evolutionary searches on the genetic algorithm's own fitness and budget, as baselines (extra ``evo``).
+"""Other evolutionary searches on the genetic algorithm's own fitness and budget, as baselines
+(extra ``evo``).
 
-CMA-ES (package ``cma``) maximises the same fitness; NSGA-II (package ``pymoo``) minimises a and b as two objectives.
-Both are asked for as many boxes a generation as the genetic algorithm breeds, tested on problems drawn anew in the same
-way, and end with as many finalists.
+CMA-ES (package ``cma``) maximises the same fitness; NSGA-II (package ``pymoo``) minimises a and b
+as two objectives. Both are asked for as many boxes a generation as the genetic algorithm breeds,
+tested on problems drawn anew in the same way, and end with as many finalists.
 """
 
 from __future__ import annotations
@@ -49,31 +50,40 @@ def evolve_cma(
     oracle: FeasibilityOracle | None = None,
     progress: OnProgress | None = None,
 ) -> GeneticResult:
-    """CMA-ES on the bounds, from the mean of the genetic algorithm's first generation; arguments as of ``evolve``.
+    """CMA-ES on the bounds, from the mean of the genetic algorithm's first generation; arguments as
+    of ``evolve``.
 
-    Of the settings, those of mutation, elites and tournament do not concern it. Its finalists are the mean of its
-    distribution and the best boxes of the last generation. Raises InvalidInput, also without the extra ``evo``.
+    Of the settings, those of mutation, elites and tournament do not concern it. Its finalists are
+    the mean of its distribution and the best boxes of the last generation. Raises InvalidInput,
+    also without the extra ``evo``.
     """
     package, rng = extra("cma"), np.random.default_rng(settings.seed)
     trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     middle = first_generation(points, settings.population, rng).mean(axis=0)
     unit = np.broadcast_to(np.maximum(points.std(axis=0), 1e-3), middle.shape)
     options = {
-        "popsize": settings.population, "seed": float("nan"), "verbose": -9, "randn": lambda *n: rng.standard_normal(n),
-        "maxiter": settings.generations, "tolfun": 0, "tolflatfitness": settings.generations + 1,
-    }  # fmt: skip
+        "popsize": settings.population,
+        "seed": float("nan"),
+        "verbose": -9,
+        "randn": lambda *n: rng.standard_normal(n),
+        "maxiter": settings.generations,
+        "tolfun": 0,
+        "tolflatfitness": settings.generations + 1,
+    }
     search = package.CMAEvolutionStrategy(np.zeros(middle.size), STEP, options)
-    asked: list[Array] = []
+    candidates: list[Array] = []
 
     def box(genome: Array) -> Array:
-        return np.asarray(np.sort(np.clip(middle + unit * genome.reshape(middle.shape), -DOMAIN, DOMAIN), axis=0))
+        return np.asarray(
+            np.sort(np.clip(middle + unit * genome.reshape(middle.shape), -DOMAIN, DOMAIN), axis=0)
+        )
 
     def ask() -> Array:
-        asked[:] = search.ask()
-        return np.stack([box(genome) for genome in asked])
+        candidates[:] = search.ask()
+        return np.stack([box(genome) for genome in candidates])
 
     def tell(a: Array, b: Array) -> None:
-        search.tell(asked, list(-fitness(a, b, settings)))
+        search.tell(candidates, list(-fitness(a, b, settings)))
 
     last, history = _run(ask, tell, trials, settings, rng, progress)
     finalists = np.concatenate([box(np.asarray(search.mean))[None], last])[: settings.finalists]
@@ -89,10 +99,11 @@ def evolve_nsga2(
     oracle: FeasibilityOracle | None = None,
     progress: OnProgress | None = None,
 ) -> GeneticResult:
-    """NSGA-II of pymoo on (a, b), from the genetic algorithm's first generation; arguments as of ``evolve``.
+    """NSGA-II of pymoo on (a, b), from the genetic algorithm's first generation; arguments as of
+    ``evolve``.
 
-    Its operators are pymoo's own; survivors keep the a and b that they were tested with. Its finalists are the
-    fittest survivors. Raises InvalidInput, also without the extra ``evo``.
+    Its operators are pymoo's own; survivors keep the a and b that they were tested with. Its
+    finalists are the fittest survivors. Raises InvalidInput, also without the extra ``evo``.
     """
     problem_class = extra("pymoo.core.problem").Problem
     algorithm = extra("pymoo.algorithms.moo.nsga2").NSGA2
@@ -101,24 +112,32 @@ def evolve_nsga2(
     start = first_generation(points, settings.population, rng)
     shape = start.shape[1:]
     size = int(np.prod(shape))
-    problem = problem_class(n_var=size, n_obj=2, xl=np.full(size, -DOMAIN), xu=np.full(size, DOMAIN))
-    search = algorithm(pop_size=settings.population, sampling=start.reshape(len(start), -1), eliminate_duplicates=False)
+    problem = problem_class(
+        n_var=size, n_obj=2, xl=np.full(size, -DOMAIN), xu=np.full(size, DOMAIN)
+    )
+    search = algorithm(
+        pop_size=settings.population,
+        sampling=start.reshape(len(start), -1),
+        eliminate_duplicates=False,
+    )
     endless = extra("pymoo.core.termination").NoTermination()
     search.setup(problem, termination=endless, seed=settings.seed, verbose=False)
-    asked: list[Any] = []
+    candidates: list[Any] = []
 
     def boxes(population: Any) -> Array:
-        return np.asarray(np.sort(population.get("X").astype(np.float64).reshape(-1, *shape), axis=1))
+        return np.asarray(
+            np.sort(population.get("X").astype(np.float64).reshape(-1, *shape), axis=1)
+        )
 
     def ask() -> Array:
-        asked[:] = [search.ask()]
-        return boxes(asked[0])
+        candidates[:] = [search.ask()]
+        return boxes(candidates[0])
 
     def tell(a: Array, b: Array) -> None:
-        asked[0].set("F", np.column_stack([a, b]))
-        for individual in asked[0]:
+        candidates[0].set("F", np.column_stack([a, b]))
+        for individual in candidates[0]:
             individual.evaluated.update({"F", "G", "H"})
-        search.tell(infills=asked[0])
+        search.tell(infills=candidates[0])
 
     _, history = _run(ask, tell, trials, settings, rng, progress)
     a, b = search.pop.get("F").T
@@ -132,7 +151,9 @@ def extra(module: str) -> Any:
         return importlib.import_module(module)
     except ImportError:
         package = module.split(".")[0]
-        raise InvalidInput(f"{package}: expected this package, got none: pip install 'stancekit[evo]'") from None
+        raise InvalidInput(
+            f"{package}: expected this package, got none: pip install 'stancekit[evo]'"
+        ) from None
 
 
 def _run(
@@ -149,7 +170,9 @@ def _run(
         before, boxes = trials.counts, ask()
         a, b = trials.shares(boxes, trials.draw(rng))
         tell(a, b)
-        history.append(generation(len(history), a, b, settings, float("nan"), trials.counts - before))
+        history.append(
+            generation(len(history), a, b, settings, float("nan"), trials.counts - before)
+        )
         if progress is not None:
             progress(history[-1])
         if len(history) == settings.generations:

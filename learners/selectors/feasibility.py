@@ -4,11 +4,12 @@ have proved.
 P1 over a box is settled without a solve by
 - a *witness*: a point of the problem that lies in the other box and under the other envelope, with room to spare;
 - a *certificate*: multipliers of an earlier solve. Their Lagrangian is affine in the products of the box's bounds and
-  linear in its bounds, so its minimum over the problem and the other box is a dot product and 6N products; where it is
-  positive P1 has no answer;
+  linear in its bounds, so its minimum over the problem and the other box is a dot product and 6N
+  products; where it is positive P1 has no answer;
 - a *range*: the box misses where a limb's p or f can be at all;
 - or for good, where already P̄ has no answer.
-A verdict nearer to the border than BAND is never taken from these, so it is the one that a solve would have given.
+A verdict nearer to the border than BAND is never taken from these, so it is the one that a solve
+would have given.
 """
 
 from __future__ import annotations
@@ -60,7 +61,9 @@ class VerdictCounts:
         return self.witness + self.certificate + self.range + self.trivial
 
     def __sub__(self, other: VerdictCounts) -> VerdictCounts:
-        return VerdictCounts(**{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)})
+        return VerdictCounts(
+            **{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)}
+        )
 
 
 class FeasibilityOracle(Protocol):
@@ -72,8 +75,8 @@ class FeasibilityOracle(Protocol):
         ...
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
-        """
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
+        len(which))."""
         ...
 
 
@@ -85,9 +88,11 @@ class SolvingOracle:
         self.counts = VerdictCounts()
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
-        """
-        margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(len(boxes), -1)
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
+        len(which))."""
+        margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(
+            len(boxes), -1
+        )
         done = self.counts
         unknown = done.unknown + int(np.isnan(margins).sum())
         self.counts = VerdictCounts(solved=done.solved + margins.size, unknown=unknown)
@@ -103,11 +108,17 @@ class SolvingOracle:
 class CachingOracle:
     """Solves P1 only where no witness and no certificate kept of earlier solves settles it.
 
-    witnesses, certificates: how many are kept a problem; the one that has not served for longest gives way.
+    witnesses, certificates: how many are kept a problem; the one that has not served for longest
+    gives way.
     """
 
     def __init__(
-        self, problems: Sequence[Scaled], programs: Programs, *, witnesses: int = 4, certificates: int = 8
+        self,
+        problems: Sequence[Scaled],
+        programs: Programs,
+        *,
+        witnesses: int = 4,
+        certificates: int = 8,
     ) -> None:
         self._problems, self._programs = of_one_size(problems), programs
         size, n = len(problems), problems[0].size[0]
@@ -120,7 +131,10 @@ class CachingOracle:
         self._rows = np.zeros((size, certificates, 4, n, 3, 3))
         self._slope = np.zeros((size, certificates, n, 6))
         self._constant = np.full((size, certificates), -np.inf)  # proves nothing
-        self._used = np.zeros((size, witnesses), dtype=np.int64), np.zeros((size, certificates), dtype=np.int64)
+        self._used = (
+            np.zeros((size, witnesses), dtype=np.int64),
+            np.zeros((size, certificates), dtype=np.int64),
+        )
         self._clock = 0
         self._tally = dict.fromkeys((f.name for f in fields(VerdictCounts)), 0)
 
@@ -156,14 +170,14 @@ class CachingOracle:
         vars(self).update(state, _programs=programs_of_this_thread())
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide whether P1 admits the problems of these numbers, shape (len(boxes), len(which)).
-        """
-        found = np.zeros((len(which), len(boxes)), dtype=bool)
+        """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
+        len(which))."""
+        verdicts = np.zeros((len(which), len(boxes)), dtype=bool)
         bounds = DualBounds.of(boxes)
         for begin in range(0, len(which), CHUNK):
             part = which[begin : begin + CHUNK]
-            found[begin : begin + CHUNK] = self._decide(part, boxes, bounds)
-        return found.T
+            verdicts[begin : begin + CHUNK] = self._decide(part, boxes, bounds)
+        return verdicts.T
 
     def _decide(self, which: Index, boxes: Sequence[Envelope], bounds: DualBounds) -> Bools:
         """Shape (K, P), for K problems and P boxes."""
@@ -174,18 +188,25 @@ class CachingOracle:
         low, high = self._overlap(which, bounds)
         missed = open_ & np.any(low > high, axis=(2, 3))
         self._settle("range", missed, open_)
-        served = witnessed(self._point[which], self._excess[which], self._axes[which], bounds, open_)
+        served = witnessed(
+            self._point[which], self._excess[which], self._axes[which], bounds, open_
+        )
         admits |= self._credit(WITNESS, which, served)
         self._settle("witness", admits, open_)
-        kept = self._rows[which], self._slope[which], self._constant[which]
-        refuted = open_ & self._credit(CERTIFICATE, which, (least(*kept, bounds, low, high) > 0.0) & open_[:, None])
+        stored = self._rows[which], self._slope[which], self._constant[which]
+        refuted = open_ & self._credit(
+            CERTIFICATE, which, (least(*stored, bounds, low, high) > 0.0) & open_[:, None]
+        )
         self._settle("certificate", refuted, open_)
         for row in np.flatnonzero(open_.any(axis=1)):
-            self._work(int(which[row]), _Case(boxes, bounds, low[row], high[row]), open_[row], admits[row])
+            self._work(
+                int(which[row]), _Case(boxes, bounds, low[row], high[row]), open_[row], admits[row]
+            )
         return admits
 
     def _work(self, k: int, case: _Case, open_: Bools, admits: Bools) -> None:
-        """Solve one problem over what is open of its boxes, shape (P,); every solve may settle some of the others."""
+        """Solve one problem over what is open of its boxes, shape (P,); every solve may settle some
+        of the others."""
         while open_.any():
             b = int(np.flatnonzero(open_)[0])
             bound = self._solve(k, case.boxes[b])
@@ -193,7 +214,9 @@ class CachingOracle:
             admits[b] = bound.margin <= FEASIBLE_MARGIN
             self._tally["solved"] += 1
             self._tally["unknown"] += bool(np.isnan(bound.margin))
-            if np.isposinf(bound.margin):  # the multipliers of the envelope rows add up to 0: any box will do
+            if np.isposinf(
+                bound.margin
+            ):  # the multipliers of the envelope rows add up to 0: any box will do
                 self._trivial[k] = True
                 self._settle("trivial", open_.copy(), open_)
             elif not np.isnan(bound.margin):
@@ -209,20 +232,29 @@ class CachingOracle:
         bounds, one = case.bounds.take(rest), (slice(k, k + 1), slice(slot, slot + 1))
         if kind == WITNESS:
             open_ = np.ones((1, len(rest)), dtype=bool)
-            hits = witnessed(self._point[one], self._excess[one], self._axes[k : k + 1], bounds, open_)
+            hits = witnessed(
+                self._point[one], self._excess[one], self._axes[k : k + 1], bounds, open_
+            )
         else:
             low, high = case.low[rest][None], case.high[rest][None]
-            hits = least(self._rows[one], self._slope[one], self._constant[one], bounds, low, high) > 0.0
+            hits = (
+                least(self._rows[one], self._slope[one], self._constant[one], bounds, low, high)
+                > 0.0
+            )
         return np.asarray(hits[0, 0])
 
     def _solve(self, k: int, box: Envelope) -> DualBound:
         problem = self._problems[k]
         program = self._programs.get(McCormick, problem.layout)
-        found = (program.dual_bound(problem, near) for near in _tries(box))
-        return next((bound for bound in found if not np.isnan(bound.margin)), DualBound(margin=float("nan")))
+        bounds = (program.dual_bound(problem, near) for near in _tries(box))
+        return next(
+            (bound for bound in bounds if not np.isnan(bound.margin)),
+            DualBound(margin=float("nan")),
+        )
 
     def _keep(self, k: int, bound: DualBound) -> tuple[int, int]:
-        """Put what a solve proves in the place of what has not served for longest; returns its kind and place."""
+        """Put what a solve proves in the place of what has not served for longest; returns its kind
+        and place."""
         kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else CERTIFICATE
         slot = int(np.argmin(self._used[kind][k]))
         self._used[kind][k, slot] = self._clock
@@ -234,7 +266,8 @@ class CachingOracle:
         return kind, slot
 
     def _credit(self, kind: int, which: Index, hits: Bools) -> Bools:
-        """Note which of the kept proofs, shape (K, C, P), served; return where any did, shape (K, P)."""
+        """Note which of the kept proofs, shape (K, C, P), served; return where any did, shape (K,
+        P)."""
         used = self._used[kind][which]
         used[hits.any(axis=2)] = self._clock
         self._used[kind][which] = used
@@ -251,9 +284,11 @@ class CachingOracle:
 
 
 class SpreadOracle:
-    """A ``CachingOracle`` whose problems are shared out to an executor's workers: the same verdicts and counts.
+    """A ``CachingOracle`` whose problems are shared out to an executor's workers: the same verdicts
+    and counts.
 
-    What is known of a problem travels with it, so neither depends on who is asked about which problem.
+    What is known of a problem travels with it, so neither depends on who is asked about which
+    problem.
     """
 
     def __init__(self, problems: Sequence[Scaled], run: Executor) -> None:
@@ -281,7 +316,17 @@ def _asked(oracle: CachingOracle, boxes: Sequence[Envelope]) -> tuple[Bools, Cac
     return oracle.is_feasible(np.arange(len(oracle)), boxes), oracle
 
 
-_KNOWN = ("_range", "_axes", "_trivial", "_point", "_excess", "_rows", "_slope", "_constant", "_used")
+_KNOWN = (
+    "_range",
+    "_axes",
+    "_trivial",
+    "_point",
+    "_excess",
+    "_rows",
+    "_slope",
+    "_constant",
+    "_used",
+)
 """Arrays of a ``CachingOracle`` by problem, or pairs of such."""
 
 
@@ -290,23 +335,29 @@ def _taken(known: Any, which: Index) -> Any:
 
 
 def _put_back(known: Any, which: Index, learned: Any) -> None:
-    for each, new in zip(known, learned, strict=True) if isinstance(known, tuple) else ((known, learned),):
+    for each, new in (
+        zip(known, learned, strict=True) if isinstance(known, tuple) else ((known, learned),)
+    ):
         each[which] = new
 
 
 def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
-    """The problems. Raises InvalidInput unless there are any, all with as many contacts and vertices a patch, and none
-    with a wrench on its body, of which witnesses and certificates that are kept know nothing."""
+    """The problems. Raises InvalidInput unless there are any, all with as many contacts and
+    vertices a patch, and none with a wrench on its body, of which witnesses and certificates that
+    are kept know nothing."""
     if any(problem.layout.wrench for problem in problems):
         raise InvalidInput("problems: expected bodies that bear their weight alone, got a wrench")
     sizes = sorted({problem.size for problem in problems})
     if len(sizes) != 1:
-        raise InvalidInput(f"problems: expected some, all of one size (contacts, vertices), got sizes {sizes}")
+        raise InvalidInput(
+            f"problems: expected some, all of one size (contacts, vertices), got sizes {sizes}"
+        )
     return problems
 
 
 class _Case(NamedTuple):
-    """The boxes of one question, and where [p, f] of one problem can be in them, shape (P, N, 6)."""
+    """The boxes of one question, and where [p, f] of one problem can be in them, shape (P, N,
+    6)."""
 
     boxes: Sequence[Envelope]
     bounds: DualBounds
@@ -315,6 +366,7 @@ class _Case(NamedTuple):
 
 
 def _tries(box: Envelope) -> Iterator[Envelope]:
-    """The box, and the same to within BAND: a solver that gives up on one in a few thousand takes the next."""
+    """The box, and the same to within BAND: a solver that gives up on one in a few thousand takes
+    the next."""
     yield box
     yield from (box.widened(share * BAND) for share in (0.01, 0.02, 0.04))

@@ -1,11 +1,12 @@
 """Lin et al.'s evolutionary approach (§III-2): envelopes bred for what P1 answers over them.
 
-A chromosome is the pairs (low, high) of one envelope's bounds. Its fitness comes from a, the share of infeasible
-problems that P1 admits, and b, the share of feasible ones that it rejects, both over K problems that are drawn anew
-every generation and are the same for all individuals: a is to be small while b stays below δ. The paper does not say
-how both become one number; here it is 1 − a − ρ max(0, b − δ), to be maximised. (Tried on wall-3, three seeds: letting
-b ≤ δ beat everything else, as Deb's feasibility rule has it, costs 2 points of right answers, since whole
-generations fail it by the luck of the draw.) The result keeps to b ≤ δ over all problems where a finalist does.
+A chromosome is the pairs (low, high) of one envelope's bounds. Its fitness comes from a, the share
+of infeasible problems that P1 admits, and b, the share of feasible ones that it rejects, both over
+K problems that are drawn anew every generation and are the same for all individuals: a is to be
+small while b stays below δ. The paper does not say how both become one number; here it is 1 − a − ρ
+max(0, b − δ), to be maximised. (Tried on wall-3, three seeds: letting b ≤ δ beat everything else,
+as Deb's feasibility rule has it, costs 2 points of right answers, since whole generations fail it
+by the luck of the draw.) The result keeps to b ≤ δ over all problems where a finalist does.
 """
 
 from __future__ import annotations
@@ -41,14 +42,16 @@ OnProgress = Callable[[Generation], None]
 class GeneticSettings:
     """Knobs of the genetic algorithm.
 
-    population, generations: individuals, and how often they are tested. terrains: K, half of them feasible and half
-    infeasible; more make the fitness less a matter of luck. delta: δ, the share of feasible problems that may be lost:
-    smaller makes boxes wider. penalty: ρ, what losing more costs: larger keeps to δ more strictly, and follows chance
-    more. mutation_start, mutation_end: chance that a pair of bounds is mutated when breeding the
-    first and the last generation, falling geometrically. mutation_scale: its standard deviation, in units of the
-    solutions' own in that dimension. elites: best individuals that live on as they are. tournament: rivals for a place
-    as a parent; more press harder. finalists: individuals of the last generation that are tested on all problems; the
-    best of them is the result. seed: of everything that is left to chance. Raises InvalidInput.
+    population, generations: individuals, and how often they are tested. terrains: K, half of them
+    feasible and half infeasible; more make the fitness less a matter of luck. delta: δ, the share
+    of feasible problems that may be lost: smaller makes boxes wider. penalty: ρ, what losing more
+    costs: larger keeps to δ more strictly, and follows chance more. mutation_start, mutation_end:
+    chance that a pair of bounds is mutated when breeding the first and the last generation, falling
+    geometrically. mutation_scale: its standard deviation, in units of the solutions' own in that
+    dimension. elites: best individuals that live on as they are. tournament: rivals for a place as
+    a parent; more press harder. finalists: individuals of the last generation that are tested on
+    all problems; the best of them is the result. seed: of everything that is left to chance. Raises
+    InvalidInput.
     """
 
     population: Annotated[int, Field(ge=2)] = 40
@@ -67,7 +70,9 @@ class GeneticSettings:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.elites >= self.population:
-            raise InvalidInput(f"elites: expected fewer than the population of {self.population}, got {self.elites}")
+            raise InvalidInput(
+                f"elites: expected fewer than the population of {self.population}, got {self.elites}"
+            )
         if not 0.0 < self.mutation_end <= self.mutation_start <= 1.0:
             raise InvalidInput(
                 f"mutation_start, mutation_end: expected 1 >= start >= end > 0, got {self.mutation_start!r} and "
@@ -103,9 +108,12 @@ def fitness(a: Array, b: Array, settings: GeneticSettings) -> Array:
 
 
 class Trials:
-    """The fitness of individuals: a and b over problems drawn anew, or over all. The feasible problems come first."""
+    """The fitness of individuals: a and b over problems drawn anew, or over all. The feasible
+    problems come first."""
 
-    def __init__(self, feasible: int, infeasible: int, oracle: FeasibilityOracle, terrains: int) -> None:
+    def __init__(
+        self, feasible: int, infeasible: int, oracle: FeasibilityOracle, terrains: int
+    ) -> None:
         self.sizes, self._oracle, self._terrains = (feasible, infeasible), oracle, terrains
 
     @classmethod
@@ -116,7 +124,8 @@ class Trials:
         settings: GeneticSettings,
         oracle: FeasibilityOracle | None = None,
     ) -> Trials:
-        """Trials on these problems, with a ``CachingOracle`` where none is given. Raises InvalidInput."""
+        """Trials on these problems, with a ``CachingOracle`` where none is given. Raises
+        InvalidInput."""
         if not feasible or not infeasible:
             raise InvalidInput(
                 f"problems: expected one or more of each label, got {len(feasible)} feasible and "
@@ -128,8 +137,11 @@ class Trials:
     def draw(self, rng: np.random.Generator) -> Index:
         """Numbers of K problems, half of each label, none twice (as far as there are so many)."""
         half = (self._terrains - self._terrains // 2, self._terrains // 2)
-        taken = [rng.choice(n, size=min(k, n), replace=False) for n, k in zip(self.sizes, half, strict=True)]
-        return np.concatenate([np.sort(taken[0]), self.sizes[0] + np.sort(taken[1])])
+        subsets = [
+            rng.choice(n, size=min(k, n), replace=False)
+            for n, k in zip(self.sizes, half, strict=True)
+        ]
+        return np.concatenate([np.sort(subsets[0]), self.sizes[0] + np.sort(subsets[1])])
 
     def all(self) -> Index:
         """Numbers of all problems."""
@@ -137,7 +149,9 @@ class Trials:
 
     def shares(self, population: Array, which: Index) -> tuple[Array, Array]:
         """a and b of boxes, shape (P, 2, N, 6), over these problems; each of shape (P,)."""
-        admitted = self._oracle.is_feasible(which, [Envelope(low=low, high=high) for low, high in population])
+        admitted = self._oracle.is_feasible(
+            which, [Envelope(low=low, high=high) for low, high in population]
+        )
         feasible = which < self.sizes[0]
         return admitted[:, ~feasible].mean(axis=1), (~admitted[:, feasible]).mean(axis=1)
 
@@ -157,19 +171,32 @@ def evolve(
     checkpoint: Path | None = None,
     progress: OnProgress | None = None,
 ) -> GeneticResult:
-    """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale of mutations.
+    """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale
+    of mutations.
 
-    oracle: says what P1 admits, of the feasible problems followed by the infeasible ones; a ``CachingOracle`` if None.
-    checkpoint: file that is written after every generation and gone on from where it is there already: the result is
-    that of a run that was not interrupted, except for ``counts``, which are of the work that was done.
-    progress: is told every generation. Raises InvalidInput, also for the checkpoint of another run.
+    oracle: says what P1 admits, of the feasible problems followed by the infeasible ones; a
+    ``CachingOracle`` if None. checkpoint: file that is written after every generation and gone on
+    from where it is there already: the result is that of a run that was not interrupted, except for
+    ``counts``, which are of the work that was done. progress: is told every generation. Raises
+    InvalidInput, also for the checkpoint of another run.
     """
     trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     rng = np.random.default_rng(settings.seed)
     patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
-    about = {"settings": asdict(settings), "labels": trials.sizes, "points": np.asarray(points), "patches": patches}
-    run = read_checkpoint(checkpoint, about, rng) if checkpoint is not None and checkpoint.exists() else None
-    run = run or GeneticRun(population=first_generation(points, settings.population, rng), history=[])
+    about = {
+        "settings": asdict(settings),
+        "labels": trials.sizes,
+        "points": np.asarray(points),
+        "patches": patches,
+    }
+    run = (
+        read_checkpoint(checkpoint, about, rng)
+        if checkpoint is not None and checkpoint.exists()
+        else None
+    )
+    run = run or GeneticRun(
+        population=first_generation(points, settings.population, rng), history=[]
+    )
     population, history = run.population, list(run.history)
     while len(history) < settings.generations:
         before, number = trials.counts, len(history)
@@ -182,9 +209,13 @@ def evolve(
         if len(history) == settings.generations:
             population = population[order]
         else:
-            population = breed(population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng)
+            population = breed(
+                population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng
+            )
         if checkpoint is not None:
-            write_checkpoint(checkpoint, about, rng, GeneticRun(population=population, history=history))
+            write_checkpoint(
+                checkpoint, about, rng, GeneticRun(population=population, history=history)
+            )
     return finish(population[: settings.finalists], trials, settings, history)
 
 
@@ -207,8 +238,11 @@ def generation(
     )
 
 
-def finish(finalists: Array, trials: Trials, settings: GeneticSettings, history: Sequence[Generation]) -> GeneticResult:
-    """Test the finalists, shape (P, 2, N, 6), on all problems; return the fittest, of those with b ≤ δ if there are."""
+def finish(
+    finalists: Array, trials: Trials, settings: GeneticSettings, history: Sequence[Generation]
+) -> GeneticResult:
+    """Test the finalists, shape (P, 2, N, 6), on all problems; return the fittest, of those with b
+    ≤ δ if there are."""
     a, b = trials.shares(finalists, trials.all())
     order = ranking(a, b, settings)
     best = int(order[np.argmin(b[order] > settings.delta)])
@@ -223,32 +257,43 @@ def finish(finalists: Array, trials: Trials, settings: GeneticSettings, history:
 
 
 def ranking(a: Array, b: Array, settings: GeneticSettings) -> Index:
-    """The individuals from best to worst; of equally fit ones that with the smaller b comes first."""
+    """The individuals from best to worst; of equally fit ones that with the smaller b comes
+    first."""
     return np.lexsort((b, -fitness(a, b, settings)))
 
 
 def first_generation(points: Array, size: int, rng: np.random.Generator) -> Array:
-    """Boxes around solutions: each the exterior of 2 to all of the points, chosen at random, shape (size, 2, N, 6).
+    """Boxes around solutions: each the exterior of 2 to all of the points, chosen at random, shape
+    (size, 2, N, 6).
 
     How many is drawn evenly on a logarithmic scale, so tight and wide boxes come in like numbers.
     """
     if len(points) == 0:
         raise InvalidInput("points: expected one solution or more, got none")
-    counts = np.exp(rng.uniform(np.log(2.0), np.log(max(len(points), 2) + 1.0), size=size)).astype(int)
-    chosen = [points[rng.choice(len(points), size=min(n, len(points)), replace=False)] for n in counts]
+    counts = np.exp(rng.uniform(np.log(2.0), np.log(max(len(points), 2) + 1.0), size=size)).astype(
+        int
+    )
+    chosen = [
+        points[rng.choice(len(points), size=min(n, len(points)), replace=False)] for n in counts
+    ]
     boxes = np.stack([[some.min(axis=0), some.max(axis=0)] for some in chosen])
     return np.asarray(np.clip(boxes, -DOMAIN, DOMAIN))
 
 
-def breed(ranked: Array, spread: Array, rate: float, settings: GeneticSettings, rng: np.random.Generator) -> Array:
+def breed(
+    ranked: Array, spread: Array, rate: float, settings: GeneticSettings, rng: np.random.Generator
+) -> Array:
     """The next generation from one in order of rank, shape (P, 2, N, 6).
 
-    Parents win tournaments; a child takes every pair of bounds whole from one or the other (uniform crossover a pair),
-    and each of its pairs is moved with the chance ``rate``, both ends by a normal step of their own.
+    Parents win tournaments; a child takes every pair of bounds whole from one or the other (uniform
+    crossover a pair), and each of its pairs is moved with the chance ``rate``, both ends by a
+    normal step of their own.
     """
     size = len(ranked)
     children = size - settings.elites
-    parents = rng.integers(size, size=(2, children, settings.tournament)).min(axis=2)  # the best rank of each
+    parents = rng.integers(size, size=(2, children, settings.tournament)).min(
+        axis=2
+    )  # the best rank of each
     mother, father = ranked[parents[0]], ranked[parents[1]]
     from_mother = rng.random((children, 1, *ranked.shape[2:])) < 0.5
     child = np.where(from_mother, mother, father)
@@ -268,8 +313,8 @@ def fit_genetic(
 ) -> EnvelopeSet:
     """Learn one envelope from the data set's problems and S.
 
-    ``progress`` is told generations done and in all. run: the executor of every generation's solves; this process where
-    None. The envelope and its provenance do not depend on it.
+    ``progress`` is told generations done and in all. run: the executor of every generation's
+    solves; this process where None. The envelope and its provenance do not depend on it.
     """
     feasible, infeasible = (
         [Scaled.of(problem) for problem in dataset.select(rows).problems()]
@@ -287,7 +332,13 @@ def fit_genetic(
 
     oracle = SpreadOracle([*feasible, *infeasible], run or processes(1))
     result = evolve(
-        feasible, infeasible, dataset.points, settings, oracle=oracle, checkpoint=checkpoint, progress=on_progress
+        feasible,
+        infeasible,
+        dataset.points,
+        settings,
+        oracle=oracle,
+        checkpoint=checkpoint,
+        progress=on_progress,
     )
     provenance = {
         "method": "ga",
@@ -303,4 +354,6 @@ def fit_genetic(
             "mean": [done.mean for done in result.history],
         },
     }
-    return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), [result.envelope], provenance)
+    return EnvelopeSet.for_problems(
+        dataset.problem_class, list(dataset.problems()), [result.envelope], provenance
+    )

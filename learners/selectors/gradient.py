@@ -1,4 +1,5 @@
-"""Descend the signed margin's exact gradient: the boxes that P1 answers best with, found by P1's own duals."""
+"""Descend the signed margin's exact gradient: the boxes that P1 answers best with, found by P1's
+own duals."""
 
 from __future__ import annotations
 
@@ -26,8 +27,9 @@ from .quantile import quantile_box
 class BoxDescent:
     """Settings of moving boxes down the margin loss.
 
-    steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling to a tenth over the
-    run; softness: margin at which a problem counts half as much as a wrong one far away (non-dimensional).
+    steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling
+    to a tenth over the run; softness: margin at which a problem counts half as much as a wrong one
+    far away (non-dimensional).
     """
 
     steps: PositiveInt = 80
@@ -61,11 +63,12 @@ def descend_together(
     settings: BoxDescent = BoxDescent(),
     progress: Callable[[int, float], None] | None = None,
 ) -> tuple[Envelope, ...]:
-    """Return the boxes after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible problems.
+    """Return the boxes after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible
+    problems.
 
-    t is P1's signed margin over the set, the least over its boxes (a binary each), and σ the logistic function, so the
-    loss is a smooth count of P1's mistakes, both kinds weighing the same: see ``smooth_mistakes``. ``progress`` is told
-    the step and the batch's loss.
+    t is P1's signed margin over the set, the least over its boxes (a binary each), and σ the
+    logistic function, so the loss is a smooth count of P1's mistakes, both kinds weighing the same:
+    see ``smooth_mistakes``. ``progress`` is told the step and the batch's loss.
     """
     bounds = np.stack([start.to_vector() for start in starts])
     first, second = np.zeros_like(bounds), np.zeros_like(bounds)
@@ -73,7 +76,9 @@ def descend_together(
         loss, slope = 0.0, np.zeros_like(bounds)
         envelopes = [Envelope.from_vector(row) for row in bounds]
         for problems, sign in ((feasible, 1.0), (infeasible, -1.0)):
-            chosen = rng.choice(len(problems), size=min(settings.batch, len(problems)), replace=False)
+            chosen = rng.choice(
+                len(problems), size=min(settings.batch, len(problems)), replace=False
+            )
             value, gradient = smooth_mistakes(
                 envelopes, [problems[i] for i in chosen], sign, programs, softness=settings.softness
             )
@@ -89,13 +94,18 @@ def descend_together(
 
 
 def smooth_mistakes(
-    envelopes: Sequence[Envelope], problems: Sequence[Scaled], sign: float, programs: Programs, *, softness: float
+    envelopes: Sequence[Envelope],
+    problems: Sequence[Scaled],
+    sign: float,
+    programs: Programs,
+    *,
+    softness: float,
 ) -> tuple[float, Array]:
     """Mean σ(sign · t / τ) over the problems and its gradient in the bounds, shape (K, 12N).
 
-    sign: 1 where the problems are feasible, −1 where not. t is the soft least of the boxes' margins t_k,
-    −τ log mean exp(−t_k/τ): with one box its margin, with several each box learns from the problems that are its own.
-    Boxes without a margin are left out; so are problems without any.
+    sign: 1 where the problems are feasible, −1 where not. t is the soft least of the boxes' margins
+    t_k, −τ log mean exp(−t_k/τ): with one box its margin, with several each box learns from the
+    problems that are its own. Boxes without a margin are left out; so are problems without any.
     """
     total, slope = 0.0, np.zeros((len(envelopes), 2 * envelopes[0].low.size))
     for problem in problems:
@@ -124,7 +134,12 @@ def soft_least(values: Array, softness: float) -> tuple[float, Array]:
 
 def margins(problems: Sequence[Scaled], envelope: Envelope, programs: Programs) -> Array:
     """P1's signed margin for every problem, shape (len(problems),)."""
-    return np.array([programs.get(McCormick, problem.layout).solve(problem, envelope).margin for problem in problems])
+    return np.array(
+        [
+            programs.get(McCormick, problem.layout).solve(problem, envelope).margin
+            for problem in problems
+        ]
+    )
 
 
 def fit_gradient(
@@ -139,8 +154,8 @@ def fit_gradient(
 ) -> EnvelopeSet:
     """Learn a set of boxes together, from the quantile boxes of as many Gaussian clusters of S.
 
-    share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is told steps done and
-    steps in all. Raises InvalidInput where the data set has too few rows of a label.
+    share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is told
+    steps done and steps in all. Raises InvalidInput where the data set has too few rows of a label.
     """
     settings = BoxDescent(steps=steps, batch=batch)
     checked_int(boxes, "boxes", least=1)
@@ -158,10 +173,15 @@ def fit_gradient(
         if progress is not None:
             progress(step + 1, steps)
 
-    found = descend_together(
-        clustered_boxes(dataset.points, boxes, share=share, seed=seed), feasible, infeasible,
-        Programs(), np.random.default_rng(seed), settings, on_progress,
-    )  # fmt: skip
+    envelopes = descend_together(
+        clustered_boxes(dataset.points, boxes, share=share, seed=seed),
+        feasible,
+        infeasible,
+        Programs(),
+        np.random.default_rng(seed),
+        settings,
+        on_progress,
+    )
     provenance = {
         "method": "gradient",
         "settings": asdict(settings) | {"boxes": boxes, "share": share, "seed": seed},
@@ -169,21 +189,28 @@ def fit_gradient(
         **dataset.origin,
         "notes": {"losses": losses},
     }
-    return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)
+    return EnvelopeSet.for_problems(
+        dataset.problem_class, list(dataset.problems()), envelopes, provenance
+    )
 
 
 def clustered_boxes(points: Array, boxes: int, *, share: float, seed: int) -> tuple[Envelope, ...]:
-    """The quantile boxes of Gaussian clusters of S, the largest first; an empty cluster starts as all of S.
+    """The quantile boxes of Gaussian clusters of S, the largest first; an empty cluster starts as
+    all of S.
 
     points: shape (K, N, 6).
     """
     if boxes == 1:
         return (quantile_box(points, share=share),)
     flat = points.reshape(len(points), -1)
-    mixture = GaussianMixture(boxes, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(flat)
+    mixture = GaussianMixture(boxes, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(
+        flat
+    )
     labels = mixture.predict(flat)
     members = sorted((np.flatnonzero(labels == k) for k in range(boxes)), key=len, reverse=True)
-    return tuple(quantile_box(points[rows] if len(rows) else points, share=share) for rows in members)
+    return tuple(
+        quantile_box(points[rows] if len(rows) else points, share=share) for rows in members
+    )
 
 
 def _in_domain(bounds: NDArray[np.float64]) -> Array:

@@ -1,7 +1,9 @@
-"""P1's signed margin in torch: a batch of scenes and boxes in, a margin each out, and the exact gradient back.
+"""P1's signed margin in torch: a batch of scenes and boxes in, a margin each out, and the exact
+gradient back.
 
-By the envelope theorem the derivative of the optimal margin in a bound of the box is that of P1's Lagrangian, which
-P1's multipliers give without another solve. What trains through it learns boxes that P1 answers right with.
+By the envelope theorem the derivative of the optimal margin in a bound of the box is that of P1's
+Lagrangian, which P1's multipliers give without another solve. What trains through it learns boxes
+that P1 answers right with.
 """
 
 from __future__ import annotations
@@ -27,7 +29,12 @@ class Margin(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: str
+        ctx: Any,
+        low: Tensor,
+        high: Tensor,
+        problems: Sequence[Scaled],
+        programs: Programs,
+        relaxation: str,
     ) -> Tensor:
         """Solve P1 once a scene."""
         lows, highs = as_arrays(low, high)
@@ -55,16 +62,19 @@ def margins(
     programs: Programs | None = None,
     relaxation: str = "p1",
 ) -> Tensor:
-    """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and by how much.
+    """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and
+    by how much.
 
-    low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high. problems: B of them, with N contacts.
-    programs: compiled models, which a loop keeps from call to call; new ones where None. relaxation: which P1, "p1" or
-    "joint". Returns shape (B,), in the precision of ``low``; where P1 has no margin, P̄ having no answer, it is 0 and
-    nothing flows back. Raises InvalidInput for boxes of other shapes, not finite or reversed. Differentiable once, on
-    the processor.
+    low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high. problems: B of them,
+    with N contacts. programs: compiled models, which a loop keeps from call to call; new ones where
+    None. relaxation: which P1, "p1" or "joint". Returns shape (B,), in the precision of ``low``;
+    where P1 has no margin, P̄ having no answer, it is 0 and nothing flows back. Raises InvalidInput
+    for boxes of other shapes, not finite or reversed. Differentiable once, on the processor.
     """
     wanted = (len(problems), problems[0].size[0], 6) if problems else (0,)
     if tuple(low.shape) != wanted or tuple(high.shape) != wanted:
-        raise InvalidInput(f"low, high: expected shape {wanted}, got {tuple(low.shape)} and {tuple(high.shape)}")
-    found: Tensor = Margin.apply(low, high, problems, programs or Programs(), relaxation)  # type: ignore[no-untyped-call]
-    return found
+        raise InvalidInput(
+            f"low, high: expected shape {wanted}, got {tuple(low.shape)} and {tuple(high.shape)}"
+        )
+    margins_of_boxes: Tensor = Margin.apply(low, high, problems, programs or Programs(), relaxation)  # type: ignore[no-untyped-call]
+    return margins_of_boxes

@@ -1,4 +1,5 @@
-"""Algorithm E2 (EnvelopeFitting): envelopes around the clusters of a mixture, as printed and improved."""
+"""Algorithm E2 (EnvelopeFitting): envelopes around the clusters of a mixture, as printed and
+improved."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ DOMAIN = 1.0
 class MixtureFit:
     """Result of one run of Algorithm E2.
 
-    kept: share of S in each envelope. gaps: what was left of each Boundary_fit program's gap at its time limit.
+    kept: share of S in each envelope. gaps: what was left of each Boundary_fit program's gap at its
+    time limit.
     """
 
     envelopes: tuple[Envelope, ...]
@@ -42,12 +44,13 @@ def fit_as_printed(
     seed: int = 0,
     time_limit_s: float = 12.0,
 ) -> MixtureFit:
-    """Algorithm E2, line by line. points: S, shape (K, N, 6); excluded: S̄, shape (J, N, 6); threshold: p_th.
+    """Algorithm E2, line by line. points: S, shape (K, N, 6); excluded: S̄, shape (J, N, 6);
+    threshold: p_th.
 
-    Line 3: cluster means of a mixture. Line 4: Boundary_fit, the largest box around a mean without points of S̄
-    (``boundary.largest_box``, stopped at the time limit). Line 5: the points of S in it. Line 6: those that belong to
-    the cluster with a probability above p_th (``membership``). Line 7: their exterior boundary; where lines 5 and 6
-    leave no point, the fitted box itself.
+    Line 3: cluster means of a mixture. Line 4: Boundary_fit, the largest box around a mean without
+    points of S̄ (``boundary.largest_box``, stopped at the time limit). Line 5: the points of S in
+    it. Line 6: those that belong to the cluster with a probability above p_th (``membership``).
+    Line 7: their exterior boundary; where lines 5 and 6 leave no point, the fitted box itself.
     """
     flat, bad = points.reshape(len(points), -1), excluded.reshape(len(excluded), -1)
     mixture = _mixture(flat, clusters, seed)
@@ -76,10 +79,10 @@ def fit_improved(
 ) -> MixtureFit:
     """Algorithm E2 with Boundary_fit asking what P1 answers instead of which points lie in the box.
 
-    A point of P̄ outside the box does not keep P1 from finding another one inside, and the width of a box says nothing
-    of the solutions it keeps. So each cluster starts from the quantile box of its own members, and ``boundary_fit``
-    moves the bounds by P1's margins over the training problems (``gradient.descend``); it is given the box and the
-    members' indices in S.
+    A point of P̄ outside the box does not keep P1 from finding another one inside, and the width of
+    a box says nothing of the solutions it keeps. So each cluster starts from the quantile box of
+    its own members, and ``boundary_fit`` moves the bounds by P1's margins over the training
+    problems (``gradient.descend``); it is given the box and the members' indices in S.
     """
     flat = points.reshape(len(points), -1)
     mixture = _mixture(flat, clusters, seed)
@@ -95,8 +98,9 @@ def fit_improved(
 def membership(mixture: GaussianMixture, points: Array) -> Array:
     """Probability that a point belongs to each component, shape (K, clusters).
 
-    With one component the posterior is 1 everywhere and would filter nothing, so it is weighted with the chance that a
-    member of the component lies at least as far from its mean (Mahalanobis distance, χ² with D degrees of freedom).
+    With one component the posterior is 1 everywhere and would filter nothing, so it is weighted
+    with the chance that a member of the component lies at least as far from its mean (Mahalanobis
+    distance, χ² with D degrees of freedom).
     """
     tails = []
     for mean, root in zip(mixture.means_, mixture.precisions_cholesky_, strict=True):
@@ -106,8 +110,12 @@ def membership(mixture: GaussianMixture, points: Array) -> Array:
 
 def _mixture(flat: Array, clusters: int, seed: int) -> GaussianMixture:
     if clusters > len(flat):
-        raise InvalidInput(f"clusters: expected at most {len(flat)}, one a solution, got {clusters}")
-    return GaussianMixture(clusters, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(flat)
+        raise InvalidInput(
+            f"clusters: expected at most {len(flat)}, one a solution, got {clusters}"
+        )
+    return GaussianMixture(clusters, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(
+        flat
+    )
 
 
 def _kept(envelopes: list[Envelope], points: Array) -> tuple[float, ...]:

@@ -1,4 +1,5 @@
-"""Envelopes for mode switching (Lin et al. §IV-A, end): a box a terrain over [p, f], the forces in world axes."""
+"""Envelopes for mode switching (Lin et al. §IV-A, end): a box a terrain over [p, f], the forces in
+world axes."""
 
 from __future__ import annotations
 
@@ -32,12 +33,13 @@ def learn_modes(
     share: float = 0.0,
     programs: Programs | None = None,
 ) -> Modes:
-    """Draw postures of each distribution, solve them exactly, and put the quantile box around their solutions.
+    """Draw postures of each distribution, solve them exactly, and put the quantile box around their
+    solutions.
 
-    count: solutions of each. share: of them left out on each side of each dimension; with none it is the exterior
-    boundary of Algorithm E2. The modes are named after the terrains and counted in the order given, which for ground
-    and wall is that of ``Problem.modes``.
-    Raises InvalidInput for a count below 1.
+    count: solutions of each. share: of them left out on each side of each dimension; with none it
+    is the exterior boundary of Algorithm E2. The modes are named after the terrains and counted in
+    the order given, which for ground and wall is that of ``Problem.modes``. Raises InvalidInput for
+    a count below 1.
     """
     checked_int(count, "count", least=1)
     planner = ExactPlanner(programs=programs or Programs())
@@ -50,11 +52,12 @@ def learn_modes(
 
 
 def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
-    """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in world axes.
+    """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in
+    world axes.
 
-    share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or after these where
-    they do not say theirs. Raises InvalidInput for fewer than two data sets, for different limbs, and for one without
-    feasible rows.
+    share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or
+    after these where they do not say theirs. Raises InvalidInput for fewer than two data sets, for
+    different limbs, and for one without feasible rows.
     """
     if len(datasets) < 2:
         raise InvalidInput(f"data sets: expected two or more, one a mode, got {len(datasets)}")
@@ -62,7 +65,9 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     for rows in datasets:
         name, legs, first = rows.problem_class, rows.header.legs, datasets[0].header.legs
         if legs != first:
-            raise InvalidInput(f"data sets: expected all on {', '.join(first)}, got {name} on {', '.join(legs)}")
+            raise InvalidInput(
+                f"data sets: expected all on {', '.join(first)}, got {name} on {', '.join(legs)}"
+            )
         problems = list(rows.select(rows.feasible).problems())
         if not problems:
             raise InvalidInput(f"data sets: expected feasible rows of {name}, got none")
@@ -70,14 +75,18 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
         terrain = MODES[law[1]] if law else getattr(distribution(name), "terrain", name)
         if terrain in samples:
             raise InvalidInput(f"data sets: expected one a terrain, got two of {terrain}")
-        samples[terrain] = problems, [quantile_box(world_points(problems, rows.points), share=share)]
+        samples[terrain] = (
+            problems,
+            [quantile_box(world_points(problems, rows.points), share=share)],
+        )
     return Modes.around(samples)
 
 
 def solved_postures(
     name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
 ) -> tuple[list[Problem], Array]:
-    """Feasible problems of a distribution as they come, and the point [p, f] of a witness each, shape (K, N, 6)."""
+    """Feasible problems of a distribution as they come, and the point [p, f] of a witness each,
+    shape (K, N, 6)."""
     source = distribution(name)
     problems, points = list[Problem](), list[Array]()
     while len(points) < count:

@@ -1,7 +1,7 @@
 """The network of the neural selectors: a scene's contacts in, a box for each contact out.
 
-Equivariant to the order of the contacts (self-attention over one token a contact, no positions) and invariant to the
-order of a patch's corners (a mean over them), so neither has to be learned.
+Equivariant to the order of the contacts (self-attention over one token a contact, no positions) and
+invariant to the order of a patch's corners (a mean over them), so neither has to be learned.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from stancekit.planners.files.validation import check_fields
 CORNERS = 3
 """Corners of a patch in the environment's observation."""
 TOKEN = 27
-"""Numbers a contact besides the corners: the patch's middle, also from the shoulder, its second moments (6), the frame
-(9), the shoulder, friction, reach, and the vertical force that a unit normal force allows."""
+"""Numbers a contact besides the corners: the patch's middle, also from the shoulder, its second
+moments (6), the frame (9), the shoulder, friction, reach, and the vertical force that a unit normal
+force allows."""
 
 Boxes: TypeAlias = tuple[Tensor, Tensor, Tensor]
 """(low, high, point), each of shape (B, N, 6); low ≤ point ≤ high."""
@@ -37,7 +38,8 @@ Boxes: TypeAlias = tuple[Tensor, Tensor, Tensor]
 class Architecture:
     """Size of a network.
 
-    width: numbers a token; layers: rounds of attention; heads: of each; corner_width: of the patch's pooled features.
+    width: numbers a token; layers: rounds of attention; heads: of each; corner_width: of the
+    patch's pooled features.
     """
 
     width: PositiveInt = 96
@@ -48,15 +50,17 @@ class Architecture:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.width % self.heads:
-            raise InvalidInput(f"width: expected a multiple of {self.heads} heads, got {self.width}")
+            raise InvalidInput(
+                f"width: expected a multiple of {self.heads} heads, got {self.width}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneTensors:
     """A batch of B scenes of N contacts as the environment observes them, non-dimensional, float32.
 
-    vertices: (B, N, 3, 3), corner by row; frames: (B, N, 3, 3), columns n, y, z; friction, reach: (B, N);
-    shoulders: (B, N, 3).
+    vertices: (B, N, 3, 3), corner by row; frames: (B, N, 3, 3), columns n, y, z; friction, reach:
+    (B, N); shoulders: (B, N, 3).
     """
 
     vertices: Tensor
@@ -67,15 +71,21 @@ class SceneTensors:
 
     @classmethod
     def of_observation(cls, observation: Observation, contacts: int) -> SceneTensors:
-        """Read one flat observation, or a batch. Raises InvalidInput where sizes are not those of N contacts."""
+        """Read one flat observation, or a batch. Raises InvalidInput where sizes are not those of N
+        contacts."""
         shapes = {
-            "vertices": (contacts, CORNERS, 3), "frames": (contacts, 3, 3), "friction": (contacts,),
-            "shoulders": (contacts, 3), "reach": (contacts,),
-        }  # fmt: skip
+            "vertices": (contacts, CORNERS, 3),
+            "frames": (contacts, 3, 3),
+            "friction": (contacts,),
+            "shoulders": (contacts, 3),
+            "reach": (contacts,),
+        }
         tensors = {}
         for name, shape in shapes.items():
             if name not in observation:
-                raise InvalidInput(f"observation: expected the key {name!r}, got {sorted(observation)}")
+                raise InvalidInput(
+                    f"observation: expected the key {name!r}, got {sorted(observation)}"
+                )
             values = np.asarray(observation[name], dtype=np.float32)
             size = int(np.prod(shape))
             if values.ndim not in (1, 2) or values.shape[-1] != size:
@@ -88,7 +98,8 @@ class SceneTensors:
 
     @classmethod
     def of_problems(cls, problems: Sequence[Scaled]) -> SceneTensors:
-        """The observations of these problems, which have the same number of contacts, on triangles."""
+        """The observations of these problems, which have the same number of contacts, on
+        triangles."""
         seen = [observe(problem) for problem in problems]
         stacked = {name: np.stack([one[name] for one in seen]) for name in seen[0]}
         return cls.of_observation(stacked, problems[0].size[0])
@@ -98,25 +109,30 @@ class SceneTensors:
 
     def __getitem__(self, rows: Tensor) -> SceneTensors:
         return SceneTensors(
-            vertices=self.vertices[rows], frames=self.frames[rows], friction=self.friction[rows],
-            shoulders=self.shoulders[rows], reach=self.reach[rows],
-        )  # fmt: skip
+            vertices=self.vertices[rows],
+            frames=self.frames[rows],
+            friction=self.friction[rows],
+            shoulders=self.shoulders[rows],
+            reach=self.reach[rows],
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mirror:
-    """The reflection x → −x, front to rear: an exact symmetry of a class whose limbs lie symmetric about the middle.
+    """The reflection x → −x, front to rear: an exact symmetry of a class whose limbs lie symmetric
+    about the middle.
 
-    It keeps gravity, reach and cones. A contact frame (n, y, z) becomes (M n, −s M y, s M z), right-handed again, the
-    sign s keeping z on the side of the class's shear reference. Tokens need no relabelling: the limb is known by its
-    shoulder. flips: signs of [p, f], shape (N, 6).
+    It keeps gravity, reach and cones. A contact frame (n, y, z) becomes (M n, −s M y, s M z),
+    right-handed again, the sign s keeping z on the side of the class's shear reference. Tokens need
+    no relabelling: the limb is known by its shoulder. flips: signs of [p, f], shape (N, 6).
     """
 
     flips: Tensor
 
     @classmethod
     def of(cls, scenes: SceneTensors) -> Mirror | None:
-        """The symmetry where the class has it, else None: the mirrored limbs must be the same set of limbs."""
+        """The symmetry where the class has it, else None: the mirrored limbs must be the same set
+        of limbs."""
         limbs = torch.cat([scenes.shoulders[0], scenes.reach[0][:, None]], dim=1)
         mirrored = limbs * torch.tensor([-1.0, 1.0, 1.0, 1.0])
         apart = (mirrored[:, None] - limbs[None]).abs().amax(dim=-1)
@@ -149,7 +165,11 @@ class Mirror:
         """Boxes mirrored with their scenes: a side changes places with its opposite."""
         low, high, point = boxes
         first, second = self.points(low, flipped), self.points(high, flipped)
-        return torch.minimum(first, second), torch.maximum(first, second), self.points(point, flipped)
+        return (
+            torch.minimum(first, second),
+            torch.maximum(first, second),
+            self.points(point, flipped),
+        )
 
 
 class Encoder(nn.Module):
@@ -162,8 +182,12 @@ class Encoder(nn.Module):
         super().__init__()
         width, corner = architecture.width, architecture.corner_width
         self.corners = nn.Sequential(nn.Linear(6, corner), nn.SiLU(), nn.Linear(corner, corner))
-        self.embed = nn.Sequential(nn.Linear(TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width))
-        self.blocks = nn.ModuleList(AttentionBlock(width, architecture.heads) for _ in range(architecture.layers))
+        self.embed = nn.Sequential(
+            nn.Linear(TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width)
+        )
+        self.blocks = nn.ModuleList(
+            AttentionBlock(width, architecture.heads) for _ in range(architecture.layers)
+        )
         self.register_buffer("token_mean", torch.zeros(TOKEN))
         self.register_buffer("token_scale", torch.ones(TOKEN))
 
@@ -188,9 +212,9 @@ class Encoder(nn.Module):
 class BoxNetwork(nn.Module):
     """Scenes to boxes: a head a contact gives a point and a width to either side of it.
 
-    The point's p starts at the patch's middle relative to the nominal centre of mass; widths are positive, so that
-    low ≤ high holds for whatever weights. Boxes stay in the domain [−1, 1]. ``of_data`` sets the scales of inputs and
-    outputs.
+    The point's p starts at the patch's middle relative to the nominal centre of mass; widths are
+    positive, so that low ≤ high holds for whatever weights. Boxes stay in the domain [−1, 1].
+    ``of_data`` sets the scales of inputs and outputs.
     """
 
     scale: Tensor
@@ -201,13 +225,18 @@ class BoxNetwork(nn.Module):
         self.architecture = architecture
         width = architecture.width
         self.encoder = Encoder(architecture)
-        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 18))
+        self.head = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 18)
+        )
         self.register_buffer("scale", torch.ones(6))
         self.register_buffer("offset", torch.zeros(6))
 
     @classmethod
-    def of_data(cls, architecture: Architecture, scenes: SceneTensors, points: Tensor) -> BoxNetwork:
-        """A new network for scenes and solutions like these; weights come from torch's generator."""
+    def of_data(
+        cls, architecture: Architecture, scenes: SceneTensors, points: Tensor
+    ) -> BoxNetwork:
+        """A new network for scenes and solutions like these; weights come from torch's
+        generator."""
         network = cls(architecture)
         network.encoder.fit_scales(scenes)
         rest = points - _nominal(scenes)
@@ -219,19 +248,29 @@ class BoxNetwork(nn.Module):
         """A box and a point in it for every contact."""
         raw = self.head(self.encoder(scenes))
         point = _nominal(scenes) + self.offset + self.scale * raw[..., :6]
-        below, above = self.scale * functional.softplus(raw[..., 6:12]), self.scale * functional.softplus(raw[..., 12:])
-        return (point - below).clamp(-1.0, 1.0), (point + above).clamp(-1.0, 1.0), point.clamp(-1.0, 1.0)
+        below, above = (
+            self.scale * functional.softplus(raw[..., 6:12]),
+            self.scale * functional.softplus(raw[..., 12:]),
+        )
+        return (
+            (point - below).clamp(-1.0, 1.0),
+            (point + above).clamp(-1.0, 1.0),
+            point.clamp(-1.0, 1.0),
+        )
 
 
 class ChoiceNetwork(nn.Module):
-    """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape (B, K)."""
+    """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape
+    (B, K)."""
 
     def __init__(self, architecture: Architecture, options: int) -> None:
         super().__init__()
         self.architecture = architecture
         width = architecture.width
         self.encoder = Encoder(architecture)
-        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options))
+        self.head = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options)
+        )
 
     def forward(self, scenes: SceneTensors) -> Tensor:
         """Logits."""
@@ -254,14 +293,23 @@ class AttentionBlock(nn.Module):
     def forward(self, hidden: Tensor) -> Tensor:
         """Tokens, shape (B, N, width), to tokens."""
         batch, count, width = hidden.shape
-        split = self.mixed(self.before(hidden)).reshape(batch, count, 3, self.heads, -1).permute(2, 0, 3, 1, 4)
-        weights = torch.softmax(split[0] @ split[1].transpose(-1, -2) / split[0].shape[-1] ** 0.5, dim=-1)
-        hidden = hidden + self.out((weights @ split[2]).transpose(1, 2).reshape(batch, count, width))
+        split = (
+            self.mixed(self.before(hidden))
+            .reshape(batch, count, 3, self.heads, -1)
+            .permute(2, 0, 3, 1, 4)
+        )
+        weights = torch.softmax(
+            split[0] @ split[1].transpose(-1, -2) / split[0].shape[-1] ** 0.5, dim=-1
+        )
+        hidden = hidden + self.out(
+            (weights @ split[2]).transpose(1, 2).reshape(batch, count, width)
+        )
         return torch.as_tensor(hidden + self.thought(hidden))
 
 
 def pinball(low: Tensor, high: Tensor, points: Tensor, share: float) -> Tensor:
-    """Quantile loss of the sides for the shares ``share`` and 1 − ``share`` of the solutions, a number a scene.
+    """Quantile loss of the sides for the shares ``share`` and 1 − ``share`` of the solutions, a
+    number a scene.
 
     low, high, points: shape (B, N, 6).
     """
@@ -277,7 +325,8 @@ def as_arrays(*tensors: Tensor) -> tuple[Array, ...]:
 
 
 def _nominal(scenes: SceneTensors) -> Tensor:
-    """[p, 0] with the toes in the middle of their patches and the body in its nominal place, shape (B, N, 6)."""
+    """[p, 0] with the toes in the middle of their patches and the body in its nominal place, shape
+    (B, N, 6)."""
     middle = scenes.vertices.mean(dim=2)
     return torch.cat([middle, torch.zeros_like(middle)], dim=-1)
 
@@ -291,7 +340,13 @@ def _tokens(scenes: SceneTensors) -> Tensor:
     friction = scenes.friction[..., None]
     vertical = scenes.frames[..., 2, 0][..., None] + friction * scenes.frames[..., 2, 2][..., None]
     parts = [
-        middle, middle - scenes.shoulders, moments[..., row, column], scenes.frames.flatten(2), scenes.shoulders,
-        friction, scenes.reach[..., None], vertical,
-    ]  # fmt: skip
+        middle,
+        middle - scenes.shoulders,
+        moments[..., row, column],
+        scenes.frames.flatten(2),
+        scenes.shoulders,
+        friction,
+        scenes.reach[..., None],
+        vertical,
+    ]
     return torch.cat(parts, dim=-1)

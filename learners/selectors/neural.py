@@ -1,4 +1,5 @@
-"""Neural selectors: the terrain's own box for every contact, learned from solutions and through P1's margins."""
+"""Neural selectors: the terrain's own box for every contact, learned from solutions and through
+P1's margins."""
 
 from __future__ import annotations
 
@@ -36,8 +37,9 @@ STEP, STEPS = 0.004, 8
 class NeuralSelector(MemorylessPolicy):
     """A trained network with its calibration, for one class of problems.
 
-    room: how far every side of the network's boxes is moved out, non-dimensional. relaxation: the P1 that its boxes are
-    for; for "joint" an action has a point in every box, too. provenance: how it was learned.
+    room: how far every side of the network's boxes is moved out, non-dimensional. relaxation: the
+    P1 that its boxes are for; for "joint" an action has a point in every box, too. provenance: how
+    it was learned.
     """
 
     name = "neural"
@@ -64,7 +66,8 @@ class NeuralSelector(MemorylessPolicy):
         self.provenance = dict(provenance or {})
 
     def action(self, observation: Observation) -> NDArray[Any]:
-        """The box's bounds, shape (12N,), or (B, 12N) for a batch; for "joint" the point as well, 18N in all.
+        """The box's bounds, shape (12N,), or (B, 12N) for a batch; for "joint" the point as well,
+        18N in all.
 
         Raises InvalidInput for another N.
         """
@@ -80,7 +83,8 @@ class NeuralSelector(MemorylessPolicy):
         return self._boxes(SceneTensors.of_problems(problems))[0]
 
     def save(self, path: str | Path, *, half: bool = False) -> None:
-        """Write the selector as one safetensors file. half: with its weights rounded to half precision."""
+        """Write the selector as one safetensors file. half: with its weights rounded to half
+        precision."""
         header = {
             "problem_class": self.problem_class,
             "legs": list(self.legs),
@@ -95,26 +99,40 @@ class NeuralSelector(MemorylessPolicy):
 
     @classmethod
     def load(
-        cls, path: str | Path, *, problem_class: str | None = None, legs: Sequence[str] | None = None
+        cls,
+        path: str | Path,
+        *,
+        problem_class: str | None = None,
+        legs: Sequence[str] | None = None,
     ) -> NeuralSelector:
-        """Read a selector. Raises InvalidInput for a file that is damaged or foreign, or made for other problems.
+        """Read a selector. Raises InvalidInput for a file that is damaged or foreign, or made for
+        other problems.
 
         problem_class, legs: what it must have been learned for, where given.
         """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         if problem_class is not None and raw.problem_class != problem_class:
-            raise InvalidInput(f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}")
+            raise InvalidInput(
+                f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}"
+            )
         if legs is not None and raw.legs != list(legs):
-            raise InvalidInput(f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}")
+            raise InvalidInput(
+                f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}"
+            )
         with torch.device("meta"):
             network = BoxNetwork(raw.architecture.architecture(path))
         load_weights(network, tensors, path)
         return cls(
-            network, problem_class=raw.problem_class, legs=raw.legs, force_scale_n=raw.force_scale_n,
-            length_scale_m=raw.length_scale_m, room=raw.calibration.room, relaxation=raw.relaxation,
+            network,
+            problem_class=raw.problem_class,
+            legs=raw.legs,
+            force_scale_n=raw.force_scale_n,
+            length_scale_m=raw.length_scale_m,
+            room=raw.calibration.room,
+            relaxation=raw.relaxation,
             provenance=raw.provenance,
-        )  # fmt: skip
+        )
 
     def _boxes(self, scenes: SceneTensors) -> tuple[list[Envelope], Array]:
         with torch.no_grad():
@@ -132,15 +150,18 @@ def fit_neural(
 ) -> NeuralSelector:
     """Train and calibrate a selector on a data set; see ``NeuralSettings``. Uses one torch thread.
 
-    calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use test rows. checkpoint:
-    file to go on from when training was stopped. Raises InvalidInput where rows of a label are missing.
+    calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use test
+    rows. checkpoint: file to go on from when training was stopped. Raises InvalidInput where rows
+    of a label are missing.
     """
     torch.set_num_threads(1)
     train = dataset
     if calibration is None:
         train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))
     elif calibration.problem_class != dataset.problem_class:
-        raise InvalidInput(f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}")
+        raise InvalidInput(
+            f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}"
+        )
     feasible = TrainingRows.of(train, "feasible")
     infeasible = TrainingRows.of(train, "infeasible") if settings.margin_epochs else None
     programs = Programs()
@@ -150,7 +171,13 @@ def fit_neural(
     held = TrainingRows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
     if settings.relaxation != "p1" and len(calibration.infeasible):
-        room = roomiest(network, (held, TrainingRows.of(calibration, "infeasible")), programs, settings, least=room)
+        room = roomiest(
+            network,
+            (held, TrainingRows.of(calibration, "infeasible")),
+            programs,
+            settings,
+            least=room,
+        )
     first = feasible.problems[0]
     return NeuralSelector(
         network,
@@ -184,15 +211,18 @@ def calibrated_room(
     """Distance by which every side moves out (in, where negative) so that P1 admits the target's
     share of these problems.
 
-    P1 is monotone in the box, so each bisection step solves only the problems that are not settled yet. Returns the
-    smallest room found to reach the target, or ``most``.
+    P1 is monotone in the box, so each bisection step solves only the problems that are not settled
+    yet. Returns the smallest room found to reach the target, or ``most``.
     """
     with torch.no_grad():
         lows, highs, _ = as_arrays(*network(rows.scenes))
 
     def admits(index: int, room: float) -> bool:
         problem, box = rows.problems[index], roomy(lows[index], highs[index], room)
-        return RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin <= FEASIBLE_MARGIN
+        return (
+            RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin
+            <= FEASIBLE_MARGIN
+        )
 
     open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(settings.target * len(rows))
     for _ in range(14):
@@ -217,8 +247,8 @@ def roomiest(
     """Room, from ``least`` on in steps of STEP, with which P1 makes the fewest mistakes on these
     rows.
 
-    rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times. P1 is monotone in the
-    box: what it admits once it admits with more room, too.
+    rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times. P1 is
+    monotone in the box: what it admits once it admits with more room, too.
     """
     with torch.no_grad():
         sides = [as_arrays(*network(each.scenes)) for each in rows]
@@ -227,23 +257,30 @@ def roomiest(
     def admits(label: int, index: int, room: float) -> bool:
         problem, (low, high, _) = rows[label].problems[index], sides[label]
         box = roomy(low[index], high[index], room)
-        return RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin <= FEASIBLE_MARGIN
+        return (
+            RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin
+            <= FEASIBLE_MARGIN
+        )
 
     def cost(room: float) -> float:
         for label, open_rows in enumerate(left_out):
             left_out[label] = [index for index in open_rows if not admits(label, index, room)]
-        lost, refused = (len(open_rows) / len(each) for open_rows, each in zip(left_out, rows, strict=True))
+        lost, refused = (
+            len(open_rows) / len(each) for open_rows, each in zip(left_out, rows, strict=True)
+        )
         return settings.caution * lost + 1.0 - refused
 
-    found = {room: cost(room) for room in (least + STEP * np.arange(STEPS + 1)).tolist()}
-    return float(min(found, key=lambda room: (found[room], room)))
+    costs = {room: cost(room) for room in (least + STEP * np.arange(STEPS + 1)).tolist()}
+    return float(min(costs, key=lambda room: (costs[room], room)))
 
 
 def roomy(low: Array, high: Array, room: float) -> Envelope:
-    """The box with every side moved by ``room``, no further in than its middle, and within the domain [−1, 1]."""
+    """The box with every side moved by ``room``, no further in than its middle, and within the
+    domain [−1, 1]."""
     middle = 0.5 * (low + high)
     return Envelope(
-        low=np.clip(np.minimum(low - room, middle), -1.0, 1.0), high=np.clip(np.maximum(high + room, middle), -1.0, 1.0)
+        low=np.clip(np.minimum(low - room, middle), -1.0, 1.0),
+        high=np.clip(np.maximum(high + room, middle), -1.0, 1.0),
     )
 
 

@@ -1,7 +1,8 @@
-"""Training the neural selectors: quantile regression of solutions, then descent through P1's signed margin.
+"""Training the neural selectors: quantile regression of solutions, then descent through P1's signed
+margin.
 
-Both stages are bit-reproducible for a seed and go on from a checkpoint as if they had never stopped: what chance
-decides in an epoch depends on the seed and the epoch alone.
+Both stages are bit-reproducible for a seed and go on from a checkpoint as if they had never
+stopped: what chance decides in an epoch depends on the seed and the epoch alone.
 """
 
 from __future__ import annotations
@@ -37,15 +38,17 @@ CHECKPOINT = "stancekit/neural-checkpoint/1"
 class NeuralSettings:
     """Settings of training a neural selector.
 
-    share: of the solutions that the boxes of the first stage leave out on each side. epochs: of the first stage, over
-    the feasible rows; batch, rate: of AdamW. margin_epochs: of the second stage, over the scarcer label; 0 leaves it
-    out. margin_batch: problems of each label a step. margin_rate: of AdamW there. softness: τ, the margin over which
-    P1's answer turns from wrong to right in the loss σ(±t/τ), non-dimensional. caution: how much more a feasible
-    problem lost counts than an infeasible one let in. anchor: weight of the first stage's loss in the second, which
-    keeps the boxes around solutions and so projectable. target: share of the feasible calibration rows that P1 must
-    admit. relaxation: which P1 has the margins: "p1", or "joint", for which a point in every box is learned, too, the
-    median of the solutions, about which the gap is linearised (``relaxation.joint``). calibration: share of the rows
-    kept for that where no data set is given for it.
+    share: of the solutions that the boxes of the first stage leave out on each side. epochs: of the
+    first stage, over the feasible rows; batch, rate: of AdamW. margin_epochs: of the second stage,
+    over the scarcer label; 0 leaves it out. margin_batch: problems of each label a step.
+    margin_rate: of AdamW there. softness: τ, the margin over which P1's answer turns from wrong to
+    right in the loss σ(±t/τ), non-dimensional. caution: how much more a feasible problem lost
+    counts than an infeasible one let in. anchor: weight of the first stage's loss in the second,
+    which keeps the boxes around solutions and so projectable. target: share of the feasible
+    calibration rows that P1 must admit. relaxation: which P1 has the margins: "p1", or "joint", for
+    which a point in every box is learned, too, the median of the solutions, about which the gap is
+    linearised (``relaxation.joint``). calibration: share of the rows kept for that where no data
+    set is given for it.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -70,7 +73,8 @@ class NeuralSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingRows:
-    """Problems of one label: as the solver wants them, as the network sees them, and with solutions where feasible."""
+    """Problems of one label: as the solver wants them, as the network sees them, and with solutions
+    where feasible."""
 
     problems: tuple[Scaled, ...]
     scenes: SceneTensors
@@ -78,7 +82,8 @@ class TrainingRows:
 
     @classmethod
     def of(cls, dataset: Dataset, label: str) -> TrainingRows:
-        """The rows ``feasible`` or ``infeasible`` of a data set. Raises InvalidInput where there are none."""
+        """The rows ``feasible`` or ``infeasible`` of a data set. Raises InvalidInput where there
+        are none."""
         indices = dataset.feasible if label == "feasible" else dataset.infeasible
         if not len(indices):
             raise InvalidInput(f"data set: expected one or more {label} rows, got none")
@@ -97,21 +102,34 @@ class TrainingRows:
 class Trainer:
     """Both stages over one data set, an epoch at a time.
 
-    history: one record an epoch, with the mean loss. checkpoint: file written after every epoch, and gone on from.
+    history: one record an epoch, with the mean loss. checkpoint: file written after every epoch,
+    and gone on from.
     """
 
     def __init__(
-        self, feasible: TrainingRows, infeasible: TrainingRows | None, programs: Programs, settings: NeuralSettings,
-        digest: str, checkpoint: Path | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        feasible: TrainingRows,
+        infeasible: TrainingRows | None,
+        programs: Programs,
+        settings: NeuralSettings,
+        digest: str,
+        checkpoint: Path | None = None,
+    ) -> None:
         self.history: list[dict[str, Any]] = []
-        self._feasible, self._infeasible, self._programs, self._settings = feasible, infeasible, programs, settings
+        self._feasible, self._infeasible, self._programs, self._settings = (
+            feasible,
+            infeasible,
+            programs,
+            settings,
+        )
         self._run = {"settings": asdict(settings), "data": digest}
         self._checkpoint = checkpoint
         self._mirror = Mirror.of(feasible.scenes)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
-            self.network = BoxNetwork.of_data(settings.architecture, feasible.scenes, feasible.points)
+            self.network = BoxNetwork.of_data(
+                settings.architecture, feasible.scenes, feasible.points
+            )
         self._optimizer = self._fresh(settings.rate)
         self._stage = 1
         self._resume()
@@ -146,26 +164,43 @@ class Trainer:
             flipped = self._flipped(len(rows), chance)
             scenes, points = self._feasible.scenes[rows], self._feasible.points[rows]
             if self._mirror is not None:
-                scenes, points = self._mirror.scenes(scenes, flipped), self._mirror.points(points, flipped)
+                scenes, points = (
+                    self._mirror.scenes(scenes, flipped),
+                    self._mirror.points(points, flipped),
+                )
             loss = self._regression(self.network(scenes), points)
             total += self._step(loss) * len(rows)
         return total / len(self._feasible)
 
     def _descend(self, epoch: int) -> float:
-        """One pass over the scarcer label through P1's margins: a smooth count of its mistakes, and the anchor."""
+        """One pass over the scarcer label through P1's margins: a smooth count of its mistakes, and
+        the anchor."""
         assert self._infeasible is not None
         settings, chance = self._settings, self._chance(epoch)
         size = min(settings.margin_batch, len(self._feasible), len(self._infeasible))
         steps = max(min(len(self._feasible), len(self._infeasible)) // size, 1)
-        orders = [torch.randperm(len(rows), generator=chance) for rows in (self._feasible, self._infeasible)]
+        orders = [
+            torch.randperm(len(rows), generator=chance)
+            for rows in (self._feasible, self._infeasible)
+        ]
         total = 0.0
         for step in range(steps):
-            self._set_rate(settings.margin_rate, (epoch - settings.epochs + step / steps) / settings.margin_epochs)
-            kept, lost = (order[step * size : (step + 1) * size] for order in orders)
-            boxes, margins = self._margins(self._feasible, kept, chance)
+            self._set_rate(
+                settings.margin_rate,
+                (epoch - settings.epochs + step / steps) / settings.margin_epochs,
+            )
+            batch_rows, lost = (order[step * size : (step + 1) * size] for order in orders)
+            boxes, margins = self._margins(self._feasible, batch_rows, chance)
             loss = settings.caution * torch.sigmoid(margins / settings.softness).mean()
-            loss = loss + settings.anchor * self._regression(boxes, self._feasible.points[kept])
-            loss = loss + torch.sigmoid(-self._margins(self._infeasible, lost, chance)[1] / settings.softness).mean()
+            loss = loss + settings.anchor * self._regression(
+                boxes, self._feasible.points[batch_rows]
+            )
+            loss = (
+                loss
+                + torch.sigmoid(
+                    -self._margins(self._infeasible, lost, chance)[1] / settings.softness
+                ).mean()
+            )
             total += self._step(loss)
         return total / steps
 
@@ -177,11 +212,16 @@ class Trainer:
             return loss
         return loss + 0.5 * (points - point).abs().mean()
 
-    def _margins(self, rows: TrainingRows, chosen: Tensor, chance: torch.Generator) -> tuple[Boxes, Tensor]:
-        """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored back."""
+    def _margins(
+        self, rows: TrainingRows, chosen: Tensor, chance: torch.Generator
+    ) -> tuple[Boxes, Tensor]:
+        """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored
+        back."""
         flipped = self._flipped(len(chosen), chance)
         scenes = rows.scenes[chosen]
-        boxes = self.network(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
+        boxes = self.network(
+            scenes if self._mirror is None else self._mirror.scenes(scenes, flipped)
+        )
         if self._mirror is not None:
             boxes = self._mirror.boxes(boxes, flipped)
         low, high, _ = boxes
@@ -197,7 +237,11 @@ class Trainer:
 
     def _set_rate(self, rate: float, done: float) -> None:
         """Rise over the first tenth of a stage, then fall along a cosine."""
-        factor = min(done / 0.1, 1.0) if done < 0.1 else 0.5 * (1.0 + math.cos(math.pi * (done - 0.1) / 0.9))
+        factor = (
+            min(done / 0.1, 1.0)
+            if done < 0.1
+            else 0.5 * (1.0 + math.cos(math.pi * (done - 0.1) / 0.9))
+        )
         for group in self._optimizer.param_groups:
             group["lr"] = rate * max(factor, 1e-3)
 
@@ -216,19 +260,30 @@ class Trainer:
             return
         tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         for index, state in self._optimizer.state_dict()["state"].items():
-            tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
-        write_tensors(self._checkpoint, CHECKPOINT, {"run": self._run, "history": self.history}, tensors)
+            tensors |= {
+                f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
+            }
+        write_tensors(
+            self._checkpoint, CHECKPOINT, {"run": self._run, "history": self.history}, tensors
+        )
 
     def _resume(self) -> None:
-        """Go on from the checkpoint where there is one. Raises InvalidInput where it belongs to another run."""
+        """Go on from the checkpoint where there is one. Raises InvalidInput where it belongs to
+        another run."""
         if self._checkpoint is None or not self._checkpoint.exists():
             return
         header, tensors = read_tensors(self._checkpoint, CHECKPOINT)
         if header.get("run") != self._run or not header.get("history"):
-            raise InvalidInput(f"{self._checkpoint}: expected a checkpoint of these settings and rows, got another's")
+            raise InvalidInput(
+                f"{self._checkpoint}: expected a checkpoint of these settings and rows, got another's"
+            )
         self.history = list(header["history"])
         self._stage = self.history[-1]["stage"]
-        weights = {name.removeprefix("network."): tensor for name, tensor in tensors.items() if "network." in name}
+        weights = {
+            name.removeprefix("network."): tensor
+            for name, tensor in tensors.items()
+            if "network." in name
+        }
         load_weights(self.network, weights, self._checkpoint)
         state: dict[int, dict[str, Tensor]] = {}
         for name, value in tensors.items():

@@ -19,22 +19,30 @@ from .selector import Learned, unsaved
 ANY = "any"
 """Class of problems of a selector that does not say for which it was made."""
 SELECTORS: Registry[Any] = Registry(
-    "selector", "stancekit.selectors", {},
+    "selector",
+    "stancekit.selectors",
+    {},
     expected="something with predict(observation), or a class of it that is made without arguments",
     accepts=lambda it: made_or_class(it, "predict"),
-)  # fmt: skip
+)
 """Selectors by name. A class is made without arguments."""
 
 
 def is_own(name: str) -> bool:
     """Tell whether a text names a selector from elsewhere, and no file of weights or envelopes."""
-    return ".py:" in name or name.endswith(".py") or (not Path(name).exists() and name in SELECTORS.names())
+    return (
+        ".py:" in name
+        or name.endswith(".py")
+        or (not Path(name).exists() and name in SELECTORS.names())
+    )
 
 
 def own_selector(name: str) -> Learned:
     """A selector by its entry point's name, or "FILE.py:NAME". Raises InvalidInput."""
-    found = SELECTORS.get(name)
-    return Learned.of(OwnSelector(found() if isinstance(found, type) else found, name), name, ANY)
+    selector = SELECTORS.get(name)
+    return Learned.of(
+        OwnSelector(selector() if isinstance(selector, type) else selector, name), name, ANY
+    )
 
 
 def fitted(found: Any, method: str, problem_class: str) -> Learned:
@@ -46,10 +54,11 @@ def fitted(found: Any, method: str, problem_class: str) -> Learned:
 
 
 class OwnSelector:
-    """A selector from elsewhere. It can be copied and pickled, to processes that have not run its file, too.
+    """A selector from elsewhere. It can be copied and pickled, to processes that have not run its
+    file, too.
 
-    Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation is enough.
-    name: what messages call it. problem_class: where it does not say its own.
+    Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation
+    is enough. name: what messages call it. problem_class: where it does not say its own.
     """
 
     def __init__(self, found: Any, name: str, problem_class: str = ANY) -> None:
@@ -63,16 +72,26 @@ class OwnSelector:
         self.provenance = dict(getattr(found, "provenance", {}))
 
     def predict(
-        self, observation: Observation, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
     ) -> tuple[Any, Any]:
         """Return (action, state), as every selector."""
-        given = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
-        asked = given if self._takes is None else {name: given[name] for name in given if name in self._takes}
-        found = self._found.predict(observation, **asked)
-        if not isinstance(found, tuple) or len(found) != 2:
-            raise InvalidInput(f"selector {self._name}: expected (action, state), got a {type(found).__name__}")
-        self._check(observation, found[0])
-        return found
+        options = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
+        arguments = (
+            options
+            if self._takes is None
+            else {name: options[name] for name in options if name in self._takes}
+        )
+        action = self._found.predict(observation, **arguments)
+        if not isinstance(action, tuple) or len(action) != 2:
+            raise InvalidInput(
+                f"selector {self._name}: expected (action, state), got a {type(action).__name__}"
+            )
+        self._check(observation, action[0])
+        return action
 
     def save(self, path: str | Path) -> None:
         """Write its file. Raises InvalidInput where it has no ``save`` of its own."""
@@ -81,14 +100,19 @@ class OwnSelector:
         self._found.save(path)
 
     def _check(self, observation: Observation, action: Any) -> None:
-        """Raise InvalidInput for what is no box. How much a library or a point adds, the environment knows."""
+        """Raise InvalidInput for what is no box. How much a library or a point adds, the
+        environment knows."""
         bounds = np.asarray(action)
         if bounds.dtype.kind == "f" and not np.all(np.isfinite(bounds)):
-            raise InvalidInput(f"selector {self._name}: action: expected finite numbers, got {shown(action)}")
+            raise InvalidInput(
+                f"selector {self._name}: action: expected finite numbers, got {shown(action)}"
+            )
         expected = 12 * np.shape(observation["friction"])[-1]
         if self.relaxation == "p1" and self.boxes == 1 and np.shape(action)[-1:] != (expected,):
             wanted = f"shape ({expected},), all lower bounds, then all upper"
-            raise InvalidInput(f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}")
+            raise InvalidInput(
+                f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}"
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         if of_file(self._found):

@@ -1,4 +1,5 @@
-"""Policies that reinforcement learns: their networks, what their actions mean, and a file that is never unpickled."""
+"""Policies that reinforcement learns: their networks, what their actions mean, and a file that is
+never unpickled."""
 
 from __future__ import annotations
 
@@ -36,9 +37,10 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 class PolicyShape:
     """Purpose and size of a policy: all that is needed to build it again.
 
-    problem: name of the distribution. legs: those of its problems, where they are not the default hexapod's. hidden:
-    widths of the layers. spread: initial standard deviation of a bound's move in units
-    of ``offset``. offset: how far a bound may move from the base envelope, non-dimensional. Both: selection only.
+    problem: name of the distribution. legs: those of its problems, where they are not the default
+    hexapod's. hidden: widths of the layers. spread: initial standard deviation of a bound's move in
+    units of ``offset``. offset: how far a bound may move from the base envelope, non-dimensional.
+    Both: selection only.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -64,7 +66,9 @@ class PolicyShape:
     def spaces(self) -> tuple[spaces.Dict, spaces.Space[Any]]:
         """Observation and action space of the policy."""
         if self.selects:
-            return scene_space(self.contacts), spaces.Box(-1.0, 1.0, (12 * self.contacts,), np.float32)
+            return scene_space(self.contacts), spaces.Box(
+                -1.0, 1.0, (12 * self.contacts,), np.float32
+            )
         return refinement_space(self.contacts), spaces.Discrete(6 * self.contacts)
 
     @property
@@ -72,8 +76,11 @@ class PolicyShape:
         """The policy's class and arguments, as stable-baselines3 wants them."""
         arch = list(self.hidden)
         if self.selects:
-            given = {"net_arch": {"pi": arch, "vf": arch}, "log_std_init": float(np.log(self.spread))}
-            return MultiInputActorCriticPolicy, given
+            options = {
+                "net_arch": {"pi": arch, "vf": arch},
+                "log_std_init": float(np.log(self.spread)),
+            }
+            return MultiInputActorCriticPolicy, options
         return DimensionPolicy, {"hidden": arch}
 
     def build(self) -> ActorCriticPolicy:
@@ -83,10 +90,11 @@ class PolicyShape:
 
 
 class DimensionPolicy(MultiInputActorCriticPolicy):
-    """Scores every dimension of the current box by one network, so that all dimensions share what is learned.
+    """Scores every dimension of the current box by one network, so that all dimensions share what
+    is learned.
 
-    The logits are the scores plus learned multiples of log(gap) and log(width): an untrained policy leans to the
-    largest gap, and among equal gaps to the wider dimension.
+    The logits are the scores plus learned multiples of log(gap) and log(width): an untrained policy
+    leans to the largest gap, and among equal gaps to the wider dimension.
     """
 
     def __init__(self, *args: Any, hidden: list[int], **kwargs: Any) -> None:
@@ -101,11 +109,14 @@ class DimensionPolicy(MultiInputActorCriticPolicy):
         super()._build(lr_schedule)
         self.action_net = nn.Identity()  # the scores are the logits
         nn.init.orthogonal_(self.mlp_extractor.score[-1].weight, 0.01)  # type: ignore[union-attr,index]
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)  # type: ignore[call-arg]
+        self.optimizer = self.optimizer_class(
+            self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
+        )  # type: ignore[call-arg]
 
 
 class DimensionScores(nn.Module):
-    """From the flat observation of ``EnvelopeRefinement-v0`` to a logit a dimension and the critic's features."""
+    """From the flat observation of ``EnvelopeRefinement-v0`` to a logit a dimension and the
+    critic's features."""
 
     per_dimension, overall = 14, 4
 
@@ -113,7 +124,10 @@ class DimensionScores(nn.Module):
         super().__init__()
         sizes = {name: int(np.prod(box.shape or ())) for name, box in space.spaces.items()}
         ends = np.cumsum(list(sizes.values())).tolist()
-        self._columns = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        self._columns = {
+            name: slice(end - size, end)
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
         self.latent_dim_pi, self.latent_dim_vf = sizes["gap"], hidden[-1]
         self.score = _layers([self.per_dimension + self.overall, *hidden], last=1)
         self.embed = _layers([self.per_dimension + self.overall, *hidden])
@@ -128,8 +142,13 @@ class DimensionScores(nn.Module):
         seen = self._seen(features)
         gap, low, high = (features[:, self._columns[name]] for name in ("gap", "low", "high"))
         gap, width = gap + 1e-4, (high - low).clamp(min=1e-6)
-        leaning = [torch.log(part / part.amax(dim=1, keepdim=True)).clamp(min=-5.0) for part in (gap, width)]
-        return torch.add(self.score(seen)[..., 0], self.lean[0] * leaning[0] + self.lean[1] * leaning[1])
+        leaning = [
+            torch.log(part / part.amax(dim=1, keepdim=True)).clamp(min=-5.0)
+            for part in (gap, width)
+        ]
+        return torch.add(
+            self.score(seen)[..., 0], self.lean[0] * leaning[0] + self.lean[1] * leaning[1]
+        )
 
     def forward_critic(self, features: Tensor) -> Tensor:
         """The mean embedding of all dimensions."""
@@ -145,27 +164,39 @@ class DimensionScores(nn.Module):
         friction = part["friction"].repeat_interleave(6, dim=1)
         worst = gap / gap.amax(dim=1, keepdim=True).clamp(min=1e-6)
         widest = width / width.amax(dim=1, keepdim=True).clamp(min=1e-6)
-        own = [width, 1e2 * gap, place.clamp(0.0, 1.0), mean, friction, worst, widest, torch.log(gap + 1e-4) / 5.0]
-        kinds = torch.eye(6, device=gap.device).repeat(gap.shape[1] // 6, 1).expand(len(gap), -1, -1)
+        of_dimensions = [
+            width,
+            1e2 * gap,
+            place.clamp(0.0, 1.0),
+            mean,
+            friction,
+            worst,
+            widest,
+            torch.log(gap + 1e-4) / 5.0,
+        ]
+        kinds = (
+            torch.eye(6, device=gap.device).repeat(gap.shape[1] // 6, 1).expand(len(gap), -1, -1)
+        )
         whole = [1e2 * part["margin"], part["depth"], part["open"], part["left"]]
         overall = torch.cat(whole, dim=1)[:, None].expand(-1, gap.shape[1], -1)
-        return torch.cat([torch.stack(own, dim=2), kinds, overall], dim=2)
+        return torch.cat([torch.stack(of_dimensions, dim=2), kinds, overall], dim=2)
 
 
 def _layers(widths: list[int], last: int | None = None) -> nn.Sequential:
-    found: list[nn.Module] = []
+    layers: list[nn.Module] = []
     for before, after in itertools.pairwise(widths):
-        found += [nn.Linear(before, after), nn.Tanh()]
+        layers += [nn.Linear(before, after), nn.Tanh()]
     if last is not None:
-        found.append(nn.Linear(widths[-1], last))
-    return nn.Sequential(*found)
+        layers.append(nn.Linear(widths[-1], last))
+    return nn.Sequential(*layers)
 
 
 class TrainedPolicy:
     """A policy with what its actions mean; predicts as stable-baselines3's policies do.
 
-    base: bounds that the actions of a selecting policy move, all low and then all high, shape (12N,); else empty.
-    steps: of the environment that it was trained for. provenance: how it was trained, for people.
+    base: bounds that the actions of a selecting policy move, all low and then all high, shape
+    (12N,); else empty. steps: of the environment that it was trained for. provenance: how it was
+    trained, for people.
     """
 
     name = "reinforced"
@@ -197,10 +228,14 @@ class TrainedPolicy:
         Raises InvalidInput where its numbers are so large that they overflow.
         """
         try:
-            found, _ = self.policy.predict(dict(observation), deterministic=deterministic)
+            action, _ = self.policy.predict(dict(observation), deterministic=deterministic)
         except ValueError as error:
-            raise InvalidInput(f"policy: expected finite actions, got none: {shown(str(error))}") from None
-        return (moved(self.base, self.shape.offset, found) if self.shape.selects else found), state
+            raise InvalidInput(
+                f"policy: expected finite actions, got none: {shown(str(error))}"
+            ) from None
+        return (
+            moved(self.base, self.shape.offset, action) if self.shape.selects else action
+        ), state
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one safetensors file."""
@@ -210,34 +245,59 @@ class TrainedPolicy:
 
     @classmethod
     def load(cls, path: str | Path, *, problem: str | None = None) -> TrainedPolicy:
-        """Read a policy. Raises InvalidInput for a file that is damaged, foreign or for another class of problems."""
+        """Read a policy. Raises InvalidInput for a file that is damaged, foreign or for another
+        class of problems."""
         header, tensors = read_tensors(path, FORMAT)
         if set(header) != {"shape", "steps", "provenance"}:
-            raise InvalidInput(f"{path}: expected a header with shape, steps and provenance, got {sorted(header)}")
+            raise InvalidInput(
+                f"{path}: expected a header with shape, steps and provenance, got {sorted(header)}"
+            )
         steps, provenance = header["steps"], header["provenance"]
-        if not isinstance(steps, int) or isinstance(steps, bool) or steps < 0 or not isinstance(provenance, dict):
-            raise InvalidInput(f"{path}: expected steps, a whole number, and provenance, an object; got {shown(steps)}")
+        if (
+            not isinstance(steps, int)
+            or isinstance(steps, bool)
+            or steps < 0
+            or not isinstance(provenance, dict)
+        ):
+            raise InvalidInput(
+                f"{path}: expected steps, a whole number, and provenance, an object; got {shown(steps)}"
+            )
         shape = validated(PolicyShape, header["shape"], str(path))
         if problem is not None and shape.problem != problem:
-            raise InvalidInput(f"{path}: expected a policy for {problem}, got one for {shape.problem}")
+            raise InvalidInput(
+                f"{path}: expected a policy for {problem}, got one for {shape.problem}"
+            )
         sizes = sum(a * b for a, b in itertools.pairwise(shape.hidden))
         if sizes > sum(tensor.numel() for tensor in tensors.values()):
-            raise InvalidInput(f"{path}: hidden: expected the widths of its tensors, got {list(shape.hidden)}")
+            raise InvalidInput(
+                f"{path}: hidden: expected the widths of its tensors, got {list(shape.hidden)}"
+            )
         policy = shape.build()
         base = tensors.pop("base", torch.zeros(0))
-        wanted = {f"policy.{name}": tuple(value.shape) for name, value in policy.state_dict().items()}
+        wanted = {
+            f"policy.{name}": tuple(value.shape) for name, value in policy.state_dict().items()
+        }
         check_shapes(path, wanted, tensors)
         if tuple(base.shape) != ((12 * shape.contacts,) if shape.selects else (0,)):
-            raise InvalidInput(f"{path}: tensor base: expected the bounds of {shape.contacts} contacts")
-        policy.load_state_dict({name.removeprefix("policy."): value for name, value in tensors.items()})
+            raise InvalidInput(
+                f"{path}: tensor base: expected the bounds of {shape.contacts} contacts"
+            )
+        policy.load_state_dict(
+            {name.removeprefix("policy."): value for name, value in tensors.items()}
+        )
         policy.set_training_mode(False)
-        return cls(shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance)
+        return cls(
+            shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance
+        )
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Bounds of the envelopes: base + offset · action, within [−1, 1]; action: shape (..., 12N) in [−1, 1]."""
-    found: NDArray[np.float32] = np.clip(base + offset * np.asarray(action), -1.0, 1.0).astype(np.float32)
-    return found
+    """Bounds of the envelopes: base + offset · action, within [−1, 1]; action: shape (..., 12N) in
+    [−1, 1]."""
+    bounds: NDArray[np.float32] = np.clip(base + offset * np.asarray(action), -1.0, 1.0).astype(
+        np.float32
+    )
+    return bounds
 
 
 def bounds_of(envelope: Envelope) -> Array:
@@ -245,9 +305,14 @@ def bounds_of(envelope: Envelope) -> Array:
     return np.clip(envelope.to_vector(), -1.0, 1.0)
 
 
-def check_shapes(path: str | Path, wanted: Mapping[str, tuple[int, ...]], tensors: Mapping[str, Tensor]) -> None:
-    """Raise InvalidInput that names the first tensor that is missing, unknown or of another shape."""
-    found = {name: tuple(value.shape) for name, value in tensors.items()}
-    odd = sorted(name for name in {**wanted, **found} if wanted.get(name) != found.get(name))
+def check_shapes(
+    path: str | Path, wanted: Mapping[str, tuple[int, ...]], tensors: Mapping[str, Tensor]
+) -> None:
+    """Raise InvalidInput that names the first tensor that is missing, unknown or of another
+    shape."""
+    shapes = {name: tuple(value.shape) for name, value in tensors.items()}
+    odd = sorted(name for name in {**wanted, **shapes} if wanted.get(name) != shapes.get(name))
     if odd:
-        raise InvalidInput(f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got {found.get(odd[0])}")
+        raise InvalidInput(
+            f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got {shapes.get(odd[0])}"
+        )

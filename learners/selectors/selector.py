@@ -27,18 +27,22 @@ class Selector(Protocol):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
-        """Return (action, state): one action of ``EnvelopeSelection-v0``, or a row an observation of a batch."""
+        """Return (action, state): one action of ``EnvelopeSelection-v0``, or a row an observation
+        of a batch."""
         ...
 
 
 class FixedSelector(MemorylessPolicy):
-    """Answers every scene with the same envelopes: what the clustering and evolutionary methods of Lin et al. learn."""
+    """Answers every scene with the same envelopes: what the clustering and evolutionary methods of
+    Lin et al. learn."""
 
     def __init__(self, name: str, envelopes: EnvelopeSet) -> None:
         self.name = name
         self.envelopes = envelopes
         self.provenance = envelopes.provenance
-        self._action = np.concatenate([envelope.to_vector() for envelope in envelopes.envelopes]).astype(np.float32)
+        self._action = np.concatenate(
+            [envelope.to_vector() for envelope in envelopes.envelopes]
+        ).astype(np.float32)
 
     def action(self, observation: Observation) -> NDArray[Any]:
         """The envelopes' bounds, tiled over a batch of observations."""
@@ -79,17 +83,20 @@ class Learned:
     def fixed(cls, name: str, envelopes: EnvelopeSet) -> Learned:
         """The selector of a set of envelopes."""
         return cls(
-            selector=FixedSelector(name, envelopes), problem_class=envelopes.problem_class,
-            boxes=len(envelopes.envelopes), suffix=".json",
-        )  # fmt: skip
+            selector=FixedSelector(name, envelopes),
+            problem_class=envelopes.problem_class,
+            boxes=len(envelopes.envelopes),
+            suffix=".json",
+        )
 
     @classmethod
     def of(cls, found: Any, name: str, problem_class: str) -> Learned:
         """Selector from the result of a fit or from a file: envelopes, or a selector with
         ``predict``.
 
-        Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and ``save(path)`` count
-        where it has them; name: what messages call it. Raises InvalidInput for anything else.
+        Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and
+        ``save(path)`` count where it has them; name: what messages call it. Raises InvalidInput for
+        anything else.
         """
         if isinstance(found, cls):
             return found
@@ -101,7 +108,12 @@ class Learned:
 
         of = getattr(found, "problem_class", problem_class)
         relaxation = str(getattr(found, "relaxation", "p1"))
-        return cls(selector=found, problem_class=of, boxes=getattr(found, "boxes", 1), relaxation=relaxation)
+        return cls(
+            selector=found,
+            problem_class=of,
+            boxes=getattr(found, "boxes", 1),
+            relaxation=relaxation,
+        )
 
     def write(self, path: Path) -> None:
         """Write its file. Raises InvalidInput for a selector without ``save(path)``."""
@@ -117,13 +129,18 @@ class Learned:
 
     @property
     def envelopes(self) -> EnvelopeSet:
-        """The envelopes that every scene gets. Raises InvalidInput where a network chooses them by the scene."""
+        """The envelopes that every scene gets. Raises InvalidInput where a network chooses them by
+        the scene."""
         if not isinstance(self.selector, FixedSelector):
             kind = type(self.selector).__name__
-            raise InvalidInput(f"envelopes: expected a selector with the same ones for every scene, got a {kind}")
+            raise InvalidInput(
+                f"envelopes: expected a selector with the same ones for every scene, got a {kind}"
+            )
         return self.selector.envelopes
 
 
 def unsaved(path: str | Path, selector: Any) -> InvalidInput:
     """Refusal for a selector that has no file."""
-    return InvalidInput(f"{path}: expected a selector with save(path), got a {type(selector).__name__}")
+    return InvalidInput(
+        f"{path}: expected a selector with save(path), got a {type(selector).__name__}"
+    )

@@ -14,10 +14,12 @@ from .shipped import shipped
 
 
 def load_selector(path: str | Path) -> Learned:
-    """Read any selector's file: an envelope file (JSON), or weights (safetensors). Nothing is unpickled.
+    """Read any selector's file: an envelope file (JSON), or weights (safetensors). Nothing is
+    unpickled.
 
-    Or, of a selector that ships (``shipped``), or that another package registered under ``stancekit.selectors``, its
-    name; or "FILE.py:NAME". Raises InvalidInput for what is missing, damaged or foreign.
+    Or, of a selector that ships (``shipped``), or that another package registered under
+    ``stancekit.selectors``, its name; or "FILE.py:NAME". Raises InvalidInput for what is missing,
+    damaged or foreign.
     """
     if is_own(str(path)):
         return own_selector(str(path))
@@ -30,11 +32,14 @@ def load_selector(path: str | Path) -> Learned:
     try:
         return _network(kind, path)
     except ImportError as error:
-        raise InvalidInput(f"{path}: {kind} needs {error.name}, got none: pip install 'stancekit[rl]'") from None
+        raise InvalidInput(
+            f"{path}: {kind} needs {error.name}, got none: pip install 'stancekit[rl]'"
+        ) from None
 
 
 def _found(path: Path) -> Path:
-    """The file of a path, or of the name of a selector that ships. Raises InvalidInput for what is neither."""
+    """The file of a path, or of the name of a selector that ships. Raises InvalidInput for what is
+    neither."""
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
     files = shipped()
@@ -61,7 +66,9 @@ def _network(kind: str, path: Path) -> Learned:
         policy = TrainedPolicy.load(path)
         if not policy.shape.selects:
             got = policy.shape.environment
-            raise InvalidInput(f"{path}: expected a policy that chooses envelopes, got one for {got}")
+            raise InvalidInput(
+                f"{path}: expected a policy that chooses envelopes, got one for {got}"
+            )
         return Learned(selector=policy, problem_class=policy.shape.problem)
     known = "stancekit/envelope/1, stancekit/neural/1, stancekit/chooser/1 or stancekit/policy/1"
     raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")

@@ -1,4 +1,5 @@
-"""Selectors that ship with the package, by name: their files, and their cards, which say what they are good for."""
+"""Selectors that ship with the package, by name: their files, and their cards, which say what they
+are good for."""
 
 from __future__ import annotations
 
@@ -33,10 +34,11 @@ class Figure(BaseModel):
 class Card(BaseModel):
     """Card of a selector that ships.
 
-    method: of ``stancekit fit``; problem_class, legs: what it is for; sha256: of its file; seed: of training; train,
-    calibration, test: rows. figures: shares of the test rows: ``p1_feasible`` and ``p1_infeasible``, that P1 answers
-    right, and ``project_fix_p``, of the feasible ones, from which fix-p reaches a verified posture; lift: the same of
-    the lift, which learns nothing. limits: where it is of no use. software: versions that made it.
+    method: of ``stancekit fit``; problem_class, legs: what it is for; sha256: of its file; seed: of
+    training; train, calibration, test: rows. figures: shares of the test rows: ``p1_feasible`` and
+    ``p1_infeasible``, that P1 answers right, and ``project_fix_p``, of the feasible ones, from
+    which fix-p reaches a verified posture; lift: the same of the lift, which learns nothing.
+    limits: where it is of no use. software: versions that made it.
     """
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -62,8 +64,8 @@ def shipped() -> dict[str, Path]:
 def card(name: str) -> Card:
     """The card of a selector that ships. Raises KeyError for another name."""
     path = shipped()[name].with_suffix(".json")
-    found: Any = read_json(path)
-    return validated(Card, found, str(path))
+    record: Any = read_json(path)
+    return validated(Card, record, str(path))
 
 
 def _folder() -> Path:

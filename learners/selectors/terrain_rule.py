@@ -13,11 +13,12 @@ LEAST = float(np.cos(MAX_TILT_RAD))
 
 
 class TerrainRule(MemorylessPolicy):
-    """Chooses among Traverse-v0's planners by the slope of what carries the robot and of what it may stand on next."""
+    """Chooses among Traverse-v0's planners by the slope of what carries the robot and of what it
+    may stand on next."""
 
     def action(self, observation: Observation) -> NDArray[np.int64]:
-        """The planner: 1, walking, where all is ground, 2, climbing, where all are walls to the left and the right,
-        up to 30° off either way, else 0, the lift.
+        """The planner: 1, walking, where all is ground, 2, climbing, where all are walls to the
+        left and the right, up to 30° off either way, else 0, the lift.
 
         Arrays may have axes before their own, one index an environment.
         """
@@ -27,7 +28,9 @@ class TerrainRule(MemorylessPolicy):
         stays = ~first.any(axis=-1)  # the other toes leave before the body moves
 
         def all_along(axis: int) -> NDArray[np.bool_]:
-            coming, under = (np.abs(observation[name][..., axis::3]) >= LEAST for name in ("normals", "footing"))
+            coming, under = (
+                np.abs(observation[name][..., axis::3]) >= LEAST for name in ("normals", "footing")
+            )
             return np.asarray((coming | ~offered).all(axis=-1) & (under | ~stays).all(axis=-1))
 
         return np.asarray(np.where(all_along(2), 1, np.where(all_along(1), 2, 0)), dtype=np.int64)

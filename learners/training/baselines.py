@@ -24,20 +24,28 @@ from ..selectors.policy import moved
 
 
 def open_scenes(scenes: Sequence[LabelledScene]) -> list[LabelledScene]:
-    """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are needed."""
+    """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are
+    needed."""
     programs = Programs()
     searches = (BoxSearch(scene.problem, Scaled.of(scene.problem), programs) for scene in scenes)
-    return [scene for scene, search in zip(scenes, searches, strict=True) if search.verdict is Status.UNDECIDED]
+    return [
+        scene
+        for scene, search in zip(scenes, searches, strict=True)
+        if search.verdict is Status.UNDECIDED
+    ]
 
 
 class SelectionVecEnv(VecEnv):
     """``EnvelopeSelection-v0`` in batches, as a stable-baselines3 environment.
 
-    With ``base`` given the actions are moves of its bounds: base + offset · action (``policy_file.moved``), so that
-    an untrained policy of small actions answers about as the base does. base: shape (12N,).
+    With ``base`` given the actions are moves of its bounds: base + offset · action
+    (``policy_file.moved``), so that an untrained policy of small actions answers about as the base
+    does. base: shape (12N,).
     """
 
-    def __init__(self, env: EnvelopeSelectionVectorEnv, *, base: Array | None = None, offset: float = 0.25) -> None:
+    def __init__(
+        self, env: EnvelopeSelectionVectorEnv, *, base: Array | None = None, offset: float = 0.25
+    ) -> None:
         self._env, self._base, self._offset = env, base, offset
         self._actions: NDArray[Any] = np.zeros(0)
         self.render_mode = None
@@ -59,13 +67,20 @@ class SelectionVecEnv(VecEnv):
 
     def step_wait(
         self,
-    ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
+    ) -> tuple[
+        dict[str, NDArray[np.float32]], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]
+    ]:
         """Judge them."""
         observation, rewards, ended, _, infos = self._env.step(self._actions)
-        final = {name: values for name, values in infos["final_info"].items() if not name.startswith("_")}
+        final = {
+            name: values for name, values in infos["final_info"].items() if not name.startswith("_")
+        }
         rows = [
             {name: values[index] for name, values in final.items()}
-            | {"terminal_observation": infos["final_obs"][index], "episode": {"r": rewards[index], "l": 1, "t": 0.0}}
+            | {
+                "terminal_observation": infos["final_obs"][index],
+                "episode": {"r": rewards[index], "l": 1, "t": 0.0},
+            }
             for index in range(self.num_envs)
         ]
         return observation, rewards, ended, rows
@@ -82,7 +97,9 @@ class SelectionVecEnv(VecEnv):
         """Refused: sub-environments share what they have."""
         raise StancekitError("the sub-environments of a batch have no attributes of their own")
 
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
         """Refused: sub-environments share what they have."""
         raise StancekitError("the sub-environments of a batch have no methods of their own")
 
@@ -91,9 +108,14 @@ class SelectionVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def refinement_vec_env(kind: SceneKind, scenes: Sequence[LabelledScene], *, envs: int, budget: int) -> DummyVecEnv:
+def refinement_vec_env(
+    kind: SceneKind, scenes: Sequence[LabelledScene], *, envs: int, budget: int
+) -> DummyVecEnv:
     """``EnvelopeRefinement-v0`` in batches, one after the other in this process."""
     pool, programs = PooledScenes(scenes), Programs()
     return DummyVecEnv(
-        [lambda: EnvelopeRefinementEnv(kind, budget=budget, scenes=pool, programs=programs) for _ in range(envs)]
+        [
+            lambda: EnvelopeRefinementEnv(kind, budget=budget, scenes=pool, programs=programs)
+            for _ in range(envs)
+        ]
     )

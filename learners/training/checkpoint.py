@@ -1,4 +1,5 @@
-"""Checkpoints of training runs: weights, the optimiser's state and the curve so far, whole or not at all."""
+"""Checkpoints of training runs: weights, the optimiser's state and the curve so far, whole or not
+at all."""
 
 from __future__ import annotations
 
@@ -31,10 +32,13 @@ def write_checkpoint(
     optimizer: torch.optim.Optimizer,
     **more: Any,
 ) -> None:
-    """Write the checkpoint; then ``curve.jsonl``, which people read. more: JSON-ready, into the header."""
+    """Write the checkpoint; then ``curve.jsonl``, which people read. more: JSON-ready, into the
+    header."""
     tensors = {f"policy.{name}": value for name, value in weights.items()}
     for index, slot in optimizer.state_dict()["state"].items():
-        tensors |= {f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in slot.items()}
+        tensors |= {
+            f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in slot.items()
+        }
     header = {"config": asdict(config), "curve": [asdict(point) for point in curve], **more}
     write_tensors(folder / NAME, CHECKPOINT_FORMAT, header, tensors)
     write_text(folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in curve))
@@ -45,7 +49,8 @@ def read_checkpoint(
 ) -> tuple[dict[str, Any], list[CurvePoint]]:
     """Put weights and optimiser back as they were; return the header and the curve.
 
-    Raises InvalidInput where the file is damaged, or of another configuration in more than ``steps``.
+    Raises InvalidInput where the file is damaged, or of another configuration in more than
+    ``steps``.
     """
     header, tensors = read_tensors(path, CHECKPOINT_FORMAT)
     mine, theirs = json.loads(json.dumps(asdict(config))), header.get("config")
@@ -53,14 +58,20 @@ def read_checkpoint(
         raise InvalidInput(f"{path}: expected a configuration in the header, got none")
     odd = [key for key in mine if key not in ("steps", "workers") and mine[key] != theirs.get(key)]
     if odd:
-        raise InvalidInput(f"{path}: {odd[0]}: expected {theirs.get(odd[0])} as in the run, got {mine[odd[0]]}")
+        raise InvalidInput(
+            f"{path}: {odd[0]}: expected {theirs.get(odd[0])} as in the run, got {mine[odd[0]]}"
+        )
     wanted = {f"policy.{name}": tuple(value.shape) for name, value in module.state_dict().items()}
-    check_shapes(path, wanted, {name: value for name, value in tensors.items() if name.startswith("policy.")})
+    check_shapes(
+        path, wanted, {name: value for name, value in tensors.items() if name.startswith("policy.")}
+    )
     module.load_state_dict({name.removeprefix("policy."): tensors[name] for name in wanted})
     state: dict[int, dict[str, Any]] = {}
     for name, value in tensors.items():
         if name.startswith("optimizer."):
             _, index, slot = name.split(".")
             state.setdefault(int(index), {})[slot] = value
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    optimizer.load_state_dict(
+        {"state": state, "param_groups": optimizer.state_dict()["param_groups"]}
+    )
     return header, [CurvePoint(**point) for point in header["curve"]]

@@ -28,7 +28,8 @@ from .fit_settings import FitSettings, Progress
 ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")
 """The methods of this file."""
 PAPER_ROWS = 500
-"""Points of S and of S̄ that the printed Boundary_fit gets: as many as in Lin et al.; its program grows with each."""
+"""Points of S and of S̄ that the printed Boundary_fit gets: as many as in Lin et al.; its program
+grows with each."""
 
 
 def fit(
@@ -40,9 +41,11 @@ def fit(
     checkpoint: Path | None = None,
     run: Executor | None = None,
 ) -> EnvelopeSet:
-    """Learn envelopes from the data set's S and S̄. Raises InvalidInput where it lacks what the method needs.
+    """Learn envelopes from the data set's S and S̄. Raises InvalidInput where it lacks what the
+    method needs.
 
-    ``progress`` is told steps done and steps in all where a method takes its time. run: the executor of "ga".
+    ``progress`` is told steps done and steps in all where a method takes its time. run: the
+    executor of "ga".
     """
     checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
@@ -57,10 +60,15 @@ def fit(
         return fit_genetic(dataset, knobs, progress, checkpoint=checkpoint, run=run)
     if method == "gradient":
         return fit_gradient(
-            dataset, boxes=settings.boxes, steps=settings.steps, batch=settings.batch, share=settings.share,
-            seed=settings.seed, progress=progress,
-        )  # fmt: skip
-    found, notes = _envelopes(method, dataset, settings, progress)
+            dataset,
+            boxes=settings.boxes,
+            steps=settings.steps,
+            batch=settings.batch,
+            share=settings.share,
+            seed=settings.seed,
+            progress=progress,
+        )
+    envelopes, notes = _envelopes(method, dataset, settings, progress)
     provenance = {
         "method": method,
         "settings": settings.concerning(method),
@@ -68,7 +76,9 @@ def fit(
         **dataset.origin,
         "notes": notes,
     }
-    return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)
+    return EnvelopeSet.for_problems(
+        dataset.problem_class, list(dataset.problems()), envelopes, provenance
+    )
 
 
 def _envelopes(
@@ -88,10 +98,16 @@ def _envelopes(
         )
     else:
         made = fit_improved(
-            points, _margin_fit(dataset, settings, progress), clusters=settings.clusters, seed=settings.seed,
+            points,
+            _margin_fit(dataset, settings, progress),
+            clusters=settings.clusters,
+            seed=settings.seed,
             share=settings.share,
-        )  # fmt: skip
-    return made.envelopes, {"kept": list(made.kept), "gaps": [float(np.minimum(gap, 1e6)) for gap in made.gaps]}
+        )
+    return made.envelopes, {
+        "kept": list(made.kept),
+        "gaps": [float(np.minimum(gap, 1e6)) for gap in made.gaps],
+    }
 
 
 def _margin_fit(
@@ -113,7 +129,13 @@ def _margin_fit(
         rng = np.random.default_rng(settings.seed)
         mine = [feasible[i] for i in members]
         return descend(
-            start, mine, infeasible, programs, rng, BoxDescent(steps=settings.steps, batch=settings.batch), on_progress
+            start,
+            mine,
+            infeasible,
+            programs,
+            rng,
+            BoxDescent(steps=settings.steps, batch=settings.batch),
+            on_progress,
         )
 
     return boundary_fit

@@ -42,10 +42,11 @@ Progress = Callable[[int, int], None]
 class FitSettings:
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
-    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm E2. threshold: p_th of
-    its line 6. time_limit_s: of the printed Boundary_fit, per cluster. boxes: of gradient and chooser. steps, batch: of
-    the margin descent. genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``, ``ChooserSettings``;
-    rl: of ``TrainConfig``, but for environment, problem and scenes.
+    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm
+    E2. threshold: p_th of its line 6. time_limit_s: of the printed Boundary_fit, per cluster.
+    boxes: of gradient and chooser. steps, batch: of the margin descent. genetic, neural, chooser:
+    keys of ``GeneticSettings``, ``NeuralSettings``, ``ChooserSettings``; rl: of ``TrainConfig``,
+    but for environment, problem and scenes.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -68,21 +69,31 @@ class FitSettings:
 
     def concerning(self, method: str) -> dict[str, Any]:
         """The settings that this method uses, JSON-ready; of a method from elsewhere all."""
-        values = {name: getattr(self, name) for name in KNOBS.get(method, [each.name for each in fields(self)])}
-        return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+        values = {
+            name: getattr(self, name)
+            for name in KNOBS.get(method, [each.name for each in fields(self)])
+        }
+        return {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in values.items()
+        }
 
     def check_used(self, method: str) -> None:
-        """Raise InvalidInput for a setting that was given and does not concern the method; any seed is right for one
-        that draws nothing. A bench, whose settings are for all of its methods, does not ask."""
+        """Raise InvalidInput for a setting that was given and does not concern the method; any seed
+        is right for one that draws nothing. A bench, whose settings are for all of its methods,
+        does not ask."""
         concerns, usual = self.concerning(method), FitSettings()
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if name not in (*concerns, "seed") and value != getattr(usual, name):
                 came = shown(value) if isinstance(value, int | float) else f"{len(value)} keys"
-                raise InvalidInput(f"{name}: expected none for {method}, which has no use for it, got {came}")
+                raise InvalidInput(
+                    f"{name}: expected none for {method}, which has no use for it, got {came}"
+                )
 
     def check(self, method: str) -> None:
-        """Raise InvalidInput where the keys of a method with settings of its own are wrong, or torch is missing."""
+        """Raise InvalidInput where the keys of a method with settings of its own are wrong, or
+        torch is missing."""
         try:
             self._check(method)
         except ImportError as error:
@@ -102,8 +113,11 @@ class FitSettings:
         elif method == "rl":
             self.training("wall-3", None, {"feasible": 1, "infeasible": 1, "seed": 0})
 
-    def training(self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]) -> TrainConfig:
-        """The reinforcement that these settings describe; legs: see ``TrainConfig``. Raises InvalidInput."""
+    def training(
+        self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]
+    ) -> TrainConfig:
+        """The reinforcement that these settings describe; legs: see ``TrainConfig``. Raises
+        InvalidInput."""
         from .train_config import TrainConfig
 
         fixed = {
@@ -115,7 +129,9 @@ class FitSettings:
         }
         for name in fixed:
             if name in self.rl:
-                raise InvalidInput(f"rl.{name}: expected nothing, it follows from the data set, got {self.rl[name]!r}")
+                raise InvalidInput(
+                    f"rl.{name}: expected nothing, it follows from the data set, got {self.rl[name]!r}"
+                )
         return typed(TrainConfig, {**self.rl, **fixed}, "rl")
 
 
@@ -123,10 +139,11 @@ class FitSettings:
 class FitRequest:
     """Argument of a method of fitting: it is called with this alone, and returns what it learned.
 
-    datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done and in all, where a
-    method takes its time. calibration: rows to calibrate on, never those of a test; a part of the data set where None.
-    checkpoint: file or folder by which a method that takes long goes on where it was stopped. run: executor of a method
-    that spreads its work ("ga"); this process where None.
+    datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done
+    and in all, where a method takes its time. calibration: rows to calibrate on, never those of a
+    test; a part of the data set where None. checkpoint: file or folder by which a method that takes
+    long goes on where it was stopped. run: executor of a method that spreads its work ("ga"); this
+    process where None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -146,4 +163,6 @@ class FitRequest:
 
 def missing(method: str, error: ImportError) -> InvalidInput:
     """Refusal of a method that needs a package which is not installed."""
-    return InvalidInput(f"method: {method!r} needs {error.name}, got none: pip install 'stancekit[rl]'")
+    return InvalidInput(
+        f"method: {method!r} needs {error.name}, got none: pip install 'stancekit[rl]'"
+    )

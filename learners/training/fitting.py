@@ -19,7 +19,10 @@ from ..selectors.selector import Learned
 from .envelope_methods import ENVELOPES, fit
 from .fit_settings import KNOBS, FitRequest, FitSettings, Progress, missing
 
-_BOXES, _NETWORKS = "stancekit.learners.training.fitting", "stancekit.learners.training.network_methods"
+_BOXES, _NETWORKS = (
+    "stancekit.learners.training.fitting",
+    "stancekit.learners.training.network_methods",
+)
 METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     "method",
     "stancekit.methods",
@@ -34,8 +37,8 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     expected="a function of a FitRequest that returns a selector",
     accepts=lambda it: takes(it, 1),
 )
-"""A method is called with a ``FitRequest`` and returns what it learned: an ``EnvelopeSet``, ``Modes``, or a selector
-with ``predict`` and ``save(path)``."""
+"""A method is called with a ``FitRequest`` and returns what it learned: an ``EnvelopeSet``,
+``Modes``, or a selector with ``predict`` and ``save(path)``."""
 
 
 def learn(
@@ -50,22 +53,35 @@ def learn(
 ) -> Learned | Modes:
     """Learn by any method: one of ``METHODS``, or "FILE.py:NAME".
 
-    The arguments are those of ``FitRequest``. Raises InvalidInput where the data set lacks what the method needs.
+    The arguments are those of ``FitRequest``. Raises InvalidInput where the data set lacks what the
+    method needs.
     """
     datasets = (dataset,) if isinstance(dataset, Dataset) else tuple(dataset)
     request = FitRequest(
-        datasets=datasets, settings=settings, progress=progress, calibration=calibration, checkpoint=checkpoint, run=run
+        datasets=datasets,
+        settings=settings,
+        progress=progress,
+        calibration=calibration,
+        checkpoint=checkpoint,
+        run=run,
     )
-    found = _method(method)(request)
-    return found if isinstance(found, Modes) else fitted(found, method, datasets[0].problem_class)
+    learned = _method(method)(request)
+    return (
+        learned
+        if isinstance(learned, Modes)
+        else fitted(learned, method, datasets[0].problem_class)
+    )
 
 
 def learn_selector(method: str, dataset: Dataset, *arguments: Any, **options: Any) -> Learned:
-    """``learn`` for whoever rolls out what comes. Raises InvalidInput for modes, which are no selector of a scene."""
-    found = learn(method, dataset, *arguments, **options)
-    if isinstance(found, Modes):
-        raise InvalidInput(f"method: expected one that learns a selector, got {method!r}, which learns modes")
-    return found
+    """``learn`` for whoever rolls out what comes. Raises InvalidInput for modes, which are no
+    selector of a scene."""
+    learned = learn(method, dataset, *arguments, **options)
+    if isinstance(learned, Modes):
+        raise InvalidInput(
+            f"method: expected one that learns a selector, got {method!r}, which learns modes"
+        )
+    return learned
 
 
 def _method(name: str) -> Callable[[FitRequest], Any]:
@@ -83,8 +99,16 @@ def modes(request: FitRequest) -> Modes:
 
 
 def _envelopes(method: str, request: FitRequest) -> Any:
-    return fit(method, request.dataset, request.settings, request.progress, checkpoint=request.checkpoint,
-               run=request.run)  # fmt: skip
+    return fit(
+        method,
+        request.dataset,
+        request.settings,
+        request.progress,
+        checkpoint=request.checkpoint,
+        run=request.run,
+    )
 
 
-heuristic, quantile, gmm_printed, gmm, ga, gradient = (partial(_envelopes, name) for name in ENVELOPES)
+heuristic, quantile, gmm_printed, gmm, ga, gradient = (
+    partial(_envelopes, name) for name in ENVELOPES
+)

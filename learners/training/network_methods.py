@@ -19,39 +19,59 @@ from .held_out import TrainingScenes
 from .reinforce import train
 
 JOINT_TARGET = 0.99
-"""Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on validation rows."""
+"""Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on
+validation rows."""
 
 
 def neural(request: FitRequest) -> NeuralSelector:
     """A network from terrain to box."""
     knobs = typed(NeuralSettings, request.settings.neural, "neural")
     return fit_neural(
-        request.dataset, knobs, request.progress, calibration=request.calibration, checkpoint=request.checkpoint
+        request.dataset,
+        knobs,
+        request.progress,
+        calibration=request.calibration,
+        checkpoint=request.checkpoint,
     )
 
 
 def joint(request: FitRequest) -> NeuralSelector:
     """A network from terrain to box and point, for the P1 that is joined with the lift."""
     settings = request.settings
-    own = replace(settings, neural={"target": JOINT_TARGET, **settings.neural, "relaxation": "joint"})
-    return neural(replace(request, settings=own))
+    joint_settings = replace(
+        settings, neural={"target": JOINT_TARGET, **settings.neural, "relaxation": "joint"}
+    )
+    return neural(replace(request, settings=joint_settings))
 
 
 def chooser(request: FitRequest) -> Chooser:
     """Boxes that descend P1's margins, and a network that picks one a terrain."""
     dataset, settings, progress = request.dataset, request.settings, request.progress
     envelopes = fit("gradient", dataset, settings, progress)
-    return fit_chooser(dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress)
+    return fit_chooser(
+        dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress
+    )
 
 
 def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
-    """A policy trained on the data set's scenes; its learning curve is drawn on the calibration rows."""
+    """A policy trained on the data set's scenes; its learning curve is drawn on the calibration
+    rows."""
     dataset, calibration, settings = request.dataset, request.calibration, request.settings
-    learned, held_out = (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
-    count = {"feasible": len(learned.feasible), "infeasible": len(learned.infeasible), "seed": learned.header.plan.seed}
-    config = settings.training(dataset.problem_class, dataset.header.legs if dataset.robot else None, count)
+    learned, held_out = (
+        (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
+    )
+    count = {
+        "feasible": len(learned.feasible),
+        "infeasible": len(learned.infeasible),
+        "seed": learned.header.plan.seed,
+    }
+    config = settings.training(
+        dataset.problem_class, dataset.header.legs if dataset.robot else None, count
+    )
     base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
-    scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base, rows=learned)
+    scenes = TrainingScenes(
+        train=scenes_of(learned), held_out=scenes_of(held_out), base=base, rows=learned
+    )
     with tempfile.TemporaryDirectory() as spare:
         where = request.checkpoint or Path(spare)
         where.mkdir(parents=True, exist_ok=True)

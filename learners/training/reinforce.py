@@ -1,8 +1,10 @@
-"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; or ``paired``.
+"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; or
+``paired``.
 
-A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is seeded from the run's
-seed and the segment's number, and after each one the policy is evaluated on held-out scenes and a checkpoint written.
-So a run that was stopped, however hard, goes on from its last segment and ends with the same policy.
+A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is
+seeded from the run's seed and the segment's number, and after each one the policy is evaluated on
+held-out scenes and a checkpoint written. So a run that was stopped, however hard, goes on from its
+last segment and ends with the same policy.
 """
 
 from __future__ import annotations
@@ -44,11 +46,12 @@ def train(
     progress: Progress | None = None,
     labelling: Callable[[str, int, int], None] | None = None,
 ) -> Trained:
-    """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into the folder.
+    """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into
+    the folder.
 
-    resume: go on from the folder's checkpoint; its configuration must be the same but for ``steps``. scenes: None
-    labels them in the folder. progress: told steps done and in all; labelling: which data set, its rows
-    done and in all. Uses one torch thread. Raises InvalidInput.
+    resume: go on from the folder's checkpoint; its configuration must be the same but for
+    ``steps``. scenes: None labels them in the folder. progress: told steps done and in all;
+    labelling: which data set, its rows done and in all. Uses one torch thread. Raises InvalidInput.
     """
     torch.set_num_threads(1)
     checkpoint = folder / NAME
@@ -70,18 +73,29 @@ def train(
 class _Run:
     """A run between its environment and its folder."""
 
-    def __init__(self, config: TrainConfig, folder: Path, scenes: TrainingScenes, env: VecEnv) -> None:
+    def __init__(
+        self, config: TrainConfig, folder: Path, scenes: TrainingScenes, env: VecEnv
+    ) -> None:
         self._config, self._folder, self._scenes, self._env = config, folder, scenes, env
         self._curve: list[CurvePoint] = []
         kind, arguments = config.shape.policy
         ppo = config.ppo
         set_random_seed(config.seed)
         self._model = PPO(
-            kind, env, learning_rate=ppo.rate, n_steps=ppo.rollout, n_epochs=ppo.epochs,
-            batch_size=min(ppo.batch, ppo.rollout * config.envs), gamma=ppo.discount, gae_lambda=0.95,
-            clip_range=ppo.clip, ent_coef=ppo.entropy,
-            policy_kwargs=arguments, device="cpu", seed=config.seed,
-        )  # fmt: skip
+            kind,
+            env,
+            learning_rate=ppo.rate,
+            n_steps=ppo.rollout,
+            n_epochs=ppo.epochs,
+            batch_size=min(ppo.batch, ppo.rollout * config.envs),
+            gamma=ppo.discount,
+            gae_lambda=0.95,
+            clip_range=ppo.clip,
+            ent_coef=ppo.entropy,
+            policy_kwargs=arguments,
+            device="cpu",
+            seed=config.seed,
+        )
         self._model.set_logger(_logger(folder, config.tensorboard))
         self._evaluate = evaluator(config, scenes.held_out)
 
@@ -117,14 +131,19 @@ class _Run:
         policy.load_state_dict(self._model.policy.state_dict())
         policy.set_training_mode(False)
         return TrainedPolicy(
-            self._config.shape, policy, self._scenes.base, steps=self._model.num_timesteps,
+            self._config.shape,
+            policy,
+            self._scenes.base,
+            steps=self._model.num_timesteps,
             provenance={"config": asdict(self._config), **self._scenes.origin},
-        )  # fmt: skip
+        )
 
     def _judge(self) -> None:
         """Evaluate on the held-out scenes."""
         reward, figures = self._evaluate(self._policy())
-        self._curve.append(CurvePoint(steps=self._model.num_timesteps, reward=reward, figures=figures))
+        self._curve.append(
+            CurvePoint(steps=self._model.num_timesteps, reward=reward, figures=figures)
+        )
         for name, value in ({"reward": reward} | figures).items():
             self._model.logger.record(f"held_out/{name}", value)
         self._model.logger.dump(self._model.num_timesteps)
@@ -133,14 +152,22 @@ class _Run:
         """The checkpoint."""
         model, policy = self._model, self._model.policy
         write_checkpoint(
-            self._folder, self._config, self._curve, policy.state_dict(), policy.optimizer,
-            steps=model.num_timesteps, updates=model._n_updates,
-        )  # fmt: skip
+            self._folder,
+            self._config,
+            self._curve,
+            policy.state_dict(),
+            policy.optimizer,
+            steps=model.num_timesteps,
+            updates=model._n_updates,
+        )
 
     def _restore(self, path: Path) -> None:
-        """Go back to the checkpoint. Raises InvalidInput where it is damaged or of another configuration."""
+        """Go back to the checkpoint. Raises InvalidInput where it is damaged or of another
+        configuration."""
         model = self._model
-        header, self._curve = read_checkpoint(path, self._config, model.policy, model.policy.optimizer)
+        header, self._curve = read_checkpoint(
+            path, self._config, model.policy, model.policy.optimizer
+        )
         model.num_timesteps, model._n_updates = int(header["steps"]), int(header["updates"])
 
 
@@ -156,6 +183,10 @@ def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:
 def _logger(folder: Path, tensorboard: bool) -> Logger:
     """TensorBoard's log where it is wanted and installed, else none: the curve is kept anyway."""
     if tensorboard and importlib.util.find_spec("tensorboard") is None:
-        _log.warning("tensorboard is not installed (pip install tensorboard): training goes on without its logs")
+        _log.warning(
+            "tensorboard is not installed (pip install tensorboard): training goes on without its logs"
+        )
         tensorboard = False
-    return configure(str(folder / "tensorboard"), ["tensorboard"]) if tensorboard else Logger(None, [])
+    return (
+        configure(str(folder / "tensorboard"), ["tensorboard"]) if tensorboard else Logger(None, [])
+    )

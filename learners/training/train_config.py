@@ -22,7 +22,8 @@ from ..selectors.policy import EnvironmentName, PolicyShape
 
 @dataclass(frozen=True, kw_only=True)
 class PpoSettings:
-    """Knobs of PPO. rollout: steps of every sub-environment between updates; rate: falls linearly to a tenth."""
+    """Knobs of PPO. rollout: steps of every sub-environment between updates; rate: falls linearly
+    to a tenth."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -40,8 +41,9 @@ class PpoSettings:
 class PairedSettings:
     """Knobs of the paired score function (``training.paired``).
 
-    start: keys of ``NeuralSettings``, for the network that it begins with. scenes: of an update. pairs: of opposite
-    actions a scene. spread: standard deviation of an action's bounds, non-dimensional. rate: Adam's; falls to a tenth.
+    start: keys of ``NeuralSettings``, for the network that it begins with. scenes: of an update.
+    pairs: of opposite actions a scene. spread: standard deviation of an action's bounds,
+    non-dimensional. rate: Adam's; falls to a tenth.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -62,13 +64,14 @@ class PairedSettings:
 class TrainConfig:
     """One training run. Steps are rounded up to whole segments, and segments to whole rollouts.
 
-    problem: distribution; robot, terrain: files that it is of, where not the default hexapod and no terrain's; legs: of
-    a class whose scenes are given, and which no distribution draws. train, held_out: how many labelled scenes to learn
-    from and to evaluate on, and their seeds.
-    envs: sub-environments; workers: their processes (selection only). Selection: base, offset, spread: the envelope
-    that the policy moves the bounds of, how far it may, and the initial standard deviation of that, as a share of
-    offset. Refinement: budget of solves an episode. tensorboard: write its logs, too. method: "ppo", or for selection
-    "paired", with the settings of its name; it has no use for envs, workers, base, offset and spread.
+    problem: distribution; robot, terrain: files that it is of, where not the default hexapod and no
+    terrain's; legs: of a class whose scenes are given, and which no distribution draws. train,
+    held_out: how many labelled scenes to learn from and to evaluate on, and their seeds. envs:
+    sub-environments; workers: their processes (selection only). Selection: base, offset, spread:
+    the envelope that the policy moves the bounds of, how far it may, and the initial standard
+    deviation of that, as a share of offset. Refinement: budget of solves an episode. tensorboard:
+    write its logs, too. method: "ppo", or for selection "paired", with the settings of its name; it
+    has no use for envs, workers, base, offset and spread.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -96,14 +99,17 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         if self.train.seed == self.held_out.seed:
-            raise InvalidInput(f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both")
+            raise InvalidInput(
+                f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both"
+            )
         if self.method == "paired" and not self.environment.endswith("EnvelopeSelection-v0"):
             raise InvalidInput(f"method: expected ppo for {self.environment}, got paired")
         _ = self.kind  # refuses unknown distributions
 
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
-        """Read a file, some of its keys replaced. Raises InvalidInput with every key that is wrong."""
+        """Read a file, some of its keys replaced. Raises InvalidInput with every key that is
+        wrong."""
         return validated(cls, read_yaml(path) | dict(overrides or {}), str(path))
 
     @cached_property
@@ -111,16 +117,20 @@ class TrainConfig:
         """Class of the scenes."""
         if self.legs:
             return SceneKind(name=self.problem, legs=self.legs)
-        drawn = distribution(self.problem, robot=self.robot, terrain=self.terrain)
-        return SceneKind(name=drawn.name, legs=drawn.legs)
+        source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
+        return SceneKind(name=source.name, legs=source.legs)
 
     @property
     def shape(self) -> PolicyShape:
         """The policy that is trained."""
         return PolicyShape(
-            environment=self.environment, problem=self.kind.name, hidden=tuple(self.ppo.hidden), spread=self.spread,
-            offset=self.offset, legs=() if self.kind.name == self.problem and not self.legs else self.kind.legs,
-        )  # fmt: skip
+            environment=self.environment,
+            problem=self.kind.name,
+            hidden=tuple(self.ppo.hidden),
+            spread=self.spread,
+            offset=self.offset,
+            legs=() if self.kind.name == self.problem and not self.legs else self.kind.legs,
+        )
 
     @property
     def segment(self) -> int:

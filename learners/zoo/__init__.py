@@ -1,1 +1,2 @@
-"""Trained selectors that ship, one a class of problems, each with its card; ``selectors.shipped`` finds them."""
+"""Trained selectors that ship, one a class of problems, each with its card; ``selectors.shipped``
+finds them."""

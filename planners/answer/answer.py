@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
 UNBOUNDED = 1e6
-"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
+"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment
+balance."""
 _OLD = {
     "posture": "solution",
     "plan": "solution",
@@ -67,8 +68,8 @@ class Effort:
         tries: choices of contacts that were tried, by planners that count them.
         seconds: wall clock, without compile_s; of a walk, processor time of its solves [s].
         compile_s: time to write programs down [s].
-        solver_s, verifier_s: time in the solver itself and in the verifier, by planners that take them apart; else 0
-            [s].
+        solver_s, verifier_s: time in the solver itself and in the verifier, by planners that take
+            them apart; else 0 [s].
     Source:
         None: counts and clocks.
     Example:
@@ -90,19 +91,25 @@ class Answer(Generic[S]):
     """Answer of one planner to one problem: of a posture, a course, a walk or a leap.
 
     Arguments:
-        status: of the problem itself; of a robot with legs of its own, infeasible is proved over their outer sets.
+        status: of the problem itself; of a robot with legs of its own, infeasible is proved over
+            their outer sets.
         method: the planner's name.
-        problem: that was answered, of which a certificate is a proof: of a course over the outer sets of the legs where
-            there are any. None in the answers of a batch, and of a foreign planner that nobody has verified.
-        solution: accepted by the verifier where ``status`` is feasible. Where the problem is undecided, the plan or
-            walk that was found and that the verifier refused, or had no time for; None where there is none.
+        problem: that was answered, of which a certificate is a proof: of a course over the outer
+            sets of the legs where there are any. None in the answers of a batch, and of a foreign
+            planner that nobody has verified.
+        solution: accepted by the verifier where ``status`` is feasible. Where the problem is
+            undecided, the plan or walk that was found and that the verifier refused, or had no time
+            for; None where there is none.
         certificate: accepted by the verifier where ``status`` is infeasible.
-        report: the verifier's report on what was found, accepted or not; of a plan on all of it, joints, torque, bodies
-            and motion too, and None where contacts alone were asked for. None in the answers of a batch.
+        report: the verifier's report on what was found, accepted or not; of a plan on all of it,
+            joints, torque, bodies and motion too, and None where contacts alone were asked for.
+            None in the answers of a batch.
         objective: of the solution; NaN where the problem has none.
-        bound: proved lower bound on the objective of any solution; of a posture problem, on its non-dimensional moment
-            residual (inf where none exists, NaN where nothing was asked of an objective).
-        residual: largest violation of any constraint by what was found, non-dimensional; NaN without a solution.
+        bound: proved lower bound on the objective of any solution; of a posture problem, on its
+            non-dimensional moment residual (inf where none exists, NaN where nothing was asked of
+            an objective).
+        residual: largest violation of any constraint by what was found, non-dimensional; NaN
+            without a solution.
         effort: what the answer has cost.
         claim: what a method says that cannot prove it, for example an external solver's own status.
         message: why the problem is undecided, or what a proof is over.
@@ -131,8 +138,8 @@ class Answer(Generic[S]):
     details: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        said = self.message or ("" if self.report is None else self.report.message)
-        return f"Answer({self.status.value} by {self.method}{': ' if said else ''}{said})"
+        text = self.message or ("" if self.report is None else self.report.message)
+        return f"Answer({self.status.value} by {self.method}{': ' if text else ''}{text})"
 
     def _repr_html_(self) -> str:
         """HTML that a notebook shows."""
@@ -144,7 +151,8 @@ class Answer(Generic[S]):
 
     @property
     def sets(self) -> Sets | None:
-        """The sets of the robot's legs that a course is over; None for a robot without legs, or with other sets."""
+        """The sets of the robot's legs that a course is over; None for a robot without legs, or
+        with other sets."""
         if not isinstance(self.problem, Problem) or self.problem.is_posture:
             return None
         from ..robot.contact_robot import sets_of
@@ -153,11 +161,13 @@ class Answer(Generic[S]):
 
     @property
     def residual_nm(self) -> float:
-        """Norm of the net moment on the robot, at the worst stance of what was found [Nm]; NaN without a report."""
+        """Norm of the net moment on the robot, at the worst stance of what was found [Nm]; NaN
+        without a report."""
         return math.nan if self.report is None else self.report.figures.get("residual_nm", math.nan)
 
     def to_json(self, *, proof: bool = False) -> dict[str, Any]:
-        """JSON-ready values of an answer to a posture problem, a line of a file. proof: with the certificate."""
+        """JSON-ready values of an answer to a posture problem, a line of a file. proof: with the
+        certificate."""
         record: dict[str, Any] = {
             "status": self.status.value,
             "method": self.method,

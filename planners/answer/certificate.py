@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """A proof that its problem has no answer: a tree that covers all that there is to choose (patches, toes and
-    forces), and multipliers a leaf.
+    """A proof that its problem has no answer: a tree that covers all that there is to choose
+    (patches, toes and forces), and multipliers a leaf.
 
-    A posture problem is a course of one frame with one stance, in which foothold i is contact i with one candidate.
+    A posture problem is a course of one frame with one stance, in which foothold i is contact i
+    with one candidate.
 
     Arguments:
         tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
@@ -32,23 +33,26 @@ class Certificate:
             - kind 1, a choice: in the first child foothold ``i`` stands on its candidate ``j``, in the second it does
               not;
             - kind 2, a cut of candidate ``j`` of foothold ``i`` along the chord between two points of the border of the
-              piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
-              point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
-              border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
-              with the point it runs from;
+              piece that is left of it, given as border coordinates ``first`` < ``second``: the
+              coordinate e + s is the point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤
+              s < 1; the first child runs along the border from ``first`` to ``second``, the second
+              child from ``second`` round to ``first``, each beginning with the point it runs from;
             - kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
-              after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the
-              force scale; the first child keeps the values up to it, the second those from it on.
-        multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of
-            the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of
-            the COM, t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes,
-            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left
-            needs none. Any multipliers give a valid bound, so nothing here has to be trusted
+              after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``,
+              in units of the force scale; the first child keeps the values up to it, the second
+              those from it on.
+        multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N
+            limbs: ν_F (S, 3) of the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3)
+            of reach, a (M − 1, 3) of the steps of the COM, t (M − 1, 3) of those of the rotation, g
+            (M − 1) of progress, b (moves, 3) of the steps of toes, all for the non-dimensional
+            problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left needs
+            none. Any multipliers give a valid bound, so nothing here has to be trusted
             (``verify.check_certificate``).
-        problem: which has no answer: a posture problem, a course or a leap. None in a proof that was read without it;
-            ``of`` puts that right.
+        problem: which has no answer: a posture problem, a course or a leap. None in a proof that
+            was read without it; ``of`` puts that right.
     Source:
-        Lagrangian bounds of Lin et al.'s P, branched where one bound does not do: docs/decisions/0003.
+        Lagrangian bounds of Lin et al.'s P, branched where one bound does not do:
+        docs/decisions/0003.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("wall-3", rng=8)[0]
@@ -69,10 +73,11 @@ class Certificate:
 
     @property
     def sets(self) -> Sets | None:
-        """The sets of its robot's legs that the proof is over: within inner sets it says nothing of the robot itself.
+        """The sets of its robot's legs that the proof is over: within inner sets it says nothing of
+        the robot itself.
 
-        None for a robot without legs of its own, or with other sets, and without a problem. Posture problems of a
-        robot's file are over inner sets, as they are drawn.
+        None for a robot without legs of its own, or with other sets, and without a problem. Posture
+        problems of a robot's file are over inner sets, as they are drawn.
         """
         if not isinstance(self.problem, Problem):
             return None
@@ -85,15 +90,17 @@ class Certificate:
     def of(self, problem: Problem | Leap) -> Certificate:
         """Certificate with the same tree and multipliers as a proof of this problem, right or
         wrong."""
-        found = copy(self)
-        object.__setattr__(found, "problem", problem)
-        return found
+        certificate = copy(self)
+        object.__setattr__(certificate, "problem", problem)
+        return certificate
 
     @property
     def refuted(self) -> Problem | Leap:
         """The problem. Raises InvalidInput where the certificate does not know it."""
         if self.problem is None:
-            raise InvalidInput("certificate: expected one that knows its problem, as certificate.of(problem), got none")
+            raise InvalidInput(
+                "certificate: expected one that knows its problem, as certificate.of(problem), got none"
+            )
         return self.problem
 
     def to_json(self) -> dict[str, Any]:
@@ -104,8 +111,9 @@ class Certificate:
     def from_arrays(cls, tree: Array, multipliers: Array) -> Certificate:
         """A certificate of this or an older form. Raises InvalidInput for tables of other shapes.
 
-        Older trees have four columns (of postures: (1, contact, component, value) splits a force box, (2, contact,
-        first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf, (foothold, candidate) a choice).
+        Older trees have four columns (of postures: (1, contact, component, value) splits a force
+        box, (2, contact, first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf,
+        (foothold, candidate) a choice).
         """
         if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
             raise InvalidInput(
@@ -115,12 +123,14 @@ class Certificate:
         rows, nothing = np.asarray(tree, dtype=np.float64), np.zeros(len(tree))
         if tree.shape[1] == 2:
             leaf = (rows == -1.0).all(axis=1)
-            kept = np.where(leaf[:, None], 0.0, rows)
-            rows = np.column_stack([np.where(leaf, 0.0, 1.0), kept, nothing, nothing])
+            padded = np.where(leaf[:, None], 0.0, rows)
+            rows = np.column_stack([np.where(leaf, 0.0, 1.0), padded, nothing, nothing])
         elif tree.shape[1] == 4:
             kind, contact, first, second = rows.T
             force = np.column_stack([np.full(len(rows), 3.0), contact, first, second, nothing])
-            other = np.column_stack([np.where(kind == 3.0, np.nan, kind), contact, nothing, first, second])
+            other = np.column_stack(
+                [np.where(kind == 3.0, np.nan, kind), contact, nothing, first, second]
+            )
             rows = np.where((kind == 1.0)[:, None], force, other)
         return cls(tree=rows, multipliers=multipliers)
 

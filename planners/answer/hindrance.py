@@ -33,8 +33,8 @@ def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
 
     Arguments:
         walk: the trajectory.
-        unchecked: names of the groups that could not be checked. Of a robot without a model the groups of
-            ``WALK_BODY`` are no hindrance: the runner asks the servos of the world.
+        unchecked: names of the groups that could not be checked. Of a robot without a model the
+            groups of ``WALK_BODY`` are no hindrance: the runner asks the servos of the world.
     """
     from ..robot.legged import walking_robot  # slow to import
 

@@ -1,6 +1,8 @@
-"""Answers, reports and plans in notebooks: a line, a picture of the stance as SVG, and a table of groups.
+"""Answers, reports and plans in notebooks: a line, a picture of the stance as SVG, and a table of
+groups.
 
-Pictures are text that is made here, so that a notebook needs no other package; ``stancekit.draw`` makes better ones.
+Pictures are text that is made here, so that a notebook needs no other package; ``stancekit.draw``
+makes better ones.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ LONGEST = 0.25
 
 
 def groups_html(message: str, groups: Iterable[tuple[str, str, str, str, str]]) -> str:
-    """A verdict, and a row per group: its name, its verdict, what was measured, where, and what is said of it."""
+    """A verdict, and a row per group: its name, its verdict, what was measured, where, and what is
+    said of it."""
     rows = "".join(
         f'<tr><td>{escape(name)}</td><td style="color:{COLOURS.get(verdict, "#777")}">{verdict}</td>'
         f"<td>{escape(measured)}</td><td>{escape(where)}</td><td>{escape(said)}</td></tr>"
@@ -37,7 +40,9 @@ def status_html(status: str, method: str, message: str) -> str:
     return f"<p><b>{status}</b> by {escape(method)}{escape(f': {message}' if message else '')}</p>"
 
 
-def stance_html(title: str, polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> str:
+def stance_html(
+    title: str, polygons: Sequence[Array], toes: Array, forces: Array, way: Array
+) -> str:
     """A line, and a picture of a stance over what its feet stand on.
 
     Arguments:
@@ -67,12 +72,18 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
         return " ".join(f"{x:.1f},{HEIGHT_PX - y:.1f}" for x, y in across)
 
     order = sorted(range(len(polygons)), key=lambda k: -float(_seen(polygons[k])[1].mean()))
-    parts = [f'<polygon points="{drawn(polygons[k])}" fill="#d9d4c7" stroke="#8a8577"/>' for k in order]
-    parts.append(f'<polyline points="{drawn(way)}" fill="none" stroke="#e8a317" stroke-dasharray="4 3"/>')
+    parts = [
+        f'<polygon points="{drawn(polygons[k])}" fill="#d9d4c7" stroke="#8a8577"/>' for k in order
+    ]
+    parts.append(
+        f'<polyline points="{drawn(way)}" fill="none" stroke="#e8a317" stroke-dasharray="4 3"/>'
+    )
     most = max(float(np.linalg.norm(forces, axis=1).max(initial=0.0)), 1e-9)
     longest = LONGEST * float(room.min()) / scale
     for toe, force in zip(toes, forces, strict=True):
-        parts.append(f'<polyline points="{drawn(np.array([way[0], toe]))}" stroke="#444" stroke-width="2"/>')
+        parts.append(
+            f'<polyline points="{drawn(np.array([way[0], toe]))}" stroke="#444" stroke-width="2"/>'
+        )
         arrow = np.array([toe, toe + longest / most * force])
         parts.append(f'<polyline points="{drawn(arrow)}" stroke="#b3261e" stroke-width="2"/>')
     body = drawn(way[:1]).split(",")
@@ -82,9 +93,14 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
-    """Places of points in the picture, shape (K, 2), and their distances from the eye, shape (K,).
-    """
-    ca, sa, ce, se = np.cos(AZIMUTH_RAD), np.sin(AZIMUTH_RAD), np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
+    """Places of points in the picture, shape (K, 2), and their distances from the eye, shape
+    (K,)."""
+    ca, sa, ce, se = (
+        np.cos(AZIMUTH_RAD),
+        np.sin(AZIMUTH_RAD),
+        np.cos(ELEVATION_RAD),
+        np.sin(ELEVATION_RAD),
+    )
     x, y, z = points.T
     right, ahead = -sa * x + ca * y, ca * x + sa * y
     return np.stack([right, ce * z - se * ahead], axis=1), -(ce * ahead + se * z)

@@ -1,4 +1,5 @@
-"""A plan of a leap: which patches, where the toes are, and what every limb pushes with in every interval."""
+"""A plan of a leap: which patches, where the toes are, and what every limb pushes with in every
+interval."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ NUMBERS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapPlan:
-    """One answer to a leap, in the world frame and SI units. Nothing is checked here: ``check_leap`` does it.
+    """One answer to a leap, in the world frame and SI units. Nothing is checked here:
+    ``check_leap`` does it.
 
     Arguments:
         problem: the leap that was answered.
@@ -28,7 +30,8 @@ class LeapPlan:
         choice: a candidate per foothold, shape (P,).
         toes_m: shape (P, 3) [m].
         forces_n: of every limb in every interval, in which they are constant, shape (M, N, 3) [N].
-        com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the intervals, which
+        com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the
+        intervals, which
             follow from the forces; shape (M + 1, 3) each.
         provenance: what made it, names to texts or numbers.
     Source:
@@ -69,13 +72,16 @@ class LeapPlan:
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
     def _repr_html_(self) -> str:
-        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way
+        of the body."""
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]
         patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
         stands = first >= 0
-        return stance_html(repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m)
+        return stance_html(
+            repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m
+        )
 
     @property
     def times_s(self) -> Array:

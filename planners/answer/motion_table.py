@@ -1,4 +1,5 @@
-"""A motion as a table: one row per moment, one column per number, with names, as other programs read and write it."""
+"""A motion as a table: one row per moment, one column per number, with names, as other programs
+read and write it."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class MotionTable:
         angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm].
         origin_m: of the body's link, world frame, shape (T, 3).
         quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4).
-        com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame, shape (T, 3).
+        com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame, shape
+        (T, 3).
         turning_rad_s: angular velocity of the body, world frame, shape (T, 3).
         contact: whether each limb stands, shape (T, N).
         forces_n: contact forces on the robot, world frame, shape (T, N, 3).
@@ -99,14 +101,15 @@ class MotionTable:
         content = hashlib.sha256(repr((self.joints, self.limbs)).encode())
         for name, array in self.known().items():
             content.update(
-                f"\n{name} {array.dtype.str} {array.shape}\n".encode() + np.ascontiguousarray(array).tobytes()
+                f"\n{name} {array.dtype.str} {array.shape}\n".encode()
+                + np.ascontiguousarray(array).tobytes()
             )
         return content.hexdigest()
 
     def known(self) -> dict[str, NDArray[Any]]:
         """The arrays that are there, by name."""
-        found = {name: getattr(self, name) for name in shapes(0, 0, 0)}
-        return {name: array for name, array in found.items() if array is not None}
+        columns = {name: getattr(self, name) for name in shapes(0, 0, 0)}
+        return {name: array for name, array in columns.items() if array is not None}
 
 
 def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
@@ -128,7 +131,8 @@ def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
 
 
 def check_times(times_s: Array) -> None:
-    """Raise InvalidInput for times that are no uniform grid: fewer than two, backwards, with gaps."""
+    """Raise InvalidInput for times that are no uniform grid: fewer than two, backwards, with
+    gaps."""
     if len(times_s) < 2:
         raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
     steps = np.diff(times_s)
@@ -148,7 +152,8 @@ def check_times(times_s: Array) -> None:
 
 
 def rotations_from(quaternions: Array) -> Array:
-    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3). Raises InvalidInput for other lengths than 1."""
+    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3). Raises InvalidInput for other
+    lengths than 1."""
     from scipy.spatial.transform import Rotation
 
     sizes = np.linalg.norm(quaternions, axis=1)

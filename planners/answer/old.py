@@ -10,12 +10,15 @@ from .plan import Plan
 
 
 class Posture(metaclass=OldName):
-    """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside it."""
+    """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside
+    it."""
 
     @staticmethod
     def known(instance: object) -> bool:
         """Tell whether the instance is the plan of a posture problem."""
-        return isinstance(instance, Plan) and ("problem" not in vars(instance) or instance.problem.is_posture)
+        return isinstance(instance, Plan) and (
+            "problem" not in vars(instance) or instance.problem.is_posture
+        )
 
     @staticmethod
     def made(**arrays: Any) -> Plan:
@@ -28,5 +31,7 @@ class Posture(metaclass=OldName):
 
 def renamed(where: str) -> Any:
     """``Posture``, after a ``DeprecationWarning``. where: the module that was asked for it."""
-    warnings.warn(f"{where}.Posture is old: Plan.of_posture(problem, ...)", DeprecationWarning, stacklevel=3)
+    warnings.warn(
+        f"{where}.Posture is old: Plan.of_posture(problem, ...)", DeprecationWarning, stacklevel=3
+    )
     return Posture

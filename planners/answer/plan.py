@@ -20,8 +20,8 @@ PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """M key frames over a problem of P footholds and S stances, for a robot with N limbs. Nothing is checked here:
-    ``verify`` does it.
+    """M key frames over a problem of P footholds and S stances, for a robot with N limbs. Nothing
+    is checked here: ``verify`` does it.
 
     The plan of a posture problem has M = S = 1.
 
@@ -31,14 +31,16 @@ class Plan:
         rotation_rad: small body rotation Θ, shape (M, 3) [rad].
         toes_m: one a foothold, shape (P, 3) [m].
         choice: the candidate patch of every foothold, shape (P,).
-        forces_n: forces on the robot in every stance, world frame, zero for limbs that do not carry in it, shape
-            (S, N, 3) [N].
-        points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points of every foot
-            put down are, shape (P, K, 3) [m], and the forces at them, which add up to forces_n, (S, N, K, 3) [N]. K is
-            that of the foot of most points; one with fewer has its centre, and no force, in the places left.
-        joints_rad: angles at every key frame, of all joints of the robot's legs in its model's order, shape (M, J)
-            [rad, or m where a joint slides]; None where nobody worked them out.
-        modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
+        forces_n: forces on the robot in every stance, world frame, zero for limbs that do not carry
+            in it, shape (S, N, 3) [N].
+        points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points
+            of every foot put down are, shape (P, K, 3) [m], and the forces at them, which add up to
+            forces_n, (S, N, K, 3) [N]. K is that of the foot of most points; one with fewer has its
+            centre, and no force, in the places left.
+        joints_rad: angles at every key frame, of all joints of the robot's legs in its model's
+            order, shape (M, J) [rad, or m where a joint slides]; None where nobody worked them out.
+        modes: z, the envelope that mode switching chose for each frame, shape (M,); None without
+            mode switching.
         provenance: how the plan was made, for people.
     Source:
         Lin et al. §II and §IV-B, E11.
@@ -69,27 +71,40 @@ class Plan:
 
     def __post_init__(self) -> None:
         for name, kind in (
-            ("com_m", np.float64), ("rotation_rad", np.float64), ("toes_m", np.float64), ("forces_n", np.float64),
-            ("choice", np.int_), ("modes", np.int_), ("points_m", np.float64), ("point_forces_n", np.float64),
+            ("com_m", np.float64),
+            ("rotation_rad", np.float64),
+            ("toes_m", np.float64),
+            ("forces_n", np.float64),
+            ("choice", np.int_),
+            ("modes", np.int_),
+            ("points_m", np.float64),
+            ("point_forces_n", np.float64),
             ("joints_rad", np.float64),
-        ):  # fmt: skip
+        ):
             if getattr(self, name) is not None:
                 array = np.array(getattr(self, name), dtype=kind)
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
-        name, frames, limbs = self.problem.name, len(self.com_m), ", ".join(self.problem.robot.limb_names)
+        name, frames, limbs = (
+            self.problem.name,
+            len(self.com_m),
+            ", ".join(self.problem.robot.limb_names),
+        )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
     def _repr_html_(self) -> str:
-        """HTML that a notebook shows: the first stance over the patches that are taken, and the way of the body."""
+        """HTML that a notebook shows: the first stance over the patches that are taken, and the way
+        of the body."""
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]
         patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
         stands = first >= 0
-        return stance_html(repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m)
+        return stance_html(
+            repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m
+        )
 
     @classmethod
     def of_posture(
@@ -103,7 +118,8 @@ class Plan:
         points_m: ArrayLike | None = None,
         point_forces_n: ArrayLike | None = None,
     ) -> Plan:
-        """The plan of a posture problem with N contacts, from arrays without axes of frames and stances.
+        """The plan of a posture problem with N contacts, from arrays without axes of frames and
+        stances.
 
         Arguments:
             problem: the posture problem.
@@ -129,8 +145,8 @@ class Plan:
     def forces_at(self, frame: int) -> Array:
         """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of its stances' forces.
 
-        That is an answer itself: at one body pose and with the same toes both balances, the cones and the bounds, which
-        admit no force, are convex in the forces.
+        That is an answer itself: at one body pose and with the same toes both balances, the cones
+        and the bounds, which admit no force, are convex in the forces.
         """
         rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
         return np.asarray(self.forces_n[rows].mean(axis=0))
@@ -156,11 +172,14 @@ class Plan:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-ready lists of a posture, as a line of answers has them: without the axes of frames and stances."""
+        """JSON-ready lists of a posture, as a line of answers has them: without the axes of frames
+        and stances."""
         names = ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n")
         arrays = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         alone = {name for name in PER_FRAME if name in arrays and arrays[name].shape[:1] == (1,)}
-        return {name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()}
+        return {
+            name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()
+        }
 
     if not TYPE_CHECKING:  # or a checker would take any name for one that there is
 

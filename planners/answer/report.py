@@ -1,7 +1,9 @@
-"""The verifier's word on an answer, as plain values: a group per kind of constraint, and a report of them.
+"""The verifier's word on an answer, as plain values: a group per kind of constraint, and a report
+of them.
 
-One report and one group are of everything that is judged: postures, plans of key frames, walks, and proofs that there
-is no answer. Judging and explaining are functions of the layers above (``verify``).
+One report and one group are of everything that is judged: postures, plans of key frames, walks, and
+proofs that there is no answer. Judging and explaining are functions of the layers above
+(``verify``).
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ GROUPS = {
     "tilt": "rad",
     "com": "m",
 }
-"""The groups of constraints of a posture in the order of a report, and the unit of what is violated."""
+"""The groups of constraints of a posture in the order of a report, and the unit of what is
+violated."""
 PLAN_GROUPS = {
     **GROUPS,
     "terrain": "m",
@@ -51,7 +54,8 @@ PLAN_GROUPS = {
 }
 """Those of a plan: those of its stances, and what couples its key frames."""
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
-"""Groups of a plan that are of more of the robot than its contacts; motion is bodies between key frames."""
+"""Groups of a plan that are of more of the robot than its contacts; motion is bodies between key
+frames."""
 MARGIN = "margin"
 """The group of a plan that measures what its stances bear beyond the weight."""
 LATE = "the time limit ended"
@@ -84,17 +88,20 @@ class Group:
 
     Arguments:
         name: of the group, one of its report's.
-        value: the worst that was measured, in ``unit``; 0 where nothing is violated, inf where nothing could be
-            measured.
+        value: the worst that was measured, in ``unit``; 0 where nothing is violated, inf where
+            nothing could be measured.
         limit: largest value that is accepted, in ``unit``.
         unit: of both, SI; "1" or empty for a share.
-        where: limb, "limb component", foot, joint or link, "torso", or an axis; empty for the whole body.
-        when: key frame, with the share of the way to the next as its fraction, or seconds of a walk; None where the
-            group has no moment.
+        where: limb, "limb component", foot, joint or link, "torso", or an axis; empty for the whole
+            body.
+        when: key frame, with the share of the way to the next as its fraction, or seconds of a
+            walk; None where the group has no moment.
         limb: the limb that ``where`` speaks of; empty of anything else.
         message: why the group is violated or was not checked, in words.
-        scale: the value that is a violation of 1, of a group whose values are violations; None of any other.
-        verdict: "holds", "violated", "not checked" or "not asked for"; the value's against the limit where empty.
+        scale: the value that is a violation of 1, of a group whose values are violations; None of
+            any other.
+        verdict: "holds", "violated", "not checked" or "not asked for"; the value's against the
+            limit where empty.
         figures: further measurements, for people and files.
     Source:
         E1-E11; W2-W7.
@@ -123,8 +130,8 @@ class Group:
 
     @property
     def worst(self) -> float:
-        """The violation without its unit, 0 where there is none: the value in ``scale``, or what of it is beyond the
-        limit, as a share of the limit."""
+        """The violation without its unit, 0 where there is none: the value in ``scale``, or what of
+        it is beyond the limit, as a share of the limit."""
         if self.scale is not None:
             return self.value / self.scale
         if self.value <= self.limit:
@@ -147,7 +154,9 @@ class Group:
             """The names of before, for one release."""
             if name in ("accepted", "checked"):
                 _warn(f"Group.{name} is old: Group.verdict")
-                return self.verdict in (("holds", "not checked") if name == "accepted" else OLD_VERDICTS)
+                return self.verdict in (
+                    ("holds", "not checked") if name == "accepted" else OLD_VERDICTS
+                )
             if name not in OLD_NAMES:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             _warn(f"Group.{name} is old: Group.{OLD_NAMES[name]}")
@@ -161,16 +170,19 @@ class Report(Generic[S]):
     Arguments:
         groups: each group of constraints, with where it is worst.
         answer: what was judged, which says what it was asked.
-        tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have limits of their own.
-        figures: further measurements, of which none is judged. Of a posture and a plan: residual_nm, the norm of the
-            net moment about the centre of mass at the worst stance [Nm]; linearisation_m, farthest that I + [Θ]× puts
-            a shoulder from where exp([Θ]×) does [m]; exact_reach_m, how far a toe is out of reach with the exact
-            rotation [m]. Of a plan, too: between, the largest violation at the points between frames; proved, on how
-            many steps from frame to frame limbs carry all the way; goal_m, distance of the last centre of mass from
-            the goal [m]. Of a walk: peak acceleration and balances in units of g and m·g, the friction that the
-            standing feet need, that which the ground within 15 mm of them would need, and the share of their samples
-            outside their cones. Of a proof: lower_bound, the proved
-            least moment residual; leaves, how many were checked; weakest, the leaf of the least bound.
+        tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have
+            limits of their own.
+        figures: further measurements, of which none is judged. Of a posture and a plan:
+            residual_nm, the norm of the net moment about the centre of mass at the worst stance
+            [Nm]; linearisation_m, farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does
+            [m]; exact_reach_m, how far a toe is out of reach with the exact rotation [m]. Of a
+            plan, too: between, the largest violation at the points between frames; proved, on how
+            many steps from frame to frame limbs carry all the way; goal_m, distance of the last
+            centre of mass from the goal [m]. Of a walk: peak acceleration and balances in units of
+            g and m·g, the friction that the standing feet need, that which the ground within 15 mm
+            of them would need, and the share of their samples outside their cones. Of a proof:
+            lower_bound, the proved least moment residual; leaves, how many were checked; weakest,
+            the leaf of the least bound.
         limits: of a walk, what each group was allowed, by name; empty of everything else.
         defect: why there was nothing to check; empty when there was.
     Source:
@@ -221,14 +233,18 @@ class Report(Generic[S]):
     @property
     def contacts(self) -> bool:
         """Tell whether a plan's contacts are within the tolerance, whatever the joints can do."""
-        return not self.defect and not any(group.verdict == "violated" for group in self._of_contacts)
+        return not self.defect and not any(
+            group.verdict == "violated" for group in self._of_contacts
+        )
 
     def group(self, name: str) -> Group:
         """The group of that name; raises KeyError for a name that the report does not have."""
         for group in self.groups:
             if group.name == name:
                 return group
-        raise KeyError(f"expected one of {', '.join(group.name for group in self.groups)}, got {name!r}")
+        raise KeyError(
+            f"expected one of {', '.join(group.name for group in self.groups)}, got {name!r}"
+        )
 
     @property
     def refused(self) -> tuple[Group, ...]:
@@ -238,7 +254,8 @@ class Report(Generic[S]):
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """The groups that were judged; those of contacts are one, "contacts", of a posture and of a plan."""
+        """The groups that were judged; those of contacts are one, "contacts", of a posture and of a
+        plan."""
         judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
         if isinstance(self.answer, Plan | LeapPlan):
             return ("contacts", *(name for name in judged if name in WHOLE_BODY))
@@ -252,33 +269,43 @@ class Report(Generic[S]):
     @property
     def late(self) -> bool:
         """Tell whether some groups were left unchecked since the time had ended."""
-        return any(group.verdict == "not checked" and group.message.startswith(LATE) for group in self.groups)
+        return any(
+            group.verdict == "not checked" and group.message.startswith(LATE)
+            for group in self.groups
+        )
 
     @cached_property
     def hindrance(self) -> str:
         """Why no runner executes the plan or the walk, whatever the world; empty where one may."""
         if isinstance(self.answer, Plan):
             return plan_hindrance(self.answer) if self._of_course else ""
-        return walk_hindrance(self.answer, self.unchecked) if isinstance(self.answer, Trajectory) else ""
+        return (
+            walk_hindrance(self.answer, self.unchecked)
+            if isinstance(self.answer, Trajectory)
+            else ""
+        )
 
     @property
     def body_message(self) -> str:
-        """A line on the groups of a plan's whole body that somebody asked for; empty where nobody did."""
-        said = list[tuple[str, str]]()
+        """A line on the groups of a plan's whole body that somebody asked for; empty where nobody
+        did."""
+        remarks = list[tuple[str, str]]()
         for group in self._of_body:
-            if group.verdict == "not asked for" or (group.name == MARGIN and group.verdict == "holds"):
+            if group.verdict == "not asked for" or (
+                group.name == MARGIN and group.verdict == "holds"
+            ):
                 continue
             name, verdict = group.name, OLD_VERDICTS.get(group.verdict, "NOT CHECKED")
             reason = f" ({group.message})" if group.message else ""
-            if reason and said and said[-1][1] == verdict + reason:
-                name = f"{said.pop()[0]}, {name}"
-            said.append((name, verdict + reason))
-        return "; ".join(f"{name}: {verdict}" for name, verdict in said)
+            if reason and remarks and remarks[-1][1] == verdict + reason:
+                name = f"{remarks.pop()[0]}, {name}"
+            remarks.append((name, verdict + reason))
+        return "; ".join(f"{name}: {verdict}" for name, verdict in remarks)
 
     @property
     def margin_message(self) -> str:
-        """A line on what a plan's stances bear beyond the weight, or on how sure the feet of a walk stand; empty where
-        nobody measured it."""
+        """A line on what a plan's stances bear beyond the weight, or on how sure the feet of a walk
+        stand; empty where nobody measured it."""
         if isinstance(self.answer, Trajectory):
             return self._footing_line()
         margin = next((group for group in self.groups if group.name == MARGIN), None)
@@ -300,36 +327,61 @@ class Report(Generic[S]):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a runner asks for."""
+        """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a
+        runner asks for."""
         if isinstance(self.answer, Plan) and self._of_course:
             return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
         if isinstance(self.answer, Trajectory):
-            content = {"limits": dict(self.limits), "accepted": self.accepted, "defect": self.defect}
+            content = {
+                "limits": dict(self.limits),
+                "accepted": self.accepted,
+                "defect": self.defect,
+            }
             content["checked"] = list(self.checked)
-            return _sha256(content if self.defect else {**content, "trajectory": self.answer.digest})
+            return _sha256(
+                content if self.defect else {**content, "trajectory": self.answer.digest}
+            )
         if isinstance(self.answer, MotionTable):
-            content = {"limits": dict(self.limits), "accepted": self.accepted, "checked": list(self.checked)}
+            content = {
+                "limits": dict(self.limits),
+                "accepted": self.accepted,
+                "checked": list(self.checked),
+            }
             return _sha256({**content, "motion": self.answer.digest})
         if isinstance(self.answer, LeapPlan):
             from ..problem.leap_json import leap_to_json  # of leaps alone
 
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
-            content = {"leap": leap_to_json(self.answer.problem), "plan": {**plan, "timing": self.answer.timing}}
+            content = {
+                "leap": leap_to_json(self.answer.problem),
+                "plan": {**plan, "timing": self.answer.timing},
+            }
             return _digest(content, self.tolerance, self.accepted)
-        of, kind = self.answer.problem, "posture" if isinstance(self.answer, Plan) else "certificate"
-        asked = {"problem": of.to_json()} if isinstance(of, Problem) and of.is_posture else {}
-        return _digest({**asked, kind: self.answer.to_json()}, self.tolerance, self.accepted)
+        of, kind = (
+            self.answer.problem,
+            "posture" if isinstance(self.answer, Plan) else "certificate",
+        )
+        extra = {"problem": of.to_json()} if isinstance(of, Problem) and of.is_posture else {}
+        return _digest({**extra, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
     @property
     def message(self) -> str:
-        """One line: the verdict, what was not checked, the worst group, where and by how much, and what hinders its
-        execution."""
+        """One line: the verdict, what was not checked, the worst group, where and by how much, and
+        what hinders its execution."""
         if self.defect:
             return f"rejected: {self.defect}"
         if isinstance(self.answer, Certificate):
             return self.groups[0].message
-        line = self._walk_line() if isinstance(self.answer, Trajectory | MotionTable) else self._contacts_line()
-        return f"{line}; cannot be executed: {self.hindrance}" if self.accepted and self.hindrance else line
+        line = (
+            self._walk_line()
+            if isinstance(self.answer, Trajectory | MotionTable)
+            else self._contacts_line()
+        )
+        return (
+            f"{line}; cannot be executed: {self.hindrance}"
+            if self.accepted and self.hindrance
+            else line
+        )
 
     def _contacts_line(self) -> str:
         """The verdict on a posture or a plan, and its worst group."""
@@ -348,7 +400,11 @@ class Report(Generic[S]):
         group = max(self._of_contacts, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
             balanced = of_plan and cast("Plan", self.answer).problem.uncarried
-            return verdict + then + ("balanced in every frame" if balanced else "no constraint is violated")
+            return (
+                verdict
+                + then
+                + ("balanced in every frame" if balanced else "no constraint is violated")
+            )
         place = group.where
         if of_plan or isinstance(self.answer, LeapPlan):
             moment = "frame" if of_plan else "interval"
@@ -364,7 +420,11 @@ class Report(Generic[S]):
         """The verdict on a walk, and the group that breaks its limit most."""
         if self.accepted:
             within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
-            return f"{acceptance_word(self.unchecked)}; {within}" if self.unchecked else f"accepted: all {within}"
+            return (
+                f"{acceptance_word(self.unchecked)}; {within}"
+                if self.unchecked
+                else f"accepted: all {within}"
+            )
         first, *rest = self.refused
         when = "" if first.when is None else f" at {first.when:.3f} s"
         where = f" ({first.where})" if first.where else ""
@@ -416,7 +476,9 @@ class Report(Generic[S]):
                 "limits": dict(self.limits),
             }
         body = {group.name: body_json(group) for group in self._of_body}
-        proved = {"proved": int(self.figures["proved"]), "checked": list(self.checked)} if body else {}
+        proved = (
+            {"proved": int(self.figures["proved"]), "checked": list(self.checked)} if body else {}
+        )
         return {
             **head,
             "worst": or_null(self.worst),
@@ -450,8 +512,8 @@ class Report(Generic[S]):
 def body_json(group: Group) -> dict[str, Any]:
     """A group of a plan's whole body as files and ``--json`` have it."""
     verdict = OLD_VERDICTS.get(group.verdict, group.verdict)
-    said = {"message": group.message} if group.message or group.verdict in OLD_VERDICTS else {}
-    return {"verdict": verdict, **said, **group.figures}
+    extra = {"message": group.message} if group.message or group.verdict in OLD_VERDICTS else {}
+    return {"verdict": verdict, **extra, **group.figures}
 
 
 def _contact_group(group: Group) -> dict[str, Any]:
@@ -483,16 +545,21 @@ def acceptance_word(unchecked: Sequence[str]) -> str:
     return f"accepted as far as checked: {names} not"
 
 
-def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)) -> str:
+def plan_digest(
+    plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)
+) -> str:
     """SHA-256 of a verdict on a plan and of all that it speaks of, in hexadecimal.
 
     Arguments:
-        plan: what was judged; course and arrays go in as sorted JSON, so that a change of any gives another digest.
+        plan: what was judged; course and arrays go in as sorted JSON, so that a change of any gives
+            another digest.
         tolerance: of the verdict, without unit.
         accepted: the verdict.
         checked: what was judged, contacts alone or joints and bodies, too.
     """
-    numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
+    numbers = {
+        name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()
+    }
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
     return _digest({"course": plan.problem.to_json(), "plan": numbers, **more}, tolerance, accepted)
 
@@ -504,11 +571,14 @@ def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
 
 def _sha256(content: Mapping[str, Any]) -> str:
     """SHA-256 of canonical JSON, in hexadecimal."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a posture."""
+    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
+    posture."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
     soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
@@ -532,9 +602,12 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
 
 
 def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
-    """The numbers of a plan by name; modes may be None, and joints are there only where they were worked out."""
-    found = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
-    return {name: array for name, array in found.items() if array is not None or name != "joints_rad"}
+    """The numbers of a plan by name; modes may be None, and joints are there only where they were
+    worked out."""
+    arrays = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
+    return {
+        name: array for name, array in arrays.items() if array is not None or name != "joints_rad"
+    }
 
 
 def or_null(number: float) -> float | None:

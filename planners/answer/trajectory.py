@@ -1,6 +1,8 @@
-"""The trajectory of a legged robot over a terrain: what every chart's solution becomes, in the world frame and dense.
+"""The trajectory of a legged robot over a terrain: what every chart's solution becomes, in the
+world frame and dense.
 
-It says nothing of how it was made, so ``judge`` can check it and ``record`` can write it without knowing an optimiser.
+It says nothing of how it was made, so ``judge`` can check it and ``record`` can write it without
+knowing an optimiser.
 """
 
 from __future__ import annotations
@@ -35,10 +37,11 @@ SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are read-only copies.
+    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are
+    read-only copies.
 
-    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an optimiser returns can be
-    held and looked at.
+    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an
+    optimiser returns can be held and looked at.
 
     Arguments:
         times_s: shape (K,) [s].
@@ -51,10 +54,12 @@ class Trajectory:
         friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
         start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
-        heading_rad: which way it has to face at the start, from x towards y [rad]; None where nothing is asked.
+        heading_rad: which way it has to face at the start, from x towards y [rad]; None where
+            nothing is asked.
         heading_end_rad: the same at the end.
         still: whether it has to be at rest at the start, and at the end.
-        suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for no bound.
+        suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for
+            no bound.
         provenance: what made it, names to texts or numbers.
     Raises:
         InvalidInput: for values that are no arrays of numbers.
@@ -87,7 +92,15 @@ class Trajectory:
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "start_xy_m", "goal_xy_m"):
+        for name in (
+            "times_s",
+            "torso_m",
+            "rotation",
+            "feet_m",
+            "forces_n",
+            "start_xy_m",
+            "goal_xy_m",
+        ):
             object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
         for name in ("contact", "adhesive"):
             object.__setattr__(self, name, _held(getattr(self, name), np.bool_, name))
@@ -97,7 +110,10 @@ class Trajectory:
         start, end = self.still
         object.__setattr__(self, "still", (bool(start), bool(end)))
         object.__setattr__(self, "friction", float(self.friction))
-        plain = {name: value if isinstance(value, str) else float(value) for name, value in self.provenance.items()}
+        plain = {
+            name: value if isinstance(value, str) else float(value)
+            for name, value in self.provenance.items()
+        }
         object.__setattr__(self, "provenance", plain)
 
     def __repr__(self) -> str:
@@ -105,7 +121,8 @@ class Trajectory:
         return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
 
     def _repr_html_(self) -> str:
-        """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way of the torso."""
+        """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way
+        of the torso."""
         from .html import mark, stance_html
 
         middle, step = self.samples // 2, max(1, self.samples // 100)
@@ -122,7 +139,11 @@ class Trajectory:
     @property
     def step_s(self) -> float:
         """Mean distance of two samples [s]; 0 for fewer than two."""
-        return float(self.times_s[-1] - self.times_s[0]) / (self.samples - 1) if self.samples > 1 else 0.0
+        return (
+            float(self.times_s[-1] - self.times_s[0]) / (self.samples - 1)
+            if self.samples > 1
+            else 0.0
+        )
 
     @property
     def duration_s(self) -> float:
@@ -147,7 +168,12 @@ class Trajectory:
     def asked(self) -> dict[str, Any]:
         """Requests of the walk besides its two places, as JSON-ready values."""
         turned = {} if self.heading_end_rad is None else {"heading_end_rad": self.heading_end_rad}
-        return {"heading_rad": self.heading_rad, **turned, "still": list(self.still), "suction_n": self.suction_n}
+        return {
+            "heading_rad": self.heading_rad,
+            **turned,
+            "still": list(self.still),
+            "suction_n": self.suction_n,
+        }
 
     @property
     def _asks(self) -> bool:
@@ -157,13 +183,18 @@ class Trajectory:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The samples by name, and the terrain's arrays under ``terrain_…``."""
-        terrain = {f"terrain_{name}": np.asarray(array) for name, array in self.terrain.to_arrays().items()}
+        terrain = {
+            f"terrain_{name}": np.asarray(array) for name, array in self.terrain.to_arrays().items()
+        }
         return {name: getattr(self, name) for name in SAMPLES} | terrain
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything the trajectory holds, to the last bit: header as canonical JSON, then every array."""
-        content = hashlib.sha256(json.dumps(self.header(), sort_keys=True, separators=(",", ":")).encode())
+        """SHA-256 of everything the trajectory holds, to the last bit: header as canonical JSON,
+        then every array."""
+        content = hashlib.sha256(
+            json.dumps(self.header(), sort_keys=True, separators=(",", ":")).encode()
+        )
         for name, array in sorted(self.arrays().items()):
             content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
             content.update(np.ascontiguousarray(array).tobytes())
@@ -171,7 +202,8 @@ class Trajectory:
 
 
 def robot_from_json(data: Any) -> GaitRobot:
-    """Read the robot of a walk. Raises InvalidInput, also for one that is called as a built-in one and is another."""
+    """Read the robot of a walk. Raises InvalidInput, also for one that is called as a built-in one
+    and is another."""
     from ..robot.single_body import GaitRobot
 
     try:
@@ -183,13 +215,16 @@ def robot_from_json(data: Any) -> GaitRobot:
 
 
 def _check_built_in(robot: GaitRobot) -> None:
-    """Raise InvalidInput for a robot that is called as one of the package's and has other numbers."""
+    """Raise InvalidInput for a robot that is called as one of the package's and has other
+    numbers."""
     from ..robot.walker import BUILT_IN
 
     if not robot.source.own and robot.name in BUILT_IN:
-        own = replace(BUILT_IN[robot.name](), model=None).to_json()
-        if other := first_difference(robot.to_json(), own):
-            raise InvalidInput(f"expected the numbers of the built-in {robot.name}, got others: {other}")
+        expected = replace(BUILT_IN[robot.name](), model=None).to_json()
+        if other := first_difference(robot.to_json(), expected):
+            raise InvalidInput(
+                f"expected the numbers of the built-in {robot.name}, got others: {other}"
+            )
 
 
 def _held(value: Any, kind: type, where: str) -> NDArray[Any]:

@@ -1,1 +1,2 @@
-"""Lin et al. §II as data and rows: layout, scaled numbers, every equation once (``terms``); in cvxpy: ``reference``."""
+"""Lin et al. §II as data and rows: layout, scaled numbers, every equation once (``terms``); in
+cvxpy: ``reference``."""

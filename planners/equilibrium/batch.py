@@ -32,35 +32,51 @@ class ScaledBatch:
 
     @classmethod
     def of(cls, batch: PostureBatch, like: Scaled | None = None) -> ScaledBatch:
-        """Scale a batch. like: that of a batch of the same ``like`` and as many corners, where there was one."""
+        """Scale a batch. like: that of a batch of the same ``like`` and as many corners, where
+        there was one."""
         if like is None:
             like, corners = Scaled.of(batch.like), (batch.vertices_m.shape[2],)
-            like = replace(like, layout=replace(like.layout, corners=(corners,) * len(like.friction)))
+            like = replace(
+                like, layout=replace(like.layout, corners=(corners,) * len(like.friction))
+            )
         return cls(
-            like=like, vertices=batch.vertices_m / like.length_m, frames=batch.frames, friction=batch.friction
-        )  # fmt: skip
+            like=like,
+            vertices=batch.vertices_m / like.length_m,
+            frames=batch.frames,
+            friction=batch.friction,
+        )
 
     def __len__(self) -> int:
         return len(self.friction)
 
     def select(self, chosen: Index) -> ScaledBatch:
         """Some of them, by index."""
-        return replace(self, vertices=self.vertices[chosen], frames=self.frames[chosen], friction=self.friction[chosen])
+        return replace(
+            self,
+            vertices=self.vertices[chosen],
+            frames=self.frames[chosen],
+            friction=self.friction[chosen],
+        )
 
     def held(self, toes: Array) -> ScaledBatch:
         """Batch with patches of one point each; toes: shape (B, N, 3)."""
         return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
 
     def problem(self, index: int) -> Scaled:
-        """One of them; they share one layout, and what else they share, or is worked out for all at once."""
+        """One of them; they share one layout, and what else they share, or is worked out for all at
+        once."""
         shared, (implied, bearing, arms) = self._shared, self._of_each
-        found = object.__new__(Scaled)
-        vars(found).update(
-            shared, vertices=self.vertices[index].reshape(-1, 3), frames=self.frames[index],
-            friction=self.friction[index], box_implied=implied[index], bearing_vertices=bearing[index],
+        scaled = object.__new__(Scaled)
+        vars(scaled).update(
+            shared,
+            vertices=self.vertices[index].reshape(-1, 3),
+            frames=self.frames[index],
+            friction=self.friction[index],
+            box_implied=implied[index],
+            bearing_vertices=bearing[index],
             arms=arms[index],
-        )  # fmt: skip
-        return found
+        )
+        return scaled
 
     @cached_property
     def near_corners(self) -> Array:
@@ -68,12 +84,16 @@ class ScaledBatch:
         N, 3)."""
         away = self.vertices - (self.like.com[0] + self.like.shoulders)[:, None]
         nearest = np.vecdot(away, away).argmin(axis=2)
-        return np.asarray(np.take_along_axis(self.vertices, nearest[:, :, None, None], axis=2)[:, :, 0])
+        return np.asarray(
+            np.take_along_axis(self.vertices, nearest[:, :, None, None], axis=2)[:, :, 0]
+        )
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
         """Numbers that are the same in every problem."""
-        return {each.name: getattr(self.like, each.name) for each in fields(Scaled)} | {"numbers": self.like.numbers}
+        return {each.name: getattr(self.like, each.name) for each in fields(Scaled)} | {
+            "numbers": self.like.numbers
+        }
 
     @cached_property
     def _of_each(self) -> tuple[list[bool], Array, Array]:
@@ -92,11 +112,16 @@ class ScaledBatch:
         com, rotation, toes, forces = locked((com, points.rotation.copy(), toes, forces))
         return [
             made(
-                Plan, problem=problem, com_m=com[k : k + 1], rotation_rad=rotation[k : k + 1], toes_m=toes[k],
-                forces_n=forces[k : k + 1], **rest,
+                Plan,
+                problem=problem,
+                com_m=com[k : k + 1],
+                rotation_rad=rotation[k : k + 1],
+                toes_m=toes[k],
+                forces_n=forces[k : k + 1],
+                **rest,
             )
             for k, problem in enumerate(problems)
-        ]  # fmt: skip
+        ]
 
     def pairs(self, postures: Sequence[Plan]) -> Array:
         """[p, f] of postures, one a problem: ``Scaled.point`` of each, shape (B, N, 6)."""
@@ -105,7 +130,9 @@ class ScaledBatch:
         toes = np.array([posture.toes_m for posture in postures]).reshape(shape)
         forces = np.array([posture.forces_n for posture in postures]).reshape(shape)
         turned = np.matmul(self.frames.swapaxes(2, 3), forces[..., None])[..., 0]
-        return np.concatenate([(toes - com) / self.like.length_m, turned / self.like.force_n], axis=2)
+        return np.concatenate(
+            [(toes - com) / self.like.length_m, turned / self.like.force_n], axis=2
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,7 +156,12 @@ class PointBatch:
     @classmethod
     def joined(cls, parts: Sequence[PointBatch]) -> PointBatch:
         """All of these, one after the other."""
-        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+        return cls(
+            **{
+                f.name: np.concatenate([getattr(part, f.name) for part in parts])
+                for f in fields(cls)
+            }
+        )
 
     def __len__(self) -> int:
         return len(self.com)

@@ -48,8 +48,8 @@ class Solved(NamedTuple):
 class ConicSolution:
     """One solve, by the names of variables and groups of rows.
 
-    answer: the solver's own. objective: of x; bound: of z, the dual objective; exact: whether the solver
-    met its own tolerances; seconds: in the solver alone [s].
+    answer: the solver's own. objective: of x; bound: of z, the dual objective; exact: whether the
+    solver met its own tolerances; seconds: in the solver alone [s].
     """
 
     status: ConicStatus
@@ -82,7 +82,8 @@ class ConicSolution:
         return _part(self.x, self.columns[name])
 
     def dual(self, name: str) -> Array:
-        """Multipliers of the group of rows of this name, in its shape: L = objective + z'(A x − b)."""
+        """Multipliers of the group of rows of this name, in its shape: L = objective + z'(A x −
+        b)."""
         return _part(self.z, self.groups[name])
 
 

@@ -23,9 +23,13 @@ def observe_batch(scaled: Sequence[Scaled]) -> dict[str, NDArray[np.float32]]:
     """The observations of several scenes of one size, a row each."""
 
     def seen(name: str, room: float) -> NDArray[np.float32]:
-        values = np.stack([getattr(problem, "patches" if name == "vertices" else name) for problem in scaled])
-        found: NDArray[np.float32] = np.clip(values, -room, room).astype(np.float32).reshape(len(scaled), -1)
-        return found
+        values = np.stack(
+            [getattr(problem, "patches" if name == "vertices" else name) for problem in scaled]
+        )
+        view: NDArray[np.float32] = (
+            np.clip(values, -room, room).astype(np.float32).reshape(len(scaled), -1)
+        )
+        return view
 
     rooms = {"vertices": ROOM, "frames": 1.0, "friction": ROOM, "shoulders": ROOM, "reach": ROOM}
     return {name: seen(name, room) for name, room in rooms.items()}

@@ -1,4 +1,5 @@
-"""The numbers of a problem laid end to end, and arrays gathered from them: how a program is loaded."""
+"""The numbers of a problem laid end to end, and arrays gathered from them: how a program is
+loaded."""
 
 from __future__ import annotations
 
@@ -49,10 +50,14 @@ class GatheredNumbers:
     def __init__(self, values: Sequence[object], data: object) -> None:
         names = list(dict.fromkeys(one.name for one in values if isinstance(one, Of)))
         several = len(names) > 1  # attrgetter then reads all in one call
-        self._read = attrgetter(*names) if several else lambda data: [attrgetter(name)(data) for name in names]
+        self._read = (
+            attrgetter(*names)
+            if several
+            else lambda data: [attrgetter(name)(data) for name in names]
+        )
         self._places, end = {}, 1
-        for name, found in zip(names, self._read(data), strict=True):
-            numbers = np.asarray(found)
+        for name, number in zip(names, self._read(data), strict=True):
+            numbers = np.asarray(number)
             self._places[name] = end + np.arange(numbers.size).reshape(numbers.shape)
             end += numbers.size
 
@@ -67,7 +72,8 @@ class GatheredNumbers:
 
 
 class Gather(Generic[D]):
-    """An array whose entries are numbers of the problem times factors, added up, and values of functions."""
+    """An array whose entries are numbers of the problem times factors, added up, and values of
+    functions."""
 
     def __init__(self, size: int, numbers: GatheredNumbers) -> None:
         self._size, self._numbers = size, numbers
@@ -78,7 +84,9 @@ class Gather(Generic[D]):
         """Add values at these entries, which are all different."""
         if isinstance(values, Of):
             source = self._numbers.places(values)
-            self._parts.append((at.ravel(), np.broadcast_to(source, at.shape).ravel(), values.factor))
+            self._parts.append(
+                (at.ravel(), np.broadcast_to(source, at.shape).ravel(), values.factor)
+            )
         elif isinstance(values, int | float):
             self._parts.append((at.ravel(), np.zeros(at.size, dtype=np.int_), values))
         else:
@@ -90,7 +98,9 @@ class Gather(Generic[D]):
         nothing = np.zeros(0, dtype=np.int_)
         at = np.concatenate([nothing, *(part[0] for part in self._parts)])
         source = np.concatenate([nothing, *(part[1] for part in self._parts)])
-        factor = np.concatenate([nothing, *(np.full(len(at), factor) for at, _, factor in self._parts)])
+        factor = np.concatenate(
+            [nothing, *(np.full(len(at), factor) for at, _, factor in self._parts)]
+        )
         order = np.argsort(at, kind="stable")
         whole = np.array_equal(at[order], np.arange(self._size))
         return at[order], source[order], factor[order].astype(np.float64), whole
@@ -99,7 +109,11 @@ class Gather(Generic[D]):
     def constant(self) -> Array | None:
         """The array, where it is the same for every problem."""
         at, source, factor, _ = self._once
-        return None if self._fills or source.any() else np.bincount(at, factor, minlength=self._size).astype(np.float64)
+        return (
+            None
+            if self._fills or source.any()
+            else np.bincount(at, factor, minlength=self._size).astype(np.float64)
+        )
 
     def load(self, numbers: Array, data: D) -> Array:
         """The array for this problem."""
@@ -108,7 +122,11 @@ class Gather(Generic[D]):
         at, source, factor, whole = self._once
         values = numbers[source]
         values *= factor
-        out = values if whole else np.bincount(at, values, minlength=self._size).astype(np.float64, copy=False)
+        out = (
+            values
+            if whole
+            else np.bincount(at, values, minlength=self._size).astype(np.float64, copy=False)
+        )
         for entries, fill in self._fills:
             out[entries] += fill(data)
         return out

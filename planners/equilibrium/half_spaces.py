@@ -1,4 +1,5 @@
-"""Half-spaces of reach: their numbers, and the rows that stand in for a·R(Θ)ᵀ(p − c) ≤ b (``robot.reach``)."""
+"""Half-spaces of reach: their numbers, and the rows that stand in for a·R(Θ)ᵀ(p − c) ≤ b
+(``robot.reach``)."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ from .rows import Rows
 class HalfSpaces:
     """Non-dimensional numbers of H half-spaces, by limb.
 
-    normals: a; bounds: b. Of the inner sets levers: a × z; arms: t(a) [a]×; offsets: t(a) a × z. Of the outer ones
-    outer_levers: a × s; outer_bounds: b + t(a) (ρ + t(s)).
+    normals: a; bounds: b. Of the inner sets levers: a × z; arms: t(a) [a]×; offsets: t(a) a × z. Of
+    the outer ones outer_levers: a × s; outer_bounds: b + t(a) (ρ + t(s)).
     """
 
     normals: Array  # (H, 3)
@@ -37,36 +38,54 @@ class HalfSpaces:
     def of(cls, limbs: Sequence[Limb | Contact], length_m: float, tilt_rad: float) -> HalfSpaces:
         """Half spaces of some limbs."""
         parts = [
-            (rows.normals, rows.bounds_m, np.tile([*limb.shoulder_m, limb.reach_m, *_centre(limb, rows)], (count, 1)))
+            (
+                rows.normals,
+                rows.bounds_m,
+                np.tile([*limb.shoulder_m, limb.reach_m, *_centre(limb, rows)], (count, 1)),
+            )
             for limb, count in zip(limbs, cls.counts(limbs), strict=False)
             if (rows := limb.reach_rows) is not None
         ]
         if not parts:
             return cls.none()
         normals, bounds, owners = (np.concatenate(part) for part in zip(*parts, strict=True))
-        bounds, owners, turned = bounds / length_m, owners / length_m, turned_most(normals, tilt_rad)
+        bounds, owners, turned = (
+            bounds / length_m,
+            owners / length_m,
+            turned_most(normals, tilt_rad),
+        )
         shoulders, reach, levers = owners[:, :3], owners[:, 3], np.cross(normals, owners[:, 4:])
         return cls(
-            normals=normals, bounds=bounds, levers=levers, offsets=turned[:, None] * levers,
+            normals=normals,
+            bounds=bounds,
+            levers=levers,
+            offsets=turned[:, None] * levers,
             arms=turned[:, None, None] * np.cross(normals[:, None], np.eye(3)).transpose(0, 2, 1),
             outer_levers=np.cross(normals, shoulders),
             outer_bounds=bounds + turned * (reach + turned_most(shoulders, tilt_rad)),
-        )  # fmt: skip
+        )
 
     @classmethod
     def none(cls) -> HalfSpaces:
         """No half-spaces."""
         line, vectors = np.zeros(0), np.zeros((0, 3))
         return cls(
-            normals=vectors, bounds=line, levers=vectors, arms=np.zeros((0, 3, 3)), offsets=vectors,
-            outer_levers=vectors, outer_bounds=line,
-        )  # fmt: skip
+            normals=vectors,
+            bounds=line,
+            levers=vectors,
+            arms=np.zeros((0, 3, 3)),
+            offsets=vectors,
+            outer_levers=vectors,
+            outer_bounds=line,
+        )
 
     @staticmethod
     def counts(limbs: Sequence[Limb | Contact]) -> tuple[int, ...]:
         """Number of half spaces per limb; () where none has any."""
-        found = tuple(0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs)
-        return found if any(found) else ()
+        result = tuple(
+            0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs
+        )
+        return result if any(result) else ()
 
 
 def _centre(limb: Limb | Contact, rows: ReachRows) -> Array:
@@ -83,10 +102,11 @@ def within_half_spaces(
     put_toes: Callable[[Index, Index, float], None],
     inner: bool,
 ) -> None:
-    """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, the inner one.
+    """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖
+    ≤ b, the inner one.
 
-    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all half-spaces of the limbs
-    that stand, frame by frame; d = p_w − c has columns of its own.
+    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all
+    half-spaces of the limbs that stand, frame by frame; d = p_w − c has columns of its own.
     """
     frame, _, foothold = layout.standing
     leg, is_leg = rows.variable("leg", len(frame), 3), rows.equal("leg", len(frame), 3)
@@ -94,22 +114,23 @@ def within_half_spaces(
     rows.put(is_leg, com[frame], 1.0)
     put_toes(is_leg, foothold, -1.0)
     which, row = layout.standing_rows
-    own = leg[which]
+    rows_of_leg = leg[which]
     if inner:
         cone = rows.cones("reach_rows", len(row), 4)
         at, levers, bounds = cone[:, 0], "levers", "bounds"
-        rows.put(cone[:, 1:, None], own[:, None], -Of("scaled.half_spaces.arms", row))
+        rows.put(cone[:, 1:, None], rows_of_leg[:, None], -Of("scaled.half_spaces.arms", row))
         rows.right(cone[:, 1:], -Of("scaled.half_spaces.offsets", row))
     else:
         at, levers, bounds = rows.at_most("reach_rows", len(row)), "outer_levers", "outer_bounds"
-    rows.put(at[:, None], own, Of("scaled.half_spaces.normals", row))
+    rows.put(at[:, None], rows_of_leg, Of("scaled.half_spaces.normals", row))
     rows.put(at[:, None], rotation[frame[which]], Of(f"scaled.half_spaces.{levers}", row))
     rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelativeHalfSpaces:
-    """Non-dimensional numbers of half-spaces a·(p_other − p_limb) ≤ b, by pair of feet (``robot.reach``)."""
+    """Non-dimensional numbers of half-spaces a·(p_other − p_limb) ≤ b, by pair of feet
+    (``robot.reach``)."""
 
     normals: Array  # (G, 3)
     bounds: Array  # (G,)
@@ -134,11 +155,16 @@ class RelativeHalfSpaces:
         if not robot.relative_reach:
             return ()
         number = {name: index for index, name in enumerate(robot.limb_names)}
-        return tuple((number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach)
+        return tuple(
+            (number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach
+        )
 
 
-def within_relative_reach(rows: Rows[Any], layout: Layout, put_toes: Callable[[Index, Index, float], None]) -> None:
-    """a·(p_other − p_limb) ≤ b wherever the limb has moved; the difference has columns of its own."""
+def within_relative_reach(
+    rows: Rows[Any], layout: Layout, put_toes: Callable[[Index, Index, float], None]
+) -> None:
+    """a·(p_other − p_limb) ≤ b wherever the limb has moved; the difference has columns of its
+    own."""
     (half_space, which), (moved, other, _) = layout.relative_rows, layout.relative_pairs.T
     apart, is_apart = rows.variable("apart", len(moved), 3), rows.equal("apart", len(moved), 3)
     rows.put(is_apart, apart, 1.0)

@@ -30,14 +30,15 @@ class Layout:
     """Shape that decides the rows and columns of a program; programs of equal layouts differ in
     their numbers only.
 
-    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances: (frame, limbs) of
-    each; corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's
-    reach has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
-    linear: how many further rows a step of the body has (``problem.limits.LINEAR``).
-    stands: whether toes are drawn to where they are as the robot stands (``Weights.stance``).
-    pushes: how often all stances come again at the end, with the same feet and a push that they bear.
-    wrench: whether forces and moments in any direction are on the body beside its weight, not pushes alone.
-    relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
+    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances:
+    (frame, limbs) of each; corners: how many vertices each open candidate has, by foothold;
+    reach_rows: how many half-spaces each limb's reach has, by limb; empty where none has any.
+    points: how many each limb's foot has; empty where all are point feet. linear: how many further
+    rows a step of the body has (``problem.limits.LINEAR``). stands: whether toes are drawn to where
+    they are as the robot stands (``Weights.stance``). pushes: how often all stances come again at
+    the end, with the same feet and a push that they bear. wrench: whether forces and moments in any
+    direction are on the body beside its weight, not pushes alone. relative: (limb, other, how many
+    half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
     holds: tuple[tuple[int, ...], ...]
@@ -89,13 +90,13 @@ class Layout:
     @cached_arrays
     def contacts(self) -> tuple[Index, Index, Index]:
         """(stance, limb, foothold) of every stance contact, each of shape (B,)."""
-        found = [
+        triples = [
             (index, limb, self.holds[frame][limb])
             for index, (frame, limbs) in enumerate(self.stances)
             for limb in limbs
             for _ in range(self.points[limb] if self.points else 1)
         ]
-        stance, limb, foothold = np.array(found, dtype=np.int_).T
+        stance, limb, foothold = np.array(triples, dtype=np.int_).T
         return stance, limb, foothold
 
     @cached_arrays
@@ -109,7 +110,9 @@ class Layout:
     def check_point_feet(self, what: str) -> None:
         """Raise InvalidInput where a foot is a sole. what: is made for point feet alone."""
         if self.points:
-            raise InvalidInput(f"{what}: expected point feet, got soles, which the lift can plan for")
+            raise InvalidInput(
+                f"{what}: expected point feet, got soles, which the lift can plan for"
+            )
 
     @cached_arrays
     def row_limbs(self) -> Index:
@@ -123,45 +126,54 @@ class Layout:
 
     @cached_arrays
     def standing(self) -> tuple[Index, Index, Index]:
-        """(frame, limb, foothold) wherever a limb stands, by frame, then limb, each of shape (T,)."""
+        """(frame, limb, foothold) wherever a limb stands, by frame, then limb, each of shape
+        (T,)."""
         table = np.array(self.holds, dtype=np.int_)
         frame, limb = np.nonzero(table != LIFTED)
         return frame, limb, table[frame, limb]
 
     @cached_arrays
     def standing_rows(self) -> tuple[Index, Index]:
-        """(row in ``standing``, half-space) of every half-space of a limb that stands, by frame; each of shape (·,)."""
+        """(row in ``standing``, half-space) of every half-space of a limb that stands, by frame;
+        each of shape (·,)."""
         number = np.full((self.frames, self.limbs), LIFTED)
         number[self.standing[:2]] = np.arange(len(self.standing[0]))
         table = number[:, self.row_limbs]
-        kept = table != LIFTED
-        return table[kept], np.broadcast_to(np.arange(len(self.row_limbs)), table.shape)[kept]
+        stands = table != LIFTED
+        return table[stands], np.broadcast_to(np.arange(len(self.row_limbs)), table.shape)[stands]
 
     @cached_arrays
     def moves(self) -> Index:
-        """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape (moves, 2).
+        """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape
+        (moves, 2).
 
         A limb that is lifted, or that was, takes no step.
         """
         table = np.array(self.holds, dtype=np.int_)
-        changed = np.argwhere((table[1:] != table[:-1]) & (table[1:] != LIFTED) & (table[:-1] != LIFTED))
-        return np.array([(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_).reshape(-1, 2)
+        changed = np.argwhere(
+            (table[1:] != table[:-1]) & (table[1:] != LIFTED) & (table[:-1] != LIFTED)
+        )
+        return np.array(
+            [(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_
+        ).reshape(-1, 2)
 
     @cached_arrays
     def relative_pairs(self) -> Index:
-        """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame; shape (pairs, 3)."""
+        """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame;
+        shape (pairs, 3)."""
         table = np.array(self.holds, dtype=np.int_)
-        found = [
+        triples = [
             (table[k + 1, limb], table[k + 1, other], pair)
             for k, i in np.argwhere((table[1:] != table[:-1]) & (table[1:] != LIFTED)).tolist()
             for pair, (limb, other, _) in enumerate(self.relative)
             if limb == i and table[k + 1, other] != LIFTED
         ]
-        return np.array(found, dtype=np.int_).reshape(-1, 3)
+        return np.array(triples, dtype=np.int_).reshape(-1, 3)
 
     @cached_arrays
     def relative_rows(self) -> tuple[Index, Index]:
-        """(number of its half-space, row in ``relative_pairs``) of every row of relative reach, each of shape (R,)."""
+        """(number of its half-space, row in ``relative_pairs``) of every row of relative reach,
+        each of shape (R,)."""
         which, half_space = _expanded(
             self.relative_pairs[:, 2], np.array([n for *_, n in self.relative], dtype=np.int_)
         )
@@ -190,17 +202,23 @@ class Layout:
 
     @cached_arrays
     def contact_vertices(self) -> tuple[Index, Index]:
-        """(stance contact, vertex) for every vertex of every candidate under a contact, each of shape (F,)."""
+        """(stance contact, vertex) for every vertex of every candidate under a contact, each of
+        shape (F,)."""
         return self.under(self.contacts[2])
 
     @cached_arrays
     def contact_candidates(self) -> tuple[Index, Index]:
         """(stance contact, candidate) for every candidate under a contact, each of shape (Q,)."""
-        return _expanded(self.contacts[2], np.array([len(counts) for counts in self.corners], dtype=np.int_))
+        return _expanded(
+            self.contacts[2], np.array([len(counts) for counts in self.corners], dtype=np.int_)
+        )
 
     def under(self, footholds: Index) -> tuple[Index, Index]:
-        """(which of these footholds, vertex) for every vertex of their candidates; ``footholds`` may repeat."""
-        return _expanded(footholds, np.array([sum(counts) for counts in self.corners], dtype=np.int_))
+        """(which of these footholds, vertex) for every vertex of their candidates; ``footholds``
+        may repeat."""
+        return _expanded(
+            footholds, np.array([sum(counts) for counts in self.corners], dtype=np.int_)
+        )
 
 
 @lru_cache(maxsize=256)
@@ -210,7 +228,8 @@ def shared(layout: Layout) -> Layout:
 
 
 def _expanded(groups: Index, sizes: Index) -> tuple[Index, Index]:
-    """Every member of every group asked for: members are numbered group by group. sizes: of each group."""
+    """Every member of every group asked for: members are numbered group by group. sizes: of each
+    group."""
     starts = np.concatenate([[0], np.cumsum(sizes)])
     counts = sizes[groups]
     which = np.repeat(np.arange(len(groups)), counts)

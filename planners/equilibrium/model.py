@@ -1,4 +1,5 @@
-"""A convex model as cvxpy has it, with the answer that the programs written as rows give: rays, and both bounds."""
+"""A convex model as cvxpy has it, with the answer that the programs written as rows give: rays, and
+both bounds."""
 
 from __future__ import annotations
 
@@ -33,9 +34,13 @@ class ConicModel:
         begin = time.perf_counter()
         answer = chain.solve_via_data(problem, data, solver_opts={"max_threads": 1})
         seconds = time.perf_counter() - begin
-        # cvxpy keeps rays to itself: whatever came is sent back through its reductions as if it were a solution
-        given = {name: getattr(answer, name) for name in ("obj_val", "solve_time", "iterations", "x", "z")}
-        problem.unpack_results(SimpleNamespace(status="Solved", **given), chain, inverse)
+        # cvxpy keeps rays to itself: whatever came is sent back through its reductions as if it
+        # were a solution
+        fields_of_answer = {
+            name: getattr(answer, name)
+            for name in ("obj_val", "solve_time", "iterations", "x", "z")
+        }
+        problem.unpack_results(SimpleNamespace(status="Solved", **fields_of_answer), chain, inverse)
         constant = float(problem.value) - answer.obj_val
         x, columns = _packed((variable.name(), variable.value) for variable in problem.variables())
         z, groups = _packed((name, _dual(term)) for name, term in self.terms.items())
@@ -54,22 +59,24 @@ class ConicModel:
     def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
         """``solve``, x and z in the order of a program in rows.
 
-        A name whose size the model does not have is left out, with NaN in its place: toes that are columns of their
-        own, and groups that are smaller where some rows follow from the others.
+        A name whose size the model does not have is left out, with NaN in its place: toes that are
+        columns of their own, and groups that are smaller where some rows follow from the others.
         """
-        own = self.solve()
-        x, kept = _placed(columns, own.columns, own.x)
-        z, rows = _placed(groups, own.groups, own.z)
-        return replace(own, answer=Solved(x=x, z=z), columns=kept, groups=rows)
+        solution = self.solve()
+        x, matched = _placed(columns, solution.columns, solution.x)
+        z, rows = _placed(groups, solution.groups, solution.z)
+        return replace(solution, answer=Solved(x=x, z=z), columns=matched, groups=rows)
 
 
-def _placed(wanted: Mapping[str, Index], has: Mapping[str, Index], values: Array) -> tuple[Array, dict[str, Index]]:
+def _placed(
+    wanted: Mapping[str, Index], has: Mapping[str, Index], values: Array
+) -> tuple[Array, dict[str, Index]]:
     """Values in the places that are wanted, by name, and those names."""
-    kept = {name: at for name, at in wanted.items() if name in has and has[name].size == at.size}
+    matched = {name: at for name, at in wanted.items() if name in has and has[name].size == at.size}
     placed = np.full(sum(at.size for at in wanted.values()), np.nan)
-    for name, at in kept.items():
+    for name, at in matched.items():
         placed[at] = values[has[name]].reshape(at.shape)
-    return placed, kept
+    return placed, matched
 
 
 def _dual(term: cp.Constraint) -> Array:

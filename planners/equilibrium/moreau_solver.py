@@ -1,6 +1,8 @@
-"""Programs written as rows, many problems of one layout solved together by Moreau: on a CUDA device, or the processor.
+"""Programs written as rows, many problems of one layout solved together by Moreau: on a CUDA
+device, or the processor.
 
-Moreau is a batched interior-point solver (https://github.com/moreau-project/moreau) with Clarabel's tolerances.
+Moreau is a batched interior-point solver (https://github.com/moreau-project/moreau) with Clarabel's
+tolerances.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ CONES = (clarabel.ZeroConeT, clarabel.NonnegativeConeT, clarabel.SecondOrderCone
 class MoreauSolver(Generic[D]):
     """Solves a program for many problems at once; ``Rows.solve_together`` takes its ``solve_all``.
 
-    rows: the program. device: where. Batches are filled up to a power of two, so that few sizes are compiled. Raises
-    InvalidInput where Moreau or the device is not there.
+    rows: the program. device: where. Batches are filled up to a power of two, so that few sizes are
+    compiled. Raises InvalidInput where Moreau or the device is not there.
     """
 
     def __init__(self, rows: Rows[D], device: Device) -> None:
@@ -62,21 +64,24 @@ class MoreauSolver(Generic[D]):
             np.stack([hessian.data[self._both] for hessian in hessians])[filled],
             np.stack([matrix.data[self._by_rows] for matrix in matrices])[filled],
         )
-        found = solver.solve(np.stack(q)[filled], np.stack(b)[filled][:, self._order])
-        x, z = np.asarray(found.x), np.empty_like(found.z)
-        z[:, self._order] = found.z
-        said = solver.info.status
+        answers = solver.solve(np.stack(q)[filled], np.stack(b)[filled][:, self._order])
+        x, z = np.asarray(answers.x), np.empty_like(answers.z)
+        z[:, self._order] = answers.z
+        status = solver.info.status
         seconds = (time.perf_counter() - begin) / len(data)
-        clear = {SolverStatus.Solved: ConicStatus.SOLVED, SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE}
+        clear = {
+            SolverStatus.Solved: ConicStatus.SOLVED,
+            SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
+        }
         return [
             ConicSolution(
-                status=clear.get(said[k], ConicStatus.FAILED),
+                status=clear.get(status[k], ConicStatus.FAILED),
                 answer=Solved(x=x[k], z=z[k]),
                 columns=self._rows.columns,
                 groups=self._rows.groups,
                 objective=float(solver.info.obj_val[k]) + self._rows.constant(one),
                 bound=_dual(hessians[k], x[k], b[k], z[k]) + self._rows.constant(one),
-                exact=said[k] in clear,
+                exact=status[k] in clear,
                 iterations=int(solver.info.iterations[k]),
                 seconds=seconds,
             )
@@ -84,14 +89,20 @@ class MoreauSolver(Generic[D]):
         ]
 
     def _compile(self, hessian: Columns, matrix: Columns, size: int) -> Any:
-        """Moreau's solver for this many problems: all of P, and A with its rows in the order of ``CONES``, by rows."""
+        """Moreau's solver for this many problems: all of P, and A with its rows in the order of
+        ``CONES``, by rows."""
         import moreau
 
         (m, n), cones = matrix.shape, self._rows.cone_list
         starts = np.cumsum([0, *(cone.dim for cone in cones)])
-        spans = [(type(cone), np.arange(begin, begin + cone.dim)) for cone, begin in zip(cones, starts, strict=False)]
+        spans = [
+            (type(cone), np.arange(begin, begin + cone.dim))
+            for cone, begin in zip(cones, starts, strict=False)
+        ]
         rows = [[span for made, span in spans if made is kind] for kind in CONES]
-        self._order = np.concatenate([np.zeros(0, dtype=int), *(span for kind in rows for span in kind)])
+        self._order = np.concatenate(
+            [np.zeros(0, dtype=int), *(span for kind in rows for span in kind)]
+        )
         place = np.empty(m, dtype=int)
         place[self._order] = np.arange(m)
         self._by_rows, offsets, columns = _by_rows(place[matrix.indices], matrix.columns, m)
@@ -102,10 +113,17 @@ class MoreauSolver(Generic[D]):
         self._both = np.concatenate([np.arange(len(upper)), mirrored])[sorted_]
         zero, positive, second = ([len(span) for span in kind] for kind in rows)
         return moreau.CompiledSolver(
-            n, m, own_offsets, own_columns, offsets, columns,
-            moreau.Cones(num_zero_cones=sum(zero), num_nonneg_cones=sum(positive), so_cone_dims=second),
+            n,
+            m,
+            own_offsets,
+            own_columns,
+            offsets,
+            columns,
+            moreau.Cones(
+                num_zero_cones=sum(zero), num_nonneg_cones=sum(positive), so_cone_dims=second
+            ),
             moreau.Settings(device=self._device, batch_size=size),
-        )  # fmt: skip
+        )
 
 
 def check_device(device: Device) -> None:
@@ -118,12 +136,18 @@ def check_device(device: Device) -> None:
         message = "backend: expected Moreau for batches, it is not installed: pip install 'stancekit[moreau]'"
         raise InvalidInput(message) from None
     if not moreau.device_available(device):
-        why = moreau.device_error(device) or "Moreau finds none; it needs moreau[cuda12] or moreau[cuda13]"
-        raise InvalidInput(f"backend: expected a CUDA device for moreau, got none: {' '.join(why.split())}")
+        why = (
+            moreau.device_error(device)
+            or "Moreau finds none; it needs moreau[cuda12] or moreau[cuda13]"
+        )
+        raise InvalidInput(
+            f"backend: expected a CUDA device for moreau, got none: {' '.join(why.split())}"
+        )
 
 
 def _by_rows(rows: Index, columns: Index, count: int) -> tuple[Index, Index, Index]:
-    """Entries sorted by rows: their order, where each of ``count`` rows begins and the last one ends, their columns."""
+    """Entries sorted by rows: their order, where each of ``count`` rows begins and the last one
+    ends, their columns."""
     order = np.lexsort((columns, rows))
     return order, np.searchsorted(rows[order], np.arange(count + 1)), columns[order]
 

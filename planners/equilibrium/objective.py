@@ -13,9 +13,12 @@ from .rows import Rows
 from .terms import BodyVariables, FreeToes, Given
 
 
-def objective(rows: Rows[Given], layout: Layout, body: BodyVariables, toes: FreeToes | None) -> None:
-    """Squared distance of the last COM to the goal and squared steps, in length scales squared (Lin et al. §II); and of
-    every COM to the nominal path, which no paper has: without it bodies sink as low as legs are long.
+def objective(
+    rows: Rows[Given], layout: Layout, body: BodyVariables, toes: FreeToes | None
+) -> None:
+    """Squared distance of the last COM to the goal and squared steps, in length scales squared (Lin
+    et al. §II); and of every COM to the nominal path, which no paper has: without it bodies sink as
+    low as legs are long.
 
     toes: explicit; None where they are held, and their steps a constant.
     """
@@ -32,8 +35,11 @@ def objective(rows: Rows[Given], layout: Layout, body: BodyVariables, toes: Free
         _as_it_stands(rows, layout, body, None if toes is None else toes.points)
 
 
-def _as_it_stands(rows: Rows[Given], layout: Layout, body: BodyVariables, points: Index | None) -> None:
-    """weight · Σ ‖p − c − n‖² over every limb that stands; points: columns of the toes, None where they are held."""
+def _as_it_stands(
+    rows: Rows[Given], layout: Layout, body: BodyVariables, points: Index | None
+) -> None:
+    """weight · Σ ‖p − c − n‖² over every limb that stands; points: columns of the toes, None where
+    they are held."""
     frame, _, foothold = layout.standing
 
     def by(index: Index, count: int, values: Array) -> Array:
@@ -60,10 +66,14 @@ def _as_it_stands(rows: Rows[Given], layout: Layout, body: BodyVariables, points
         lambda d: -2.0 * d.scaled.aim.stance * by(foothold, layout.footholds, d.scaled.standing),
         lambda d: d.scaled.aim.stance * np.sum(d.scaled.standing**2),
     )
-    rows.linear(body.com, lambda d: 2.0 * d.scaled.aim.stance * by(frame, layout.frames, d.scaled.standing))
+    rows.linear(
+        body.com, lambda d: 2.0 * d.scaled.aim.stance * by(frame, layout.frames, d.scaled.standing)
+    )
 
 
-def _near(rows: Rows[Given], columns: Index, weight: Callable[[Given], float], place: Fill[Given]) -> None:
+def _near(
+    rows: Rows[Given], columns: Index, weight: Callable[[Given], float], place: Fill[Given]
+) -> None:
     """weight · ‖x − place‖²."""
     rows.square(columns, None, weight)
     rows.linear(

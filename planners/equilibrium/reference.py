@@ -1,8 +1,8 @@
 """Lin et al.'s convex models in cvxpy: what to read, and what to change first.
 
-Each model is a short list of terms (``equations``) with a problem's numbers written into it. The programs that plan say
-the same as blocks of rows (``rows``, ``terms``), some hundred times as fast; a test holds them equal.
-``Programs(engine="cvxpy")`` solves these models in their place.
+Each model is a short list of terms (``equations``) with a problem's numbers written into it. The
+programs that plan say the same as blocks of rows (``rows``, ``terms``), some hundred times as fast;
+a test holds them equal. ``Programs(engine="cvxpy")`` solves these models in their place.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from .scaled import Point, Scaled
 
 
 def without_moments(scaled: Scaled, *, inner: bool = False) -> ConicModel:
-    """P̄: everything but m = p f (Lin et al. §III); with m free, the moments' balance E9 says nothing.
+    """P̄: everything but m = p f (Lin et al. §III); with m free, the moments' balance E9 says
+    nothing.
 
-    scaled: the problem, with any number of candidates. inner: see ``_on_toes``. Returns a model without an objective:
-    where it has no answer, neither has the problem.
+    scaled: the problem, with any number of candidates. inner: see ``_on_toes``. Returns a model
+    without an objective: where it has no answer, neither has the problem.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_candidates(plan)
@@ -43,8 +44,8 @@ def without_moments(scaled: Scaled, *, inner: bool = False) -> ConicModel:
 def p1(scaled: Scaled, box: ContactBox, *, soft: bool, axes: Axes = "contact") -> ConicModel:
     """P1: m = p f replaced by its envelope over one box a stance contact (§III).
 
-    soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else the objective.
-    axes: of the box's forces (``Products``).
+    soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else the
+    objective. axes: of the box's forces (``Products``).
     """
     plan, products, terms = coupled(scaled, axes)
     if not soft:
@@ -53,10 +54,13 @@ def p1(scaled: Scaled, box: ContactBox, *, soft: bool, axes: Axes = "contact") -
     return ConicModel(margin[0], {**terms, **mccormick(products.parts, box, margin=margin)})
 
 
-def joint(scaled: Scaled, box: ContactBox, about: Point | None, *, price: float | None) -> ConicModel:
+def joint(
+    scaled: Scaled, box: ContactBox, about: Point | None, *, price: float | None
+) -> ConicModel:
     """The lift and P1 over a box, linked in all nine components of Σ p fᵀ (``relaxation.joint``).
 
-    about, price: where the gap is linearised, and the price of the margin beside it; None: the signed margin alone.
+    about, price: where the gap is linearised, and the price of the margin beside it; None: the
+    signed margin alone.
     """
     scaled.layout.check_point_feet("envelopes")
     plan = PlanVariables(scaled)
@@ -68,29 +72,43 @@ def joint(scaled: Scaled, box: ContactBox, about: Point | None, *, price: float 
     com = plan.com[layout.stance_frames]
     linked = []
     for j in range(3):  # of p; the rows are the axes of R f
-        lifted = added(cp.multiply(scaled.vertices[vertex][:, j : j + 1], forces.world), stance[contact], count)
+        lifted = added(
+            cp.multiply(scaled.vertices[vertex][:, j : j + 1], forces.world), stance[contact], count
+        )
         relaxed = rotated(scaled.contact_frames, products.parts[2][:, 3 * j : 3 * j + 3])
-        linked.append(lifted - added(relaxed, stance, count) - cp.multiply(com[:, j : j + 1], scaled.borne))
+        linked.append(
+            lifted - added(relaxed, stance, count) - cp.multiply(com[:, j : j + 1], scaled.borne)
+        )
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
     terms = {
-        **_on_toes(plan), **_on_forces(forces), **products.sums(), "moment": moment == 0,
-        "linked": cp.hstack(linked) == 0, **mccormick(products.parts, box, margin=margin),
-    }  # fmt: skip
+        **_on_toes(plan),
+        **_on_forces(forces),
+        **products.sums(),
+        "moment": moment == 0,
+        "linked": cp.hstack(linked) == 0,
+        **mccormick(products.parts, box, margin=margin),
+    }
     if about is None or price is None:
         return ConicModel(margin[0], terms)
     gap, is_gap = _gap(plan, forces, about)
     return ConicModel(price * margin[0] + gap, {**terms, **is_gap, "margin_positive": -margin <= 0})
 
 
-def p1_of_modes(scaled: Scaled, boxes: Sequence[ContactBox], allowed: Array, *, axes: Axes = "contact") -> ConicModel:
+def p1_of_modes(
+    scaled: Scaled, boxes: Sequence[ContactBox], allowed: Array, *, axes: Axes = "contact"
+) -> ConicModel:
     """P1 over several boxes, one chosen a stance (§IV-A): the convex hull of the choices.
 
-    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e). allowed: bounds of z,
-    shape (S, E).
+    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e).
+    allowed: bounds of z, shape (S, E).
     """
     plan, products, terms = coupled(scaled, axes)
     modes = cp.Variable(allowed.shape, name="modes")
-    terms |= {"one_mode": cp.sum(modes, axis=1) == 1, "mode_positive": modes >= 0, "mode_allowed": modes <= allowed}
+    terms |= {
+        "one_mode": cp.sum(modes, axis=1) == 1,
+        "mode_positive": modes >= 0,
+        "mode_allowed": modes <= allowed,
+    }
     whole, copies = cp.hstack(products.parts), []
     for e, box in enumerate(boxes):
         copies.append(cp.Variable(whole.shape, name=f"copy_{e}"))
@@ -101,10 +119,12 @@ def p1_of_modes(scaled: Scaled, boxes: Sequence[ContactBox], allowed: Array, *, 
 
 
 def lift(scaled: Scaled, *, least_moment: bool) -> ConicModel:
-    """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear (``relaxation.lift``).
+    """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear
+    (``relaxation.lift``).
 
-    scaled: with any number of candidates. least_moment: minimise the largest component of the moments (E6, E9); else
-    they are zero and the objective is the course's. Its optimum is a lower bound on that of the problem.
+    scaled: with any number of candidates. least_moment: minimise the largest component of the
+    moments (E6, E9); else they are zero and the objective is the course's. Its optimum is a lower
+    bound on that of the problem.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_vertices(plan)
@@ -113,24 +133,27 @@ def lift(scaled: Scaled, *, least_moment: bool) -> ConicModel:
 
 
 def least_gap(scaled: Scaled, about: Point) -> ConicModel:
-    """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ, linearised at (p̂, f̂).
+    """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ,
+    linearised at (p̂, f̂).
 
-    scaled: one candidate a foothold. about: the point that has p̂ and f̂. Returns the model of least Σ g² over all nine
-    components of every stance contact, moments being zero.
+    scaled: one candidate a foothold. about: the point that has p̂ and f̂. Returns the model of
+    least Σ g² over all nine components of every stance contact, moments being zero.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_vertices(plan)
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
     cost, terms = _gap(plan, forces, about)
-    return ConicModel(cost, {**_on_toes(plan, inner=True), **_on_forces(forces), **terms, "moment": moment == 0})
+    return ConicModel(
+        cost, {**_on_toes(plan, inner=True), **_on_forces(forces), **terms, "moment": moment == 0}
+    )
 
 
 def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> ConicModel:
     """Toes held, with hold_body c and Θ, too (fix-p, Lin et al. §IV-A). Σ f is fixed, so that Σ p ×
     f is linear in (c, f).
 
-    held: the point whose toes, and body, are kept; one candidate a foothold. least_moment: minimise the moments that
-    are left; else they are zero and the objective is the course's.
+    held: the point whose toes, and body, are kept; one candidate a foothold. least_moment: minimise
+    the moments that are left; else they are zero and the objective is the course's.
     """
     plan = PlanVariables(scaled, held.toes)
     forces = ContactForces.of_contacts(scaled)
@@ -142,10 +165,11 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
 
 
 def fix_forces(scaled: Scaled, held: Point) -> ConicModel:
-    """Contact-frame forces held (fix-f, Lin et al. §II): the least moment residual over toes, c and Θ.
+    """Contact-frame forces held (fix-f, Lin et al. §II): the least moment residual over toes, c and
+    Θ.
 
-    held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen candidates, so that the
-    forces in the world are kept, too, and p × f is linear in p.
+    held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen
+    candidates, so that the forces in the world are kept, too, and p × f is linear in p.
     """
     plan = PlanVariables(scaled)
     stance, _, foothold = scaled.layout.contacts
@@ -156,10 +180,11 @@ def fix_forces(scaled: Scaled, held: Point) -> ConicModel:
 
 
 def linearised(scaled: Scaled, about: Point, *, price: float | None) -> ConicModel:
-    """A step of SCP: p × F is replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every stance.
+    """A step of SCP: p × F is replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every
+    stance.
 
-    about: that point; one candidate a foothold. price: of the largest moment that is left, beside the objective; None
-    minimises it alone.
+    about: that point; one candidate a foothold. price: of the largest moment that is left, beside
+    the objective; None minimises it alone.
     """
     plan, foothold = PlanVariables(scaled), scaled.layout.contacts[2]
     forces, before = ContactForces.of_contacts(scaled), scaled.in_world(about.forces)
@@ -181,8 +206,9 @@ def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]
     """Common part of P1 and the mixed-integer program: everything but what stands for m = p f, and
     the cost.
 
-    axes: of the forces that the products are taken of, those of contacts or of the world. Returns the variables of body
-    and toes, those of p, f and m, and the constraints by name. Raises InvalidInput for soles.
+    axes: of the forces that the products are taken of, those of contacts or of the world. Returns
+    the variables of body and toes, those of p, f and m, and the constraints by name. Raises
+    InvalidInput for soles.
     """
     scaled.layout.check_point_feet("envelopes")
     plan = PlanVariables(scaled)
@@ -193,7 +219,12 @@ def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]
 
 def _on_toes(plan: PlanVariables, *, inner: bool = False) -> Terms:
     """inner: of half-spaces of reach, for plans; relaxations have the outer sets."""
-    return {**plan.on_patches(), **plan.within_reach(inner=inner), **plan.within_limits(), **plan.steps()}
+    return {
+        **plan.on_patches(),
+        **plan.within_reach(inner=inner),
+        **plan.within_limits(),
+        **plan.steps(),
+    }
 
 
 def _on_forces(forces: ContactForces) -> Terms:
@@ -208,10 +239,14 @@ def _gap(plan: PlanVariables, forces: ContactForces, about: Point) -> tuple[cp.E
     off = forces.forces - cp.multiply(plan.weights[vertex][:, None], about.forces[contact])
     products = cp.hstack([cp.multiply(arms[:, j : j + 1], off) for j in range(3)])
     gap = cp.Variable((len(layout.contacts[0]), 9), name="gap")
-    return cp.sum_squares(gap), {"gap": added(products, contact, len(layout.contacts[0])) - gap == 0}
+    return cp.sum_squares(gap), {
+        "gap": added(products, contact, len(layout.contacts[0])) - gap == 0
+    }
 
 
-def _with_moment(plan: PlanVariables, moment: cp.Expression, terms: Terms, least_moment: bool) -> ConicModel:
+def _with_moment(
+    plan: PlanVariables, moment: cp.Expression, terms: Terms, least_moment: bool
+) -> ConicModel:
     """Minimise the largest component of the net moments, or the objective where they vanish."""
     if not least_moment:
         return ConicModel(plan.objective(), {**terms, "moment": moment == 0})

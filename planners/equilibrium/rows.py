@@ -1,12 +1,15 @@
-"""Conic programs written row by row: named groups of rows and index blocks, once a layout; numbers are filled in later.
+"""Conic programs written row by row: named groups of rows and index blocks, once a layout; numbers
+are filled in later.
 
-    minimise  ½ x'P x + q'x  subject to  A x + s = b,  s in a product of zero, non-negative and second-order cones.
+    minimise  ½ x'P x + q'x  subject to  A x + s = b,  s in a product of zero, non-negative and
+    second-order cones.
 
-The readable formulations of the same programs, in cvxpy, are in ``reference``; a test holds the two equal. Here a block
-of A is put once, rows and columns, with what gives its values for a problem: numbers of the problem as they are
-(``Of``), all of which are loaded in one gather, or a function. Clarabel solves. A program of one frame keeps its solver
-and has its data updated, without equilibration; a longer one is set up anew each time, with it. Either way an answer
-depends on its own problem alone.
+The readable formulations of the same programs, in cvxpy, are in ``reference``; a test holds the two
+equal. Here a block of A is put once, rows and columns, with what gives its values for a problem:
+numbers of the problem as they are (``Of``), all of which are loaded in one gather, or a function.
+Clarabel solves. A program of one frame keeps its solver and has its data updated, without
+equilibration; a longer one is set up anew each time, with it. Either way an answer depends on its
+own problem alone.
 """
 
 from __future__ import annotations
@@ -67,7 +70,8 @@ class Rows(Generic[D]):
         self.shape = (0, 0)
 
     def variable(self, name: str, *shape: int) -> Index:
-        """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by its name."""
+        """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by
+        its name."""
         size = int(np.prod(shape, dtype=int))
         self.columns[name] = self.shape[1] + np.arange(size).reshape(shape)
         self.shape = (self.shape[0], self.shape[1] + size)
@@ -84,7 +88,8 @@ class Rows(Generic[D]):
     def cones(self, name: str, count: int, size: int) -> Index:
         """New second-order cones: with b − A x = (t, v) a row of the group, ‖v‖ ≤ t.
 
-        count, size: how many, and of how many rows each. Returns the numbers of the rows, shape (count, size).
+        count, size: how many, and of how many rows each. Returns the numbers of the rows, shape
+        (count, size).
         """
         rows = self.shape[0] + np.arange(count * size).reshape(count, size)
         self._cones += [clarabel.SecondOrderConeT(size)] * count
@@ -94,8 +99,8 @@ class Rows(Generic[D]):
     def put(self, rows: Index, columns: Index, values: Values[D]) -> None:
         """Entries of A at ``rows`` × ``columns``, which are broadcast against each other.
 
-        values: numbers, or what gives them for a problem, of the broadcast shape or one that broadcasts to it. An entry
-        may be put once only: entries are not added up.
+        values: numbers, or what gives them for a problem, of the broadcast shape or one that
+        broadcasts to it. An entry may be put once only: entries are not added up.
         """
         rows, columns = np.broadcast_arrays(rows, columns)
         self._blocks.append((rows, columns, values))
@@ -105,13 +110,17 @@ class Rows(Generic[D]):
         self._right.append((rows, values))
 
     def square(self, first: Index, second: Index | None, weight: Fill[D] | float) -> None:
-        """Add weight · Σ (x[first] − x[second])² to the objective, or weight · Σ x[first]² where second is None.
+        """Add weight · Σ (x[first] − x[second])² to the objective, or weight · Σ x[first]² where
+        second is None.
 
         first, second: columns of one shape. weight: a number ≥ 0, or what gives it for a problem.
         """
         pairs = [(first, first, 2.0)]
         if second is not None:
-            pairs += [(second, second, 2.0), (np.minimum(first, second), np.maximum(first, second), -2.0)]
+            pairs += [
+                (second, second, 2.0),
+                (np.minimum(first, second), np.maximum(first, second), -2.0),
+            ]
         for row, column, factor in pairs:
             self._squares.append((row.ravel(), column.ravel(), _scaled(factor, weight)))
 
@@ -121,7 +130,8 @@ class Rows(Generic[D]):
         self._constants += [] if constant is None else [constant]
 
     def solve_instead(self, reference: Callable[[D], Reference]) -> None:
-        """From now on ``solve`` asks another formulation of the same program, with its names and shapes."""
+        """From now on ``solve`` asks another formulation of the same program, with its names and
+        shapes."""
         self._reference = reference
 
     def solve_together(self, solver: Callable[[Sequence[D]], list[ConicSolution]]) -> None:
@@ -131,8 +141,9 @@ class Rows(Generic[D]):
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
 
-        data: of the layout that the rows were written for. Returns an answer whose status is SOLVED, INFEASIBLE (with a
-        Farkas ray as dual) or FAILED; where the solver gave up it was asked again with smaller steps.
+        data: of the layout that the rows were written for. Returns an answer whose status is
+        SOLVED, INFEASIBLE (with a Farkas ray as dual) or FAILED; where the solver gave up it was
+        asked again with smaller steps.
         """
         if self._reference is not None:
             return self._reference(data).solve_as(self.columns, self.groups)
@@ -147,35 +158,41 @@ class Rows(Generic[D]):
         answer = self._solver.solve()
         if not self._keep:  # its factors are most of a long course's memory
             self._solver = None
-        said = answer.status
-        if said not in STATUS:  # rare: ask again, with refined steps
+        status = answer.status
+        if status not in STATUS:  # rare: ask again, with refined steps
             hessian, q, matrix, b = self.load(data)
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
-            said = answer.status
+            status = answer.status
         value, constant = float(answer.obj_val), self.constant(data)
         return ConicSolution(
-            status=STATUS.get(said, ConicStatus.FAILED),
+            status=STATUS.get(status, ConicStatus.FAILED),
             answer=answer,
             columns=self.columns,
             groups=self.groups,
             objective=value + constant,
             bound=min(value, float(answer.obj_val_dual)) + constant,
-            exact=said in EXACT,
+            exact=status in EXACT,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
 
-    def solve_all(self, data: Sequence[D], doubtful: Callable[[ConicSolution], bool]) -> list[ConicSolution]:
+    def solve_all(
+        self, data: Sequence[D], doubtful: Callable[[ConicSolution], bool]
+    ) -> list[ConicSolution]:
         """``solve`` of each, one by one, or together by what ``solve_together`` was given.
 
-        doubtful: which answers of a batch are asked for again of ``solve``, as those that failed are.
+        doubtful: which answers of a batch are asked for again of ``solve``, as those that failed
+        are.
         """
         if self._together is None:
             return [self.solve(one) for one in data]
-        found = zip(data, self._together(data), strict=True)
+        pairs = zip(data, self._together(data), strict=True)
         again = ConicStatus.FAILED
-        return [self.solve(one) if said.status is again or doubtful(said) else said for one, said in found]
+        return [
+            self.solve(one) if answer.status is again or doubtful(answer) else answer
+            for one, answer in pairs
+        ]
 
     def constant(self, data: D) -> float:
         """Constant part of the objective."""
@@ -184,17 +201,24 @@ class Rows(Generic[D]):
     def _update(self, solver: clarabel.DefaultSolver, data: D) -> None:
         """Load the numbers of a problem into the kept solver, as lists, which are read faster."""
         numbers = self._numbers.of(data)
-        loaded = {"A": self._a.load(numbers, data).tolist(), "b": self._b.load(numbers, data).tolist()}
+        loaded = {
+            "A": self._a.load(numbers, data).tolist(),
+            "b": self._b.load(numbers, data).tolist(),
+        }
         if self._q.constant is None:
             loaded["q"] = self._q.load(numbers, data).tolist()
         if any(callable(weight) for *_, weight in self._squares):
             loaded["P"] = self._hessian(data).data.tolist()
         solver.update(**loaded)
 
-    def lagrangian(self, data: D, solution: ConicSolution, without: Sequence[str] = ()) -> tuple[float, Array]:
-        """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z, shape (n,).
+    def lagrangian(
+        self, data: D, solution: ConicSolution, without: Sequence[str] = ()
+    ) -> tuple[float, Array]:
+        """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z,
+        shape (n,).
 
-        No x that satisfies the constraints makes it positive. without: groups of rows that are left out.
+        No x that satisfies the constraints makes it positive. without: groups of rows that are left
+        out.
         """
         _, _, matrix, b = self.load(data)
         z = solution.z.copy()
@@ -208,7 +232,9 @@ class Rows(Generic[D]):
             self._compile(data)
         numbers = self._numbers.of(data)
         pattern = self._matrix
-        matrix = Columns(self._a.load(numbers, data), pattern.indices, pattern.indptr, pattern.shape)
+        matrix = Columns(
+            self._a.load(numbers, data), pattern.indices, pattern.indptr, pattern.shape
+        )
         return self._hessian(data), self._q.load(numbers, data), matrix, self._b.load(numbers, data)
 
     @property
@@ -226,20 +252,27 @@ class Rows(Generic[D]):
 
     def _compile(self, data: D) -> None:
         """Sort the entries by columns. data: any problem, for the shapes of its numbers."""
-        self._numbers = GatheredNumbers([values for *_, values in (*self._blocks, *self._right, *self._linear)], data)
+        self._numbers = GatheredNumbers(
+            [values for *_, values in (*self._blocks, *self._right, *self._linear)], data
+        )
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))
         self._matrix = pattern_of(rows[order], columns[order], self.shape)
-        first, second = (np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)]) for k in (0, 1))
-        squared, self._square_places = np.unique(second * self.shape[1] + first, return_inverse=True)
+        first, second = (
+            np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)])
+            for k in (0, 1)
+        )
+        squared, self._square_places = np.unique(
+            second * self.shape[1] + first, return_inverse=True
+        )
         second, first = np.divmod(squared, self.shape[1])
         self._squared = pattern_of(first, second, (self.shape[1], self.shape[1]))
         self._a: Gather[D] = Gather(len(rows), self._numbers)
         places = np.argsort(order)
         for block, _, values in self._blocks:
-            own, places = np.split(places, [block.size])
-            self._a.add(own.reshape(block.shape), values)
+            block_places, places = np.split(places, [block.size])
+            self._a.add(block_places.reshape(block.shape), values)
         self._q: Gather[D] = Gather(self.shape[1], self._numbers)
         self._b: Gather[D] = Gather(self.shape[0], self._numbers)
         for gather, vectors in ((self._q, self._linear), (self._b, self._right)):
@@ -247,7 +280,9 @@ class Rows(Generic[D]):
                 gather.add(index, values)
 
     def _hessian(self, data: D) -> Columns:
-        values = [np.broadcast_to(w(data) if callable(w) else w, row.shape) for row, _, w in self._squares]
+        values = [
+            np.broadcast_to(w(data) if callable(w) else w, row.shape) for row, _, w in self._squares
+        ]
         if not values:
             return self._squared
         added = np.bincount(self._square_places, np.concatenate(values))

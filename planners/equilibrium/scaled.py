@@ -1,7 +1,9 @@
-"""A posture problem or a course in non-dimensional numbers (E3, E4), by the rows of its layout: what programs are fed.
+"""A posture problem or a course in non-dimensional numbers (E3, E4), by the rows of its layout:
+what programs are fed.
 
-A posture is a plan of one frame: each contact a foothold with one candidate, all of them one stance. Lengths are in
-units of the length scale, forces of the force scale (a course's is the robot's weight), moments of their product.
+A posture is a plan of one frame: each contact a foothold with one candidate, all of them one
+stance. Lengths are in units of the length scale, forces of the force scale (a course's is the
+robot's weight), moments of their product.
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from .scaling import of_problem
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """A point in the space of plans, non-dimensional; on the bilinear surface m = p f where ``residual`` is about zero.
+    """A point in the space of plans, non-dimensional; on the bilinear surface m = p f where
+    ``residual`` is about zero.
 
-    com, rotation: shape (M, 3); toes: one a foothold, (P, 3); forces: contact frames, a row a stance contact, (B, 3);
-    residual: largest component of a net moment, inf where there is no answer. objective: of a course, where it was
-    minimised; solves, seconds: what it took to get here.
+    com, rotation: shape (M, 3); toes: one a foothold, (P, 3); forces: contact frames, a row a
+    stance contact, (B, 3); residual: largest component of a net moment, inf where there is no
+    answer. objective: of a course, where it was minimised; solves, seconds: what it took to get
+    here.
     """
 
     com: Array
@@ -46,18 +50,19 @@ class Point:
 class Scaled:
     """The numbers of a problem; see ``Layout`` for the counts.
 
-    options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
-    by foothold. vertices: v_u, shape (V, 3); a toe that
-    already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,); half_spaces: of reach; relative: of feet from one another. offsets: from the toe to
-    the points of its foot, on every candidate, with zeros after them, shape (K, points, 3); of point feet (0, 1, 3).
-    force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
-    weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
-    of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
-    linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
-    weights: of the objective, None for a posture, which has none. wrench: on the body beside its weight in each stance,
-    force and moment about the centre of mass, shape (S, 6); without any (0, 6). standing: from the centre of mass to
-    each toe as the robot stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
+    options: most candidates of a foothold in the problem; which: the number, in the problem, of
+    every open candidate, by foothold. vertices: v_u, shape (V, 3); a toe that already stands is a
+    candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
+    shoulders: (N, 3); reach: (N,); half_spaces: of reach; relative: of feet from one another.
+    offsets: from the toe to the points of its foot, on every candidate, with zeros after them,
+    shape (K, points, 3); of point feet (0, 1, 3). force_min, force_max: on (f_n, f_y, f_z) of every
+    stance contact, (B, 3). weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad].
+    steps: largest step of the COM, of a toe and of the rotation; direction: of the nominal steps,
+    (M − 1, 3); progress: least along them, (M − 1,). goal: (3,). linear: further rows of a step of
+    the body, see ``StepLimits.linear_rows``. weights: of the objective, None for a posture, which
+    has none. wrench: on the body beside its weight in each stance, force and moment about the
+    centre of mass, shape (S, 6); without any (0, 6). standing: from the centre of mass to each toe
+    as the robot stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
     """
 
     layout: Layout
@@ -117,7 +122,11 @@ class Scaled:
         """Vertices by candidate, shape (K, U, 3); a shorter border repeats its last vertex."""
         counts = np.array([count for counts in self.layout.corners for count in counts])
         starts = np.cumsum(counts) - counts
-        return np.asarray(self.vertices[starts[:, None] + np.minimum(np.arange(counts.max()), counts[:, None] - 1)])
+        return np.asarray(
+            self.vertices[
+                starts[:, None] + np.minimum(np.arange(counts.max()), counts[:, None] - 1)
+            ]
+        )
 
     @cached_property
     def pieces(self) -> tuple[Array, ...]:
@@ -139,13 +148,16 @@ class Scaled:
         contact, candidate = self.layout.contact_candidates
         friction, normal = frictions[:, candidate], self.force_max[contact, 0]
         room = np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1)[contact]
-        implied = (friction > 1e-3) & (friction * normal <= room)  # on ice the cone says nothing of f_n
+        implied = (friction > 1e-3) & (
+            friction * normal <= room
+        )  # on ice the cone says nothing of f_n
         of_all = bool((self.force_min[:, 0] <= 0.0).all() and (normal > 0.0).all())
         return [of_all and one for one in implied.all(axis=1).tolist()]
 
     @cached_property
     def arms(self) -> Array:
-        """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment, shape (F, 3, 3)."""
+        """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment,
+        shape (F, 3, 3)."""
         candidate = self.layout.vertex_candidates[self.layout.contact_vertices[1]]
         return np.asarray(np.matmul(skew(self.bearing_vertices), self.frames[candidate]))
 
@@ -156,7 +168,10 @@ class Scaled:
         contact, vertex = self.layout.contact_vertices
         if not self.layout.points:
             return np.asarray(self.vertices[vertex])
-        point, candidate = self.layout.contact_points[contact], self.layout.vertex_candidates[vertex]
+        point, candidate = (
+            self.layout.contact_points[contact],
+            self.layout.vertex_candidates[vertex],
+        )
         return np.asarray(self.vertices[vertex] + self.offsets[candidate, point])
 
     def bearing_points(self, toes: Array) -> Array:
@@ -181,44 +196,53 @@ class Scaled:
 
     def only(self, opened: Array) -> Scaled:
         """The problem with only these candidates, of those that there are; shape (P, options)."""
-        kept = opened[self.layout.candidate_footholds, self.numbers] > 0.0
-        if kept.all():
+        open_numbers = opened[self.layout.candidate_footholds, self.numbers] > 0.0
+        if open_numbers.all():
             return self
         rows = zip(self.which, self.layout.corners, opened.tolist(), strict=True)
-        left = [[(r, n) for r, n in zip(numbers, counts, strict=True) if row[r] > 0.0] for numbers, counts, row in rows]
+        left = [
+            [(r, n) for r, n in zip(numbers, counts, strict=True) if row[r] > 0.0]
+            for numbers, counts, row in rows
+        ]
         corners = tuple(tuple(count for _, count in some) for some in left)
         return replace(
             self,
             layout=replace(self.layout, corners=corners),
             which=tuple(tuple(number for number, _ in some) for some in left),
-            vertices=self.vertices[kept[self.layout.vertex_candidates]],
-            frames=self.frames[kept],
-            friction=self.friction[kept],
-            offsets=self.offsets[kept] if self.layout.points else self.offsets,
+            vertices=self.vertices[open_numbers[self.layout.vertex_candidates]],
+            frames=self.frames[open_numbers],
+            friction=self.friction[open_numbers],
+            offsets=self.offsets[open_numbers] if self.layout.points else self.offsets,
         )
 
     def chosen(self, choice: NDArray[np.int_]) -> Scaled:
         """The problem with one candidate a foothold, by its number, shape (P,)."""
-        if len(self.numbers) == len(choice) and (choice is self.numbers or (choice == self.numbers).all()):
+        if len(self.numbers) == len(choice) and (
+            choice is self.numbers or (choice == self.numbers).all()
+        ):
             return self
         opened = np.zeros((self.layout.footholds, self.options))
         opened[np.arange(len(choice)), choice] = 1.0
         return self.only(opened)
 
     def with_piece(self, candidate: int, border: Array) -> Scaled:
-        """The problem with one candidate confined to a piece of its patch, as a search in space cuts it.
+        """The problem with one candidate confined to a piece of its patch, as a search in space
+        cuts it.
 
-        candidate: its number, 0 ≤ candidate < K. border: the corners of the piece in order, shape (U, 3), non-
-        dimensional.
+        candidate: its number, 0 ≤ candidate < K. border: the corners of the piece in order, shape
+        (U, 3), non- dimensional.
         """
         pieces = (*self.pieces[:candidate], border, *self.pieces[candidate + 1 :])
         sizes = iter(len(piece) for piece in pieces)
         corners = tuple(tuple(next(sizes) for _ in counts) for counts in self.layout.corners)
-        layout = self.layout if corners == self.layout.corners else replace(self.layout, corners=corners)
+        layout = (
+            self.layout if corners == self.layout.corners else replace(self.layout, corners=corners)
+        )
         return replace(self, layout=layout, vertices=np.concatenate(pieces))
 
     def with_force_box(self, low: Array, high: Array) -> Scaled:
-        """The problem with these bounds on the forces of its stance contacts in place of f_min and f_max of E10.
+        """The problem with these bounds on the forces of its stance contacts in place of f_min and
+        f_max of E10.
 
         low, high: in contact frames, shape (B, 3) each, non-dimensional.
         """
@@ -226,7 +250,8 @@ class Scaled:
 
     @cached_property
     def borne(self) -> Array:
-        """The sum of the contacts' forces in every stance: the weight, less the force on the body; shape (S, 3)."""
+        """The sum of the contacts' forces in every stance: the weight, less the force on the body;
+        shape (S, 3)."""
         weight = np.tile([0.0, 0.0, self.weight], (len(self.layout.stances), 1))
         return weight - self.wrench[:, :3] if self.layout.loaded else weight
 
@@ -236,7 +261,8 @@ class Scaled:
         return self.wrench[:, 3:] if self.layout.loaded else np.zeros((len(self.layout.stances), 3))
 
     def in_world(self, forces: Array) -> Array:
-        """Forces of the stance contacts turned from contact frames to the world; one candidate a foothold; (B, 3)."""
+        """Forces of the stance contacts turned from contact frames to the world; one candidate a
+        foothold; (B, 3)."""
         return np.asarray(np.matmul(self.contact_frames, forces[..., None])[..., 0])
 
     @property
@@ -251,27 +277,35 @@ class Scaled:
         return np.asarray(self.frames[self.layout.contacts[2]])
 
     def forces_si(self, point: Point) -> tuple[Array, dict[str, Array]]:
-        """Forces of every limb in every stance, in the world, (S, N, 3) [N]; one candidate a foothold.
+        """Forces of every limb in every stance, in the world, (S, N, 3) [N]; one candidate a
+        foothold.
 
-        And of soles, where there are: point_forces_n, (S, N, points, 3) [N], which add up to them, and points_m, where
-        the points of every foothold are, (P, points, 3) [m].
+        And of soles, where there are: point_forces_n, (S, N, points, 3) [N], which add up to them,
+        and points_m, where the points of every foothold are, (P, points, 3) [m].
         """
         layout, count = self.layout, self.layout.unpushed
-        own = layout.contacts[0] < count  # the others are borne with forces of their own
-        stance, limb, _ = (rows[own] for rows in layout.contacts)
-        forces, world = np.zeros((count, layout.limbs, 3)), self.in_world(point.forces)[own] * self.force_n
+        of_candidates = layout.contacts[0] < count  # the others are borne with forces of their own
+        stance, limb, _ = (rows[of_candidates] for rows in layout.contacts)
+        forces, world = (
+            np.zeros((count, layout.limbs, 3)),
+            self.in_world(point.forces)[of_candidates] * self.force_n,
+        )
         if not layout.points:
             forces[stance, limb] = world
             return forces, {}
         each = np.zeros((count, layout.limbs, max(layout.points), 3))
-        each[stance, limb, layout.contact_points[own]] = world
+        each[stance, limb, layout.contact_points[of_candidates]] = world
         points = (point.toes[:, None] + self.offsets) * self.length_m
         return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
 
     def point(self, posture: Plan) -> Array:
-        """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the frames; shape (N, 6)."""
+        """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the
+        frames; shape (N, 6)."""
         position = (posture.toes_m - posture.com_m) / self.length_m
-        forces = np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[0, ..., None])[..., 0] / self.force_n
+        forces = (
+            np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[0, ..., None])[..., 0]
+            / self.force_n
+        )
         return np.concatenate([position, forces], axis=1)
 
 
@@ -287,10 +321,11 @@ _SKEW = np.array([6, 5, 1, 2, 6, 3, 4, 0, 6])  # of (x, y, z, −x, −y, −z, 
 
 
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:
-    """Force boxes met with the box around their friction cones (E10): f_n ≥ 0, |f_y|, |f_z| ≤ μ f_n,max.
+    """Force boxes met with the box around their friction cones (E10): f_n ≥ 0, |f_y|, |f_z| ≤ μ
+    f_n,max.
 
-    low, high: in contact frames, shape (B, 3) each. friction: μ, shape (B,). Returns both bounds anew, shape (B, 3)
-    each; no force of cone and box is lost.
+    low, high: in contact frames, shape (B, 3) each. friction: μ, shape (B,). Returns both bounds
+    anew, shape (B, 3) each; no force of cone and box is lost.
     """
     shear = (np.asarray(friction) * np.maximum(high[:, 0], 0.0))[:, None]
     low, high = low.copy(), high.copy()

@@ -25,16 +25,22 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
         for foothold, regions in zip(course.footholds, course.regions, strict=True)
         for patch in regions
     ]
-    points, offsets = _offsets([each for row in course.offsets_m for each in row] if course.has_soles else [], scale)
+    points, offsets = _offsets(
+        [each for row in course.offsets_m for each in row] if course.has_soles else [], scale
+    )
     sizes = iter(len(border) for border in borders)
     linear = limits.linear_rows(scale)
     layout = shared(
         Layout(
             holds=tuple(tuple(row) for row in course.holds.tolist()),
             stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
-            corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds),
+            corners=tuple(
+                tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds
+            ),
             reach_rows=HalfSpaces.counts(limbs),
-            points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
+            points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs)
+            if points
+            else (),
             relative=RelativeHalfSpaces.pairs(course.robot),
             linear=len(linear),
             stands=course.weights is not None and course.weights.stance > 0.0,
@@ -80,7 +86,8 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
 
 
 def _force_min(low: Array, layout: Layout) -> Array:
-    """``Scaled.force_min``, from those of all footholds; under a push a foot may press less than it has to at rest."""
+    """``Scaled.force_min``, from those of all footholds; under a push a foot may press less than it
+    has to at rest."""
     least = low[layout.contacts[2]]
     if not layout.pushes:
         return np.asarray(least)
@@ -99,21 +106,21 @@ def _standing(course: Problem, layout: Layout) -> Array:
 
 
 def _wrench(course: Problem, layout: Layout) -> Array:
-    """``Scaled.wrench`` of a course: its own, and then with the corners of a square about the disc of pushes that it
-    asks for, each on all stances."""
+    """``Scaled.wrench`` of a course: its own, and then with the corners of a square about the disc
+    of pushes that it asks for, each on all stances."""
     corner = np.sqrt(2.0) * course.push_n / course.force_n
     corners = [(0.0, 0.0), (corner, 0.0), (0.0, corner), (-corner, 0.0), (0.0, -corner)]
     if course.push_n == 0.0:
         if course.wrench is None:
             return np.zeros((0, 6))
         corners = corners[:1]
-    own = np.zeros((len(layout.stances), 6))
+    common = np.zeros((len(layout.stances), 6))
     if course.wrench is not None:
         unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
-        own = (course.wrench / unit)[layout.stance_frames]
-    found = np.tile(own, (len(corners), 1))
-    found[:, :2] += np.repeat(corners, len(own), axis=0)
-    return found
+        common = (course.wrench / unit)[layout.stance_frames]
+    wrenches = np.tile(common, (len(corners), 1))
+    wrenches[:, :2] += np.repeat(corners, len(common), axis=0)
+    return wrenches
 
 
 def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:

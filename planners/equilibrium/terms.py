@@ -1,7 +1,9 @@
-"""The terms of Lin et al. as rows: each equation once, for one posture and for many key frames alike.
+"""The terms of Lin et al. as rows: each equation once, for one posture and for many key frames
+alike.
 
-A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``, ``projection``). All
-quantities are non-dimensional. Programs are loaded with a ``Given``. The same terms in cvxpy: ``reference``.
+A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``,
+``projection``). All quantities are non-dimensional. Programs are loaded with a ``Given``. The same
+terms in cvxpy: ``reference``.
 """
 
 from __future__ import annotations
@@ -36,8 +38,11 @@ class Given:
 
     @cached_property
     def held_arms(self) -> Array:
-        """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B, 3, 3)."""
-        return np.asarray(np.matmul(skew(self.scaled.bearing_points(self.held.toes)), self.scaled.contact_frames))
+        """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B,
+        3, 3)."""
+        return np.asarray(
+            np.matmul(skew(self.scaled.bearing_points(self.held.toes)), self.scaled.contact_frames)
+        )
 
     @cached_property
     def held_levers(self) -> Array:
@@ -60,7 +65,9 @@ class FreeToes:
     implied: λ ≥ 0 follows from the forces of the stance contacts (``Scaled.box_implied``).
     """
 
-    def __init__(self, rows: Rows[Any], layout: Layout, *, explicit: bool, implied: bool = False) -> None:
+    def __init__(
+        self, rows: Rows[Any], layout: Layout, *, explicit: bool, implied: bool = False
+    ) -> None:
         self._rows, self._layout = rows, layout
         self.weights = rows.variable("weights", len(layout.vertex_footholds))
         one = rows.equal("one", layout.footholds)
@@ -72,7 +79,10 @@ class FreeToes:
         rows.put(rows.at_most("positive", len(loose)), loose, -1.0)  # λ ≥ 0
         self.points: Index | None = None
         if explicit:
-            points, toe = rows.variable("toes", layout.footholds, 3), rows.equal("toe", layout.footholds, 3)
+            points, toe = (
+                rows.variable("toes", layout.footholds, 3),
+                rows.equal("toe", layout.footholds, 3),
+            )
             rows.put(toe, points, 1.0)
             rows.put(toe[layout.vertex_footholds], self.weights[:, None], -Of("scaled.vertices"))
             self.points = points
@@ -83,7 +93,9 @@ class FreeToes:
             self._rows.put(at, self.points[footholds], sign)
             return
         which, vertex = self._layout.under(footholds)
-        self._rows.put(at[which], self.weights[vertex][:, None], sign * Of("scaled.vertices", vertex))
+        self._rows.put(
+            at[which], self.weights[vertex][:, None], sign * Of("scaled.vertices", vertex)
+        )
 
 
 class HeldToes:
@@ -126,7 +138,8 @@ class BodyVariables:
     def reach(self, toes: Toes, *, inner: bool = False) -> None:
         """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK wherever a limb stands (E11), the rotation linearised.
 
-        Of half-spaces of reach the outer set, or the inner one, which plans are to be in (``robot.reach``).
+        Of half-spaces of reach the outer set, or the inner one, which plans are to be in
+        (``robot.reach``).
         """
         layout, rows = self._layout, self._rows
         frame, limb, foothold = layout.standing
@@ -135,21 +148,27 @@ class BodyVariables:
         toes.put(leg[:, 1:], foothold, -1.0)
         i, j = [1, 2, 0], [2, 0, 1]  # (Θ × v)_k = Θ_i v_j − Θ_j v_i
         rows.put(leg[:, 1:], self.rotation[frame][:, i], Of("scaled.shoulders", (limb[:, None], j)))
-        rows.put(leg[:, 1:], self.rotation[frame][:, j], -Of("scaled.shoulders", (limb[:, None], i)))
+        rows.put(
+            leg[:, 1:], self.rotation[frame][:, j], -Of("scaled.shoulders", (limb[:, None], i))
+        )
         rows.right(leg[:, 0], Of("scaled.reach", limb))
         rows.right(leg[:, 1:], -Of("scaled.shoulders", limb))
         if layout.reach_rows:
             within_half_spaces(rows, layout, self.com, self.rotation, toes.put, inner)
 
     def steps(self, toes: Toes | None) -> None:
-        """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of c along its path.
+        """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of
+        c along its path.
 
         toes: None where they are held, and their steps are what they are.
         """
         layout, rows, count = self._layout, self._rows, self._layout.frames - 1
         if not count:
             return
-        for name, columns, limit in (("com_step", self.com, 0), ("rotation_step", self.rotation, 2)):
+        for name, columns, limit in (
+            ("com_step", self.com, 0),
+            ("rotation_step", self.rotation, 2),
+        ):
             step = rows.cones(name, count, 4)
             rows.put(step[:, 1:], columns[1:], -1.0)
             rows.put(step[:, 1:], columns[:-1], 1.0)
@@ -169,7 +188,8 @@ class BodyVariables:
                 within_relative_reach(rows, layout, toes.put)
 
     def _linear_steps(self) -> None:
-        """a·(c[r] − c[r−1], Θ[r] − Θ[r−1]) ≤ b of every further row (``StepLimits.linear_rows``)."""
+        """a·(c[r] − c[r−1], Θ[r] − Θ[r−1]) ≤ b of every further row
+        (``StepLimits.linear_rows``)."""
         row = np.tile(np.arange(self._layout.linear), self._layout.frames - 1)
         step = np.repeat(np.arange(self._layout.frames - 1), self._layout.linear)
         at = self._rows.at_most("linear_step", len(row))
@@ -181,14 +201,20 @@ class BodyVariables:
 
 
 class Forces:
-    """Forces (f_n, f_y, f_z) in contact frames (E3), n of them, with their cones, boxes and balance.
+    """Forces (f_n, f_y, f_z) in contact frames (E3), n of them, with their cones, boxes and
+    balance.
 
-    contact, candidate: whose each is, shape (n,). share: how much of the foothold each belongs to, as (row, column)
-    pairs whose columns add up to it; None where it is all of it.
+    contact, candidate: whose each is, shape (n,). share: how much of the foothold each belongs to,
+    as (row, column) pairs whose columns add up to it; None where it is all of it.
     """
 
     def __init__(
-        self, rows: Rows[Any], layout: Layout, contact: Index, candidate: Index, share: tuple[Index, Index] | None
+        self,
+        rows: Rows[Any],
+        layout: Layout,
+        contact: Index,
+        candidate: Index,
+        share: tuple[Index, Index] | None,
     ) -> None:
         self._rows, self._layout, self._share = rows, layout, share
         self.contact, self.candidate = contact, candidate
@@ -203,20 +229,26 @@ class Forces:
 
     @classmethod
     def of_candidates(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
-        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold (P1); where each
-        has one candidate, ``of_contacts``. toes: whose λ are these shares."""
+        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the
+        foothold (P1); where each has one candidate, ``of_contacts``. toes: whose λ are these
+        shares."""
         contact, candidate = layout.contact_candidates
         if all(len(counts) == 1 for counts in layout.corners):
             return cls.of_contacts(rows, layout)
         sizes = np.bincount(layout.vertex_candidates)
         starts = np.cumsum(sizes) - sizes
         row = np.repeat(np.arange(len(candidate)), sizes[candidate])
-        within = np.arange(len(row)) - np.repeat(np.cumsum(sizes[candidate]) - sizes[candidate], sizes[candidate])
-        return cls(rows, layout, contact, candidate, (row, toes.weights[starts[candidate[row]] + within]))
+        within = np.arange(len(row)) - np.repeat(
+            np.cumsum(sizes[candidate]) - sizes[candidate], sizes[candidate]
+        )
+        return cls(
+            rows, layout, contact, candidate, (row, toes.weights[starts[candidate[row]] + within])
+        )
 
     @classmethod
     def of_vertices(cls, rows: Rows[Any], layout: Layout, toes: FreeToes) -> Forces:
-        """f_u := λ_u f of every vertex under a contact: the lift's forces, in the frame of the vertex's candidate.
+        """f_u := λ_u f of every vertex under a contact: the lift's forces, in the frame of the
+        vertex's candidate.
 
         toes: whose λ_u scale cone and box of each, so that a vertex without weight carries nothing.
         """
@@ -231,7 +263,8 @@ class Forces:
         self._rows.put(cone[:, 1:], self.columns[:, 1:], -1.0)
 
     def in_box(self, *, implied: bool) -> None:
-        """share · f_min ≤ f ≤ share · f_max; implied: f_n ≤ share · f_max alone (``Scaled.box_implied``)."""
+        """share · f_min ≤ f ≤ share · f_max; implied: f_n ≤ share · f_max alone
+        (``Scaled.box_implied``)."""
         axes = [0] if implied else [0, 1, 2]
         self._side("most", 1.0, axes, "scaled.force_max")
         if not implied:
@@ -240,28 +273,37 @@ class Forces:
     def balance(self) -> None:
         """Σ f = w e_z in every stance (E5), less the force on the body where there is one."""
         net = self._rows.equal("balance", len(self._layout.stances), 3)
-        self._rows.put(net[self.stance][:, :, None], self.columns[:, None, :], Of("scaled.frames", self.candidate))
+        self._rows.put(
+            net[self.stance][:, :, None],
+            self.columns[:, None, :],
+            Of("scaled.frames", self.candidate),
+        )
         self._rows.right(net[:, 2], Of("scaled.weight"))
         if self._layout.loaded:
             axes = slice(3) if self._layout.wrench else slice(2)  # pushes are level
             self._rows.right(net[:, axes], -Of("scaled.wrench", (slice(None), axes)))
 
     def _side(self, name: str, sign: float, axes: list[int], bound: str) -> None:
-        """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
+        """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts,
+        shape (B, 3)."""
         side = self._rows.at_most(name, len(self.contact), len(axes))
         self._rows.put(side, self.columns[:, axes], sign)
         if self._share is None:
             self._rows.right(side, sign * Of(bound, (self.contact[:, None], axes)))
         else:
             row, column = self._share
-            self._rows.put(side[row], column[:, None], -sign * Of(bound, (self.contact[row][:, None], axes)))
+            self._rows.put(
+                side[row], column[:, None], -sign * Of(bound, (self.contact[row][:, None], axes))
+            )
 
 
 class Moments:
-    """Net moments about the COM of every stance, hard or within a slack (E6, E9): a list of linear parts, added up.
+    """Net moments about the COM of every stance, hard or within a slack (E6, E9): a list of linear
+    parts, added up.
 
-    Σ f is fixed to the weight, so the moment about the moving centre of mass is Σ p_w × f − w c × e_z, linear in c.
-    With a force F and a moment M on the body it is Σ p_w × f − c × (w e_z − F) + M.
+    Σ f is fixed to the weight, so the moment about the moving centre of mass is Σ p_w × f − w c ×
+    e_z, linear in c. With a force F and a moment M on the body it is Σ p_w × f − c × (w e_z − F) +
+    M.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -273,13 +315,14 @@ class Moments:
     def add(self, stance: Index, columns: Index, values: Of | Fill[Given]) -> None:
         """Add a linear part, values · x[columns], to the net moment of stances.
 
-        stance: which, shape (n,). columns: shape (n, k). values: arms in the world, shape (n, 3, k), numbers or what
-        gives them for a problem.
+        stance: which, shape (n,). columns: shape (n, k). values: arms in the world, shape (n, 3,
+        k), numbers or what gives them for a problem.
         """
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: BodyVariables) -> None:
-        """−w c × e_z = −w (c_y, −c_x, 0); with a force F and a moment M on the body −c × (w e_z − F) + M."""
+        """−w c × e_z = −w (c_y, −c_x, 0); with a force F and a moment M on the body −c × (w e_z −
+        F) + M."""
         self._com = body.com[self._layout.stance_frames]
 
     def shift(self, values: Fill[Given]) -> None:
@@ -291,7 +334,8 @@ class Moments:
         self._put(rows, rows.equal("moment", len(self._layout.stances), 3), 1.0)
 
     def within(self, rows: Rows[Given], *, each: bool = False) -> Index:
-        """Every component is at most the residual s ≥ 0, either way; its column. each: one residual a stance, (S,)."""
+        """Every component is at most the residual s ≥ 0, either way; its column. each: one residual
+        a stance, (S,)."""
         stances = len(self._layout.stances)
         residual = rows.variable("residual", stances if each else 1)
         for name, sign in (("above", 1.0), ("below", -1.0)):
@@ -307,15 +351,32 @@ class Moments:
         if self._com is not None and self._layout.wrench:  # −c × (w e_z − F) + M
             for axis in range(3):
                 after, last = (axis + 1) % 3, (axis + 2) % 3
-                rows.put(net[:, axis], self._com[:, after], -sign * Of("scaled.borne", (slice(None), last)))
-                rows.put(net[:, axis], self._com[:, last], sign * Of("scaled.borne", (slice(None), after)))
+                rows.put(
+                    net[:, axis],
+                    self._com[:, after],
+                    -sign * Of("scaled.borne", (slice(None), last)),
+                )
+                rows.put(
+                    net[:, axis],
+                    self._com[:, last],
+                    sign * Of("scaled.borne", (slice(None), after)),
+                )
             rows.right(net, -sign * Of("scaled.twisted"))
         elif self._com is not None:
             rows.put(net[:, 0], self._com[:, 1], -sign * Of("scaled.weight"))
             rows.put(net[:, 1], self._com[:, 0], sign * Of("scaled.weight"))
             if self._layout.pushes:  # −c × (w e_z − F), the part of F
-                for row, column, axis, turn in ((0, 2, 1, -1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (2, 1, 0, -1.0)):
-                    rows.put(net[:, row], self._com[:, column], sign * turn * Of("scaled.wrench", (slice(None), axis)))
+                for row, column, axis, turn in (
+                    (0, 2, 1, -1.0),
+                    (1, 2, 0, 1.0),
+                    (2, 0, 1, 1.0),
+                    (2, 1, 0, -1.0),
+                ):
+                    rows.put(
+                        net[:, row],
+                        self._com[:, column],
+                        sign * turn * Of("scaled.wrench", (slice(None), axis)),
+                    )
         for offset in self._offsets:
             rows.right(net, _times(-sign, offset))
 

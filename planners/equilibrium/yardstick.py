@@ -1,4 +1,5 @@
-"""The speed of a computer, by cold solves of one cone program in which nothing is this package's own."""
+"""The speed of a computer, by cold solves of one cone program in which nothing is this package's
+own."""
 
 from __future__ import annotations
 

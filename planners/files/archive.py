@@ -1,7 +1,8 @@
-"""NumPy's files, read in bounds: .npz archives and .npy arrays whose headers are believed only as far as the bytes go.
+"""NumPy's files, read in bounds: .npz archives and .npy arrays whose headers are believed only as
+far as the bytes go.
 
-A header is read before memory is asked for what it declares: its shape times its type has to be what the file, or the
-archive's entry, holds to the byte. Nothing is ever unpickled.
+A header is read before memory is asked for what it declares: its shape times its type has to be
+what the file, or the archive's entry, holds to the byte. Nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def read_archive(path: str | Path) -> dict[str, NDArray[Any]]:
 def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz archive by name, read-only.
 
-    Raises InvalidInput for what is damaged, holds anything but arrays of numbers and texts, or declares more than its
-    bytes can hold.
+    Raises InvalidInput for what is damaged, holds anything but arrays of numbers and texts, or
+    declares more than its bytes can hold.
     """
     if content.count(b"PK\x01\x02") > MOST_ARRAYS:
         raise InvalidInput(f"{where}: expected {MOST_ARRAYS} arrays or fewer, got more")
@@ -49,7 +50,9 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
             _check_entries(entries, where)
-            return {entry.filename.removesuffix(".npy"): _entry(archive, entry) for entry in entries}
+            return {
+                entry.filename.removesuffix(".npy"): _entry(archive, entry) for entry in entries
+            }
     except InvalidInput:
         raise
     except Exception as error:  # zip, zlib and numpy's headers raise whatever struck them
@@ -65,7 +68,8 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
-    """Raise InvalidInput for names that are no arrays' or come twice, and for sizes that cannot be."""
+    """Raise InvalidInput for names that are no arrays' or come twice, and for sizes that cannot
+    be."""
     names = [entry.filename for entry in entries]
     if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
         raise InvalidInput(f"{where}: {SAID}: its entries are not NAME.npy, each once")
@@ -73,7 +77,9 @@ def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
         raise InvalidInput(f"{where}: expected {MOST_UNPACKED} bytes of arrays or fewer, got more")
     for entry in entries:
         if entry.file_size > entry.compress_size * (DEFLATED_MOST if entry.compress_type else 1):
-            raise InvalidInput(f"{where}: {SAID}: {entry.filename!r:.40} cannot hold the bytes that it declares")
+            raise InvalidInput(
+                f"{where}: {SAID}: {entry.filename!r:.40} cannot hold the bytes that it declares"
+            )
 
 
 def _entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
@@ -82,7 +88,8 @@ def _entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 def _array(stream: IO[bytes], size: int) -> NDArray[Any]:
-    """The array of a stream of so many bytes, header included. Raises ValueError, and what its parsers raise."""
+    """The array of a stream of so many bytes, header included. Raises ValueError, and what its
+    parsers raise."""
     version = npy.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"expected version 1.0 or 2.0 of .npy, got {version[0]}.{version[1]}")

@@ -1,4 +1,5 @@
-"""Read-only arrays and numbers for value classes, shape and range checked once where a value enters the house."""
+"""Read-only arrays and numbers for value classes, shape and range checked once where a value enters
+the house."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ Member = TypeVar("Member")
 
 LONGEST_NAME = 200
 LARGEST = 1e6
-"""No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a mistake in units."""
+"""No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a
+mistake in units."""
 
 
 def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array:
@@ -31,8 +33,12 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
     try:
         array = plain_numbers(value)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {shown(value, 80)}") from None
-    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise InvalidInput(
+            f"{where}: expected numbers of shape {_shape_text(shape)}, got {shown(value, 80)}"
+        ) from None
+    if array.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
+    ):
         raise InvalidInput(f"{where}: expected shape {_shape_text(shape)}, got {array.shape}")
     largest = float(abs(array).max()) if array.size else 0.0
     if not largest <= LARGEST:  # also false for NaN
@@ -62,19 +68,28 @@ def cached_arrays(make: Callable[[Any], T]) -> cached_property[T]:
 
 
 def plain_numbers(value: ArrayLike) -> Array:
-    """A float copy of numbers. Raises TypeError, ValueError or OverflowError for anything else: texts, which NumPy
-    reads as numbers in any script, truth values, nulls, complex numbers, rows of different lengths."""
+    """A float copy of numbers. Raises TypeError, ValueError or OverflowError for anything else:
+    texts, which NumPy reads as numbers in any script, truth values, nulls, complex numbers, rows of
+    different lengths."""
     raw = np.asarray(value)
-    large = raw.dtype.kind == "O" and all(type(each) in (int, float) for each in raw.flat)  # integers beyond 64 bits
+    large = raw.dtype.kind == "O" and all(
+        type(each) in (int, float) for each in raw.flat
+    )  # integers beyond 64 bits
     if raw.dtype.kind not in "fiu" and not large:
         raise TypeError
     return np.array(raw, dtype=np.float64)
 
 
 def checked(
-    value: Any, where: str, *, least: float = -LARGEST, above: float | None = None, most: float = LARGEST
+    value: Any,
+    where: str,
+    *,
+    least: float = -LARGEST,
+    above: float | None = None,
+    most: float = LARGEST,
 ) -> float:
-    """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises InvalidInput."""
+    """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises
+    InvalidInput."""
     number = float(read_only(value, (), where))
     if above is not None and not number > above:
         wanted = f"above {above:g}" if most == LARGEST else f"in ({above:g}, {most:g}]"
@@ -86,7 +101,8 @@ def checked(
 
 
 def checked_int(value: Any, where: str, *, least: int = 0, most: int | None = None) -> int:
-    """Return ``value`` as an int in [least, most], without an end where most is None. Raises InvalidInput."""
+    """Return ``value`` as an int in [least, most], without an end where most is None. Raises
+    InvalidInput."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         wanted = f"{least} or more" if most is None else f"{least} to {most}"
@@ -104,14 +120,18 @@ def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
 
 
 def checked_name(value: Any, where: str) -> str:
-    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters. Raises InvalidInput."""
+    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters. Raises
+    InvalidInput."""
     if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
-        raise InvalidInput(f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}")
+        raise InvalidInput(
+            f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}"
+        )
     return value
 
 
 def checked_members(value: Any, kind: type[Member], where: str) -> tuple[Member, ...]:
-    """Return a list or tuple as a tuple where all that is in it is of this kind. Raises InvalidInput."""
+    """Return a list or tuple as a tuple where all that is in it is of this kind. Raises
+    InvalidInput."""
     if not isinstance(value, list | tuple):
         raise InvalidInput(f"{where}: expected a list of {kind.__name__}, got {shown(value)}")
     for index, each in enumerate(value):
@@ -121,15 +141,25 @@ def checked_members(value: Any, kind: type[Member], where: str) -> tuple[Member,
 
 
 def check_numbers(
-    value: Any, key: str = "", *, above: Iterable[str] = (), least: Iterable[str] = (), finite: Iterable[str] = ()
+    value: Any,
+    key: str = "",
+    *,
+    above: Iterable[str] = (),
+    least: Iterable[str] = (),
+    finite: Iterable[str] = (),
 ) -> None:
-    """Check numbers that a value has, or None in their place: those above 0, those that are 0 or more, finite ones.
+    """Check numbers that a value has, or None in their place: those above 0, those that are 0 or
+    more, finite ones.
 
     key: what their names begin with. Raises one InvalidInput that says all that is wrong.
     """
-    said = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
-    said += [(name, {}) for name in finite]
-    there = [(getattr(value, name), f"{key}{name}", limit) for name, limit in said if getattr(value, name) is not None]
+    limits = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
+    limits += [(name, {}) for name in finite]
+    there = [
+        (getattr(value, name), f"{key}{name}", limit)
+        for name, limit in limits
+        if getattr(value, name) is not None
+    ]
     collect_errors(*(partial(checked, number, where, **limit) for number, where, limit in there))
 
 
@@ -152,7 +182,8 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def lengths(v: Array) -> Array:
-    """Euclidean norms along the last axis; of a few vectors ``np.linalg.norm`` takes three times as long."""
+    """Euclidean norms along the last axis; of a few vectors ``np.linalg.norm`` takes three times as
+    long."""
     return np.asarray(np.sqrt(np.add.reduce(v * v, axis=-1)))
 
 
@@ -160,4 +191,9 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # after each axis of sp
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:
-    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+    return (
+        "("
+        + ", ".join("any" if n is None else str(n) for n in shape)
+        + ("," if len(shape) == 1 else "")
+        + ")"
+    )

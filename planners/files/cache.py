@@ -11,5 +11,7 @@ FOLDER = "STANCEKIT_CACHE"
 def cache_folder() -> Path:
     """Folder of measured workspaces and thinned meshes: $STANCEKIT_CACHE, or the user's folder for
     caches."""
-    own, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
-    return Path(own) if own else (Path(users) if users else Path.home() / ".cache") / "stancekit"
+    folder, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
+    return (
+        Path(folder) if folder else (Path(users) if users else Path.home() / ".cache") / "stancekit"
+    )

@@ -1,7 +1,7 @@
 """JSON forms of values, written and read by the fields that their classes say, and by nothing else.
 
-A value is an object whose keys are its fields, in their order; arrays and tuples are lists. What a file needs beside
-that, a class says once:
+A value is an object whose keys are its fields, in their order; arrays and tuples are lists. What a
+file needs beside that, a class says once:
 
 * in the metadata of a field: ``LATER``, ``UNWRITTEN``, ``INLINE``, ``{"key": NAME}``;
 * by ``FORMAT``, the value of the first key, ``format``, if it is a file of its own;
@@ -47,7 +47,8 @@ from .arrays import LARGEST, checked, collect_errors
 from .validation import shown, validated
 
 LATER: Mapping[str, Any] = types.MappingProxyType({"later": True})
-"""Metadata of a field that older files do not have: it is written only where it is not its default."""
+"""Metadata of a field that older files do not have: it is written only where it is not its
+default."""
 UNWRITTEN: Mapping[str, Any] = types.MappingProxyType({"unwritten": True})
 """Metadata of a field that no file has: it follows from others, or is of the running process."""
 
@@ -61,14 +62,15 @@ PLAIN = ConfigDict(
 
 
 def to_json(value: Any) -> Any:
-    """JSON-ready values of a value: of a dataclass, an array, a tuple, a mapping, or plain as it is."""
+    """JSON-ready values of a value: of a dataclass, an array, a tuple, a mapping, or plain as it
+    is."""
     if type(value) in (float, int, str, bool, types.NoneType):
         return value
     if isinstance(value, np.ndarray):
         return value.tolist()
     if is_dataclass(value):
-        own = getattr(value, "to_json", None)
-        return fields_to_json(value) if own is None else own()
+        method = getattr(value, "to_json", None)
+        return fields_to_json(value) if method is None else method()
     if isinstance(value, list | tuple):
         return [to_json(each) for each in value]
     if isinstance(value, Mapping):
@@ -78,17 +80,17 @@ def to_json(value: Any) -> Any:
 
 def fields_to_json(value: Any, leave: tuple[str, ...] = ()) -> dict[str, Any]:
     """JSON-ready values of a dataclass, field by field. leave: fields that are not written."""
-    found: dict[str, Any] = {"format": value.FORMAT} if hasattr(value, "FORMAT") else {}
+    record: dict[str, Any] = {"format": value.FORMAT} if hasattr(value, "FORMAT") else {}
     for name, key, default in _written(cast(Any, type(value))):
         member = getattr(value, name)
         usual = default is not MISSING and not isinstance(member, np.ndarray) and member == default
         if usual or name in leave:
             continue
         if key is None:
-            found |= to_json(member)
+            record |= to_json(member)
         else:
-            found[key] = to_json(member)
-    return found
+            record[key] = to_json(member)
+    return record
 
 
 def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = "") -> Value:
@@ -97,8 +99,8 @@ def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = 
     Arguments:
         kind: the class.
         data: what a file holds.
-        whole: every key has to be there but those of ``LATER``, as in files that programs write; else a key that is
-            not there has its default, as in files that people write.
+        whole: every key has to be there but those of ``LATER``, as in files that programs write;
+            else a key that is not there has its default, as in files that people write.
         where: the file, which the message begins with.
     Raises:
         InvalidInput: with every key that is wrong, separated by "; ".
@@ -149,16 +151,17 @@ def _keys(kind: Any, whole: bool) -> dict[str, Any]:
         needed = whole and "later" not in field.metadata
         alias = field.metadata.get("key")
         if field.default_factory is not MISSING and not needed:
-            found = Key(default_factory=field.default_factory, alias=alias)
+            key = Key(default_factory=field.default_factory, alias=alias)
         else:
-            given = field.default is not MISSING and not needed
-            found = Key(field.default if given else ..., alias=alias)
-        keys[field.name] = key_of(hints[field.name], whole=whole), found
+            optional = field.default is not MISSING and not needed
+            key = Key(field.default if optional else ..., alias=alias)
+        keys[field.name] = key_of(hints[field.name], whole=whole), key
     return keys
 
 
 def key_of(hint: Any, *, whole: bool = True) -> Any:
-    """An annotation of a field as a file has it: numbers strictly, lists for tuples and arrays, objects for values."""
+    """An annotation of a field as a file has it: numbers strictly, lists for tuples and arrays,
+    objects for values."""
     part = partial(key_of, whole=whole)
     if hint in (float, int, str, bool):
         return Annotated[hint, Strict()]
@@ -179,7 +182,8 @@ def key_of(hint: Any, *, whole: bool = True) -> Any:
 
 
 class _Keys:
-    """Metadata of a field of a pydantic model that is a value, read by its class's keys; not all have to be there."""
+    """Metadata of a field of a pydantic model that is a value, read by its class's keys; not all
+    have to be there."""
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         def read(data: Any, of_keys: core_schema.ValidatorFunctionWrapHandler) -> Any:
@@ -191,7 +195,8 @@ class _Keys:
 
 
 KEYS = _Keys()
-"""``Annotated[Class, KEYS]`` in a pydantic model: a value of that class by its keys, or as it is."""
+"""``Annotated[Class, KEYS]`` in a pydantic model: a value of that class by its keys, or as it
+is."""
 NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 """What the reference of keys says of arrays, of whatever shape."""
 
@@ -199,7 +204,8 @@ NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 def numbers(value: Any, deepest: int = 8) -> Any:
     """Lists of numbers as a file has them, of which a class makes its array.
 
-    Raises InvalidInput for anything else in them: also for truth values and texts, which NumPy takes for numbers.
+    Raises InvalidInput for anything else in them: also for truth values and texts, which NumPy
+    takes for numbers.
     """
     if not isinstance(value, list | tuple):
         raise InvalidInput(f"expected a list in brackets, got {shown(value)}")
@@ -221,7 +227,8 @@ def numbers(value: Any, deepest: int = 8) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """Metadata of a number: its limits, which the class, its reader and the reference of keys have from here.
+    """Metadata of a number: its limits, which the class, its reader and the reference of keys have
+    from here.
 
     above: it is larger than this. least, most: it is no smaller and no larger.
     """
@@ -248,7 +255,8 @@ class Within:
 
 
 def check_limits(value: Any) -> None:
-    """Check the fields of a dataclass that say ``Within``, but for None. Raises InvalidInput with all that is wrong."""
+    """Check the fields of a dataclass that say ``Within``, but for None. Raises InvalidInput with
+    all that is wrong."""
     collect_errors(
         *(
             partial(limits.check, getattr(value, name), name)
@@ -261,13 +269,13 @@ def check_limits(value: Any) -> None:
 @lru_cache(maxsize=128)
 def _limits(kind: Any) -> dict[str, Within]:
     """The limits of the fields that say some, by name."""
-    found = dict[str, Within]()
+    result = dict[str, Within]()
     for name, hint in get_type_hints(kind, include_extras=True).items():
         several = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
         for limits in (each for part in several for each in getattr(part, "__metadata__", ())):
             if isinstance(limits, Within):
-                found[name] = limits
-    return found
+                result[name] = limits
+    return result
 
 
 def _value(kind: Any, keys: BaseModel) -> Any:
@@ -278,7 +286,8 @@ def _value(kind: Any, keys: BaseModel) -> Any:
 
 
 def _made(kind: Any, keys: BaseModel) -> Any:
-    """The value of these keys. Raises InvalidInput with all that is wrong with it and with what is inline."""
+    """The value of these keys. Raises InvalidInput with all that is wrong with it and with what is
+    inline."""
     inline, wrong = _inline(kind), list[str]()
     members = {
         field.name: getattr(keys, field.name)
@@ -318,8 +327,8 @@ def _in_files(kind: Any) -> tuple[Field[Any], ...]:
 
 @lru_cache(maxsize=128)
 def _written(kind: Any) -> tuple[tuple[str, str | None, Any], ...]:
-    """Name, key (None where the value's own stand in its place), and the default that is not written (or ``MISSING``)
-    of each field."""
+    """Name, key (None where the value's own stand in its place), and the default that is not
+    written (or ``MISSING``) of each field."""
     return tuple(
         (
             field.name,

@@ -15,9 +15,11 @@ Index = NDArray[np.int_]
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer than most solves.
+    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer
+    than most solves.
 
-    data, indices: values and rows of the entries, in order; indptr: where each column begins and the last one ends.
+    data, indices: values and rows of the entries, in order; indptr: where each column begins and
+    the last one ends.
     """
 
     data: Array
@@ -33,6 +35,6 @@ class Columns:
 
     def transposed_times(self, z: Array) -> Array:
         """A'z."""
-        return np.bincount(self.columns, self.data * z[self.indices], minlength=self.shape[1]).astype(
-            np.float64, copy=False
-        )
+        return np.bincount(
+            self.columns, self.data * z[self.indices], minlength=self.shape[1]
+        ).astype(np.float64, copy=False)

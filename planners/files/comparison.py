@@ -8,12 +8,13 @@ from typing import Any
 from .validation import shown
 
 SAME = 1e-9
-"""Numbers so near to each other, absolutely or as a share, are the same: another machine rounds otherwise."""
+"""Numbers so near to each other, absolutely or as a share, are the same: another machine rounds
+otherwise."""
 
 
 def first_difference(said: Any, expected: Any, where: str = "") -> str:
-    """The first place where ``said`` is not ``expected``, as "key[3].name: expected this, got that"; empty where there
-    is none. Numbers may differ by ``SAME``."""
+    """The first place where ``said`` is not ``expected``, as "key[3].name: expected this, got
+    that"; empty where there is none. Numbers may differ by ``SAME``."""
     if isinstance(said, Mapping) and isinstance(expected, Mapping):
         for name in dict.fromkeys((*expected, *said)):
             place = f"{where}.{name}" if where else str(name)
@@ -21,18 +22,22 @@ def first_difference(said: Any, expected: Any, where: str = "") -> str:
                 return f"{place}: expected this key, got nothing"
             if name not in expected:
                 return f"{place}: expected nothing, got {shown(said[name])}"
-            if found := first_difference(said[name], expected[name], place):
-                return found
+            if difference := first_difference(said[name], expected[name], place):
+                return difference
         return ""
     if isinstance(said, list | tuple) and isinstance(expected, list | tuple):
         if len(said) != len(expected):
             return f"{where}: expected {len(expected)}, got {len(said)}"
-        each = (first_difference(*pair, f"{where}[{i}]") for i, pair in enumerate(zip(said, expected, strict=True)))
+        each = (
+            first_difference(*pair, f"{where}[{i}]")
+            for i, pair in enumerate(zip(said, expected, strict=True))
+        )
         return next(filter(None, each), "")
-    if _number(said) and _number(expected):
-        same = abs(said - expected) <= SAME * max(1.0, abs(expected))
-    else:
-        same = said == expected
+    same = (
+        abs(said - expected) <= SAME * max(1.0, abs(expected))
+        if _number(said) and _number(expected)
+        else said == expected
+    )
     return "" if same else f"{where}: expected {shown(expected)}, got {shown(said)}"
 
 

@@ -1,7 +1,9 @@
-"""Text, JSON, YAML and XML from files, in bounds: of size, of depth, and of how many values they hold.
+"""Text, JSON, YAML and XML from files, in bounds: of size, of depth, and of how many values they
+hold.
 
-One reader a kind, for everything that people and other programs write: whatever is damaged, is too large or grows out
-of proportion (YAML's aliases) is refused in one line, before the memory for it is asked for.
+One reader a kind, for everything that people and other programs write: whatever is damaged, is too
+large or grows out of proportion (YAML's aliases) is refused in one line, before the memory for it
+is asked for.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ MOST_BYTES = 128_000_000
 MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
 """Of one document. YAML is for what people write by hand, and slow to read."""
 MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
-"""How many keys, lists and values a document may hold, what aliases stand for counted wherever they stand."""
+"""How many keys, lists and values a document may hold, what aliases stand for counted wherever they
+stand."""
 DEEPEST = 60
 """How deep a document may be nested."""
 MOST_ELEMENTS = 1_000_000
@@ -42,8 +45,8 @@ _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[IO[bytes]]:
-    """A file, open to be read. Raises InvalidInput for what is missing, cannot be read or is no file: a folder, or a
-    pipe or a device, which might be waited for."""
+    """A file, open to be read. Raises InvalidInput for what is missing, cannot be read or is no
+    file: a folder, or a pipe or a device, which might be waited for."""
     path = Path(path)
     try:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -58,14 +61,15 @@ def open_file(path: str | Path) -> Iterator[IO[bytes]]:
     mode = os.fstat(number).st_mode
     if not stat.S_ISREG(mode):
         os.close(number)
-        found = "a folder" if stat.S_ISDIR(mode) else NO_FILE
-        raise InvalidInput(f"{path}: expected a file, found {found}")
+        kind = "a folder" if stat.S_ISDIR(mode) else NO_FILE
+        raise InvalidInput(f"{path}: expected a file, found {kind}")
     with os.fdopen(number, "rb") as stream:
         yield stream
 
 
 def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
-    """Return a file's bytes, ``most`` at most. Raises InvalidInput as ``open_file`` does, and for a larger file."""
+    """Return a file's bytes, ``most`` at most. Raises InvalidInput as ``open_file`` does, and for a
+    larger file."""
     with open_file(path) as stream:
         try:
             content = stream.read(most + 1)
@@ -77,7 +81,8 @@ def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Return a file's text. Raises InvalidInput for a file that is missing, no file, too large, empty or not UTF-8."""
+    """Return a file's text. Raises InvalidInput for a file that is missing, no file, too large,
+    empty or not UTF-8."""
     text = decoded(read_bytes(path), str(path))
     if not text.strip():
         raise InvalidInput(f"{path}: expected some text, the file is empty")
@@ -103,18 +108,21 @@ def read_json(path: str | Path) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """Parse one JSON document.
 
-    Raises InvalidInput with line and column, for a key that an object has twice, for numbers that JSON does not have
-    (NaN, Infinity), for halves of letters, and for a document beyond the limits of this module.
+    Raises InvalidInput with line and column, for a key that an object has twice, for numbers that
+    JSON does not have (NaN, Infinity), for halves of letters, and for a document beyond the limits
+    of this module.
     """
     if len(text) > MOST_JSON_BYTES:
-        raise InvalidInput(f"{where}: expected {MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}")
+        raise InvalidInput(
+            f"{where}: expected {MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}"
+        )
     if sum(map(text.count, ",[{")) > MOST_VALUES:
         raise InvalidInput(f"{where}: expected {MOST_VALUES} values or fewer, got more")
     try:
-        found = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
-        _check_depth(found)
+        value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
+        _check_depth(value)
         if "\\ud" in text or "\\uD" in text:
-            json.dumps(found, ensure_ascii=False).encode()
+            json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
         raise InvalidInput(
             f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
@@ -122,12 +130,16 @@ def parse_json(text: str, where: str) -> Any:
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except RecursionError:
-        raise InvalidInput(f"{where}: expected JSON: {DEEPEST} levels of nesting or fewer, got more") from None
+        raise InvalidInput(
+            f"{where}: expected JSON: {DEEPEST} levels of nesting or fewer, got more"
+        ) from None
     except UnicodeEncodeError:
-        raise InvalidInput(f"{where}: expected whole letters, got half of a surrogate pair") from None
+        raise InvalidInput(
+            f"{where}: expected whole letters, got half of a surrogate pair"
+        ) from None
     except ValueError as error:
         raise InvalidInput(f"{where}: expected JSON: {error}") from None
-    return found
+    return value
 
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
@@ -138,11 +150,13 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 def parse_yaml(text: str, where: str) -> dict[str, Any]:
     """The keys and values of a YAML document.
 
-    Raises InvalidInput for anything else, for a key that is there twice (YAML would take the last), and for a document
-    beyond the limits of this module.
+    Raises InvalidInput for anything else, for a key that is there twice (YAML would take the last),
+    and for a document beyond the limits of this module.
     """
     if len(text) > MOST_YAML_BYTES:
-        raise InvalidInput(f"{where}: expected {MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}")
+        raise InvalidInput(
+            f"{where}: expected {MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}"
+        )
     try:
         _check_growth(text)
         data = yaml.load(text, Loader=_Once)
@@ -159,8 +173,9 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Element:
     """The root of an XML document, which has to have this name, its namespace aside.
 
-    Raises InvalidInput, which names no file, for anything else, for a document with a type and entities of its own, and
-    for one that is nested deeper than ``deepest`` or has more than ``MOST_ELEMENTS`` elements and attributes.
+    Raises InvalidInput, which names no file, for anything else, for a document with a type and
+    entities of its own, and for one that is nested deeper than ``deepest`` or has more than
+    ``MOST_ELEMENTS`` elements and attributes.
     """
     depth, count = 0, 0
 
@@ -172,7 +187,9 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
         if depth > deepest:
             raise InvalidInput(f"expected {deepest} levels of elements or fewer, got more")
         if count > MOST_ELEMENTS:
-            raise InvalidInput(f"expected {MOST_ELEMENTS} elements and attributes or fewer, got more")
+            raise InvalidInput(
+                f"expected {MOST_ELEMENTS} elements and attributes or fewer, got more"
+            )
 
     def ended(_: str) -> None:
         nonlocal depth
@@ -182,20 +199,29 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
         raise InvalidInput("expected XML without a document type and entities")
 
     parser = ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = (
+        begun,
+        ended,
+        declared,
+    )
     try:
         parser.Parse(content.encode() if isinstance(content, str) else content, True)
         return ElementTree.fromstring(content)
-    except (ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:  # encodings, halves of letters
+    except (
+        ExpatError,
+        ElementTree.ParseError,
+        ValueError,
+        LookupError,
+    ) as error:  # encodings, halves of letters
         raise InvalidInput(str(error)) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    record = dict(pairs)
+    if len(record) < len(pairs):
         twice, times = Counter(name for name, _ in pairs).most_common(1)[0]
         raise InvalidInput(f"{twice}: expected this key once, got it {times} times")
-    return found
+    return record
 
 
 def _no_number(name: str) -> float:
@@ -203,10 +229,15 @@ def _no_number(name: str) -> float:
 
 
 def _check_depth(value: Any) -> None:
-    """Raise RecursionError for lists and objects in one another beyond the limit, without recursion."""
+    """Raise RecursionError for lists and objects in one another beyond the limit, without
+    recursion."""
     level = [value]
     for _ in range(DEEPEST + 1):
-        parts = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, dict | list))
+        parts = (
+            part.values() if isinstance(part, dict) else part
+            for part in level
+            if isinstance(part, dict | list)
+        )
         level = [item for part in parts for item in part if isinstance(item, dict | list)]
         if not level:
             return
@@ -214,7 +245,8 @@ def _check_depth(value: Any) -> None:
 
 
 def _check_growth(text: str) -> None:
-    """Raise InvalidInput where the document is too deep or holds too many values once its aliases are replaced."""
+    """Raise InvalidInput where the document is too deep or holds too many values once its aliases
+    are replaced."""
     count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
     stack = list[tuple[str | None, int]]()
     deepest = [0]  # below each open collection
@@ -243,7 +275,9 @@ def _check_growth(text: str) -> None:
         if len(stack) + deepest[-1] > DEEPEST:
             raise InvalidInput(f"expected {DEEPEST} levels of nesting or fewer, got more")
         if count > MOST_YAML_VALUES:
-            raise InvalidInput(f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more")
+            raise InvalidInput(
+                f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"
+            )
 
 
 class _Once(_Parser):  # type: ignore[misc]
@@ -254,11 +288,17 @@ class _Once(_Parser):  # type: ignore[misc]
         for key, _ in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
                 continue
-            name = self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
+            name = (
+                self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
+            )
             if name is None:
-                raise yaml.constructor.ConstructorError(None, None, "expected texts as keys", key.start_mark)
+                raise yaml.constructor.ConstructorError(
+                    None, None, "expected texts as keys", key.start_mark
+                )
             if name in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"{name}: expected this key once", key.start_mark)
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{name}: expected this key once", key.start_mark
+                )
             seen.add(name)
-        found: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        return found
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
+        return mapping

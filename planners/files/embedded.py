@@ -1,4 +1,5 @@
-"""Arrays inside a JSON file: a NumPy archive (.npz) as base64, so that one file has all and is replaced at once."""
+"""Arrays inside a JSON file: a NumPy archive (.npz) as base64, so that one file has all and is
+replaced at once."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def embedded(arrays: Mapping[str, NDArray[Any]]) -> str:
 
 
 def extracted(text: str, where: str) -> bytes:
-    """The archive that ``embedded`` made a text of. Raises InvalidInput for a text that is no base64."""
+    """The archive that ``embedded`` made a text of. Raises InvalidInput for a text that is no
+    base64."""
     try:
         return base64.b64decode(text, validate=True)
     except ValueError as error:

@@ -22,12 +22,15 @@ Value = TypeVar("Value")
 
 
 class _Shown(reprlib.Repr):
-    """``repr`` that looks at no more of a value than it shows: what is cut off is never made into text."""
+    """``repr`` that looks at no more of a value than it shows: what is cut off is never made into
+    text."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
         self.most, self.maxlevel = most, 4
-        self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdict = self.maxdeque = most // 2
+        self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdict = (
+            self.maxdeque
+        ) = most // 2
         self.left = 4 * most  # parts that may still be looked at
 
     def repr1(self, x: Any, level: int) -> str:
@@ -47,7 +50,13 @@ class _Shown(reprlib.Repr):
         if level <= 0:
             return "{…}"
         pairs = zip(x.items(), range(self.maxdict), strict=False)
-        return "{" + ", ".join(f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for (k, v), _ in pairs) + "}"
+        return (
+            "{"
+            + ", ".join(
+                f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for (k, v), _ in pairs
+            )
+            + "}"
+        )
 
 
 def shown(value: Any, most: int = 60) -> str:
@@ -60,8 +69,8 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
     """Read a file or a mapping as a pydantic model, or as a dataclass whose fields say what they
     may be.
 
-    where: the file, which the message begins with; key: what every key in it begins with. Raises InvalidInput with
-    every key that is wrong.
+    where: the file, which the message begins with; key: what every key in it begins with. Raises
+    InvalidInput with every key that is wrong.
     """
     try:
         value: Value = _reader(cast(Any, kind)).validate_python(data)
@@ -74,31 +83,39 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
 def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:
     """The settings of a dataclass from a mapping, whose wrong keys are refused by name.
 
-    kind: the dataclass. where: what every key begins with. Raises InvalidInput with every key that is wrong.
+    kind: the dataclass. where: what every key begins with. Raises InvalidInput with every key that
+    is wrong.
     """
     prefix = f"{where}." if where else ""
     known = [field.name for field in fields(cast(Any, kind))]
     for name in given:
         if name not in known:
             wanted = f"one of {', '.join(known)}"
-            raise InvalidInput(f"{prefix}{name}: expected {wanted}, got an unknown key{neighbour(str(name), known)}")
+            raise InvalidInput(
+                f"{prefix}{name}: expected {wanted}, got an unknown key{neighbour(str(name), known)}"
+            )
     return validated(kind, dict(given), key=prefix)
 
 
 def check_fields(value: Any, key: str = "") -> None:
-    """Check a dataclass's fields against their annotations, as pydantic reads them; called in ``__post_init__``.
+    """Check a dataclass's fields against their annotations, as pydantic reads them; called in
+    ``__post_init__``.
 
     key: what every key begins with. Raises InvalidInput with every field that is wrong.
     """
     try:
         _model(cast(Any, type(value))).model_validate(vars(value))
     except ValidationError as error:
-        raise InvalidInput("; ".join(key + line for line in validation_errors(error, type(value)))) from None
+        raise InvalidInput(
+            "; ".join(key + line for line in validation_errors(error, type(value)))
+        ) from None
 
 
 @lru_cache(maxsize=64)
 def _model(kind: type[Any]) -> type[BaseModel]:
-    fields: dict[str, Any] = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
+    fields: dict[str, Any] = {
+        name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()
+    }
     strict = ConfigDict(strict=True, arbitrary_types_allowed=True, protected_namespaces=())
     return create_model(kind.__name__, __config__=strict, **fields)
 
@@ -109,8 +126,8 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
 
 
 def neighbour(name: str, known: Iterable[str]) -> str:
-    """Hint that follows "unknown key" in a refusal: the known one that is most like it, if one is.
-    """
+    """Hint that follows "unknown key" in a refusal: the known one that is most like it, if one
+    is."""
     near = get_close_matches(name, sorted(known), n=1)
     return f", did you mean {near[0]!r}?" if near else ""
 
@@ -118,16 +135,22 @@ def neighbour(name: str, known: Iterable[str]) -> str:
 def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
     """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
 
-    kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with its place before it. Of
-    a file of another format, that alone.
+    kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with its
+    place before it. Of a file of another format, that alone.
     """
-    found = error.errors(include_url=False)
-    other = [item for item in found if item["loc"] == ("format",) and str(item["input"]).startswith("stancekit/")]
+    errors = error.errors(include_url=False)
+    other = [
+        item
+        for item in errors
+        if item["loc"] == ("format",) and str(item["input"]).startswith("stancekit/")
+    ]
     if other:  # another kind of file: its keys are right, there
         yield f"format: {other[0]['msg'].replace('Input should be', 'expected')}, got {shown(other[0]['input'])}"
         return
-    for item in found[:MOST_ERRORS]:
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
+    for item in errors[:MOST_ERRORS]:
+        key = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
+        ).lstrip(".")
         cause = item.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
             parts = _SAID.split(str(cause)) if key else [str(cause)]
@@ -136,18 +159,23 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key{neighbour(str(item['loc'][-1]), _known(kind, item['loc'][:-1]))}"
-        elif item["type"] in ("union_tag_invalid", "union_tag_not_found"):  # of a union told apart by one of its keys
-            told = item["ctx"]
-            name = str(told["discriminator"]).strip("'")
+        elif item["type"] in (
+            "union_tag_invalid",
+            "union_tag_not_found",
+        ):  # of a union told apart by one of its keys
+            context = item["ctx"]
+            name = str(context["discriminator"]).strip("'")
             by = f"{key}.{name}".lstrip(".")
-            if "tag" in told:
-                yield f"{by}: expected one of {told['expected_tags']}, got {shown(told['tag'])}"
+            if "tag" in context:
+                yield f"{by}: expected one of {context['expected_tags']}, got {shown(context['tag'])}"
             else:
                 yield f"{by}: expected this key, got nothing"
         elif item["type"] in ("tuple_type", "list_type"):
             yield f"{key}: expected a list in brackets, got {shown(item['input'])}"
         else:
-            wanted = item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
+            wanted = (
+                item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
+            )
             yield f"{key}: {wanted}, got {shown(item['input'])}".removeprefix(": ")
     if error.error_count() > MOST_ERRORS:
         yield f"and {error.error_count() - MOST_ERRORS} more"
@@ -162,7 +190,9 @@ def _placed(key: str, said: str) -> str:
     name."""
     if not key or said.startswith(f"{key} "):  # as in "robot go1: ..."
         return said
-    return f"{key}{': ' if said.startswith('expected') else '' if said.startswith('[') else '.'}{said}"
+    return (
+        f"{key}{': ' if said.startswith('expected') else '' if said.startswith('[') else '.'}{said}"
+    )
 
 
 def _known(kind: Any, place: Sequence[int | str]) -> set[str]:
@@ -171,10 +201,12 @@ def _known(kind: Any, place: Sequence[int | str]) -> set[str]:
     for part in place:
         hints = [_hints(each) for each in kinds]
         inside = [hint[part] for hint in hints if part in hint]
-        told = {  # a branch of a union, by what one of its keys has to be
-            each for each, hint in zip(kinds, hints, strict=True) if any(part in get_args(one) for one in hint.values())
+        known = {  # a branch of a union, by what one of its keys has to be
+            each
+            for each, hint in zip(kinds, hints, strict=True)
+            if any(part in get_args(one) for one in hint.values())
         }
-        kinds = set[type]().union(*map(_kinds, inside)) or told or kinds
+        kinds = set[type]().union(*map(_kinds, inside)) or known or kinds
     return {name for each in kinds for name in _hints(each)}
 
 
@@ -189,6 +221,10 @@ def _hints(kind: Any) -> dict[str, Any]:
     knows."""
     names = kind.__dataclass_fields__ if is_dataclass(kind) else kind.model_fields
     try:
-        return {name: hint for name, hint in get_type_hints(kind, include_extras=True).items() if name in names}
+        return {
+            name: hint
+            for name, hint in get_type_hints(kind, include_extras=True).items()
+            if name in names
+        }
     except NameError:
         return {}

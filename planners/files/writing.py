@@ -15,11 +15,13 @@ from pathlib import Path
 from ..errors import InvalidInput
 
 TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
-"""Names of what is being written: those of its target and of the process, and a number of its own."""
+"""Names of what is being written: those of its target and of the process, and a number of its
+own."""
 LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
 """Of a target, in bytes, on Linux."""
 TRIES = 100
-"""Of names for what is being written: another one is needed where somebody took it away before it was locked."""
+"""Of names for what is being written: another one is needed where somebody took it away before it
+was locked."""
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -45,12 +47,14 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 @contextmanager
 def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
-    """A new and empty file beside a path, to be written to; when the block ends it is what the path leads to.
+    """A new and empty file beside a path, to be written to; when the block ends it is what the path
+    leads to.
 
-    Whatever was there stays until then, also when the process is killed, the disk is full or the machine stops; a link
-    stays a link. folder: a new folder, to take the place of an empty one or of none. The new file is locked while it is
-    written, and those that no process has locked any more are removed: they are what killed writers of this path left.
-    Raises InvalidInput where nothing can be written, also for an OSError from the block.
+    Whatever was there stays until then, also when the process is killed, the disk is full or the
+    machine stops; a link stays a link. folder: a new folder, to take the place of an empty one or
+    of none. The new file is locked while it is written, and those that no process has locked any
+    more are removed: they are what killed writers of this path left. Raises InvalidInput where
+    nothing can be written, also for an OSError from the block.
     """
     target = Path(path).resolve() if folder else check_writable(path)
     if is_special(target):
@@ -74,8 +78,8 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
 def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
     """Remove what killed processes were writing beside the targets whose names ``of`` says yes to.
 
-    What a living process writes is locked, on whichever machine that shares the folder, and stays; and so does what
-    cannot be locked or removed.
+    What a living process writes is locked, on whichever machine that shares the folder, and stays;
+    and so does what cannot be locked or removed.
     """
     with suppress(OSError):
         for name in os.listdir(folder):
@@ -88,12 +92,13 @@ def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
 def check_new_folder(path: Path) -> None:
     """Raise InvalidInput where there is a file, or a folder with something in it."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        found = "a file" if path.is_file() else "files in it"
-        raise InvalidInput(f"{path}: expected a new or empty folder, found {found}")
+        obstacle = "a file" if path.is_file() else "files in it"
+        raise InvalidInput(f"{path}: expected a new or empty folder, found {obstacle}")
 
 
 def check_writable(path: str | Path) -> Path:
-    """The file behind a path, asked for before the work whose result goes there. Raises InvalidInput if none can be."""
+    """The file behind a path, asked for before the work whose result goes there. Raises
+    InvalidInput if none can be."""
     path = Path(path)
     try:
         target = path.resolve()
@@ -119,18 +124,28 @@ def is_special(path: str | Path) -> bool:
 def unwritable(path: str | Path, error: Exception) -> InvalidInput:
     """The one line on an error of the system, or of a library that wraps one."""
     number = getattr(error, "errno", None)
-    said = os.strerror(number) if number else (str(error).strip() or type(error).__name__).splitlines()[0]
-    return InvalidInput(f"{path}: cannot be written: {said}")
+    reason = (
+        os.strerror(number)
+        if number
+        else (str(error).strip() or type(error).__name__).splitlines()[0]
+    )
+    return InvalidInput(f"{path}: cannot be written: {reason}")
 
 
 def failure_of(name: str, said: str) -> OSError:
     """Reason why another program, or a library in a process of its own, failed to write, by its
     last words."""
-    known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
+    known = (
+        number
+        for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+        if os.strerror(number) in said
+    )
     number = next(known, None)
     if number is not None:
         return OSError(number, os.strerror(number))
-    return OSError(f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}")
+    return OSError(
+        f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}"
+    )
 
 
 def _locked(target: Path, folder: bool) -> tuple[Path, int]:
@@ -140,22 +155,30 @@ def _locked(target: Path, folder: bool) -> tuple[Path, int]:
         if folder:
             temporary.mkdir()
         try:
-            lock = os.open(temporary, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+            lock = os.open(
+                temporary, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666
+            )
         except FileNotFoundError:
             if target.parent.is_dir():
                 continue  # as below, of a folder
             raise
-        with suppress(OSError):  # a file system without locks: nobody will take it for a leftover either
+        with suppress(
+            OSError
+        ):  # a file system without locks: nobody will take it for a leftover either
             fcntl.flock(lock, fcntl.LOCK_EX)
         if os.fstat(lock).st_nlink:
             return temporary, lock
         os.close(lock)  # another process took it for a leftover before it was locked
-    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))  # a folder that takes no files, as /proc
+    raise FileNotFoundError(
+        errno.ENOENT, os.strerror(errno.ENOENT)
+    )  # a folder that takes no files, as /proc
 
 
 def _remove_unlocked(path: Path) -> None:
     """Remove what no process has locked. Raises OSError for what is locked."""
-    lock = os.open(path, (os.O_RDONLY if path.is_dir() else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    lock = os.open(
+        path, (os.O_RDONLY if path.is_dir() else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK
+    )
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         _remove(path)

@@ -24,19 +24,29 @@ MOST_RECORDS = 500_000
 
 
 def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
-    """Yield (where, value) for every record in a text that is one JSON object, an array of them, or JSON lines.
+    """Yield (where, value) for every record in a text that is one JSON object, an array of them, or
+    JSON lines.
 
-    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text that is no JSON as a
-    whole is taken for JSON lines where a line that is not indented is an object, unless it begins as an array does.
-    Raises InvalidInput for more than ``MOST_RECORDS`` lines.
+    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text
+    that is no JSON as a whole is taken for JSON lines where a line that is not indented is an
+    object, unless it begins as an array does. Raises InvalidInput for more than ``MOST_RECORDS``
+    lines.
     """
     if text.count("\n") > MOST_RECORDS:
-        raise InvalidInput(f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}")
+        raise InvalidInput(
+            f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}"
+        )
     try:
         whole = parse_json(text, where)
     except InvalidInput as error:
-        lines = [(f"{where} line {n}", line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
-        objects = (line for _, line in lines if line[0] == "{" and isinstance(_parsed(line, where), dict))
+        lines = [
+            (f"{where} line {n}", line)
+            for n, line in enumerate(text.split("\n"), 1)
+            if line.strip()
+        ]
+        objects = (
+            line for _, line in lines if line[0] == "{" and isinstance(_parsed(line, where), dict)
+        )
         if len(lines) < 2 or text.lstrip()[0] == "[" or not any(objects):
             yield where, error
             return
@@ -79,11 +89,16 @@ def read_modes(path: str | Path) -> Modes:
 def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
     """Read an envelope file, or one of modes. Raises InvalidInput."""
     data = read_json(path)
-    return read_modes(path) if isinstance(data, dict) and data.get("format") == Modes.FORMAT else read_envelopes(path)
+    return (
+        read_modes(path)
+        if isinstance(data, dict) and data.get("format") == Modes.FORMAT
+        else read_envelopes(path)
+    )
 
 
 def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
-    """Read what a line of answers claims of a posture problem: a plan, a certificate, or nothing to check.
+    """Read what a line of answers claims of a posture problem: a plan, a certificate, or nothing to
+    check.
 
     Raises InvalidInput.
     """

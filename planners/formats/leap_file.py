@@ -1,4 +1,5 @@
-"""Leap files ``stancekit/leap/1``: a question, and with it a plan or a certificate where there is one."""
+"""Leap files ``stancekit/leap/1``: a question, and with it a plan or a certificate where there is
+one."""
 
 from __future__ import annotations
 
@@ -47,12 +48,18 @@ def read_leap(path: str | Path) -> LeapFile:
         name, _, seed = str(path).partition(":")
         if not (seed or "0").isdecimal():
             raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
-        return LeapFile(leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path)))
+        return LeapFile(
+            leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path))
+        )
     data = read_yaml(path) if Path(path).suffix in YAML else read_json(path)
     if not is_leap(data):
-        raise InvalidInput(f"{path}: expected a leap, with phases or a distribution, got {shown(data)}")
+        raise InvalidInput(
+            f"{path}: expected a leap, with phases or a distribution, got {shown(data)}"
+        )
     raw_plan, raw_proof = data.get("plan"), data.get("certificate")
-    leap = leap_from_keys({k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path))
+    leap = leap_from_keys(
+        {k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path)
+    )
     try:
         plan = None if raw_plan is None else plan_from_json(leap, raw_plan)
         proof = None if raw_proof is None else Certificate.from_json(raw_proof).of(leap)
@@ -62,9 +69,13 @@ def read_leap(path: str | Path) -> LeapFile:
 
 
 def write_leap(
-    path: str | Path, leap: Leap, plan: LeapPlan | None = None, certificate: Certificate | None = None
+    path: str | Path,
+    leap: Leap,
+    plan: LeapPlan | None = None,
+    certificate: Certificate | None = None,
 ) -> None:
-    """Write a leap, with what answers it, whole or not at all. Raises InvalidInput where nothing can be written."""
+    """Write a leap, with what answers it, whole or not at all. Raises InvalidInput where nothing
+    can be written."""
     content = leap_to_json(leap)
     if plan is not None:
         content["plan"] = plan_to_json(plan)
@@ -77,8 +88,8 @@ def is_leap(data: Any) -> bool:
     """Tell whether parsed contents say that they are a leap."""
     if not isinstance(data, Mapping):
         return False
-    drawn = "distribution" in data and set(data) <= {"distribution", "seed"}
-    return data.get("format") == FORMAT or "phases" in data or drawn
+    is_draw = "distribution" in data and set(data) <= {"distribution", "seed"}
+    return data.get("format") == FORMAT or "phases" in data or is_draw
 
 
 def is_leap_file(path: str | Path) -> bool:
@@ -108,14 +119,16 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
         why: say of a proof what would have to give.
     Raises InvalidInput for a file that holds neither.
     """
-    found = read_leap(path)
-    if found.plan is not None:
-        report: Report[Any] = check_leap(found.plan)
+    leap_file = read_leap(path)
+    if leap_file.plan is not None:
+        report: Report[Any] = check_leap(leap_file.plan)
         return FileCheck(path=str(path), kind="leap", report=report, message=report.message)
-    if found.certificate is None:
-        raise InvalidInput(f"{path}: expected a leap with a plan or a certificate, got the question alone")
-    report = check_certificate(found.certificate)
-    reason = f"; {explain(found.certificate).message}" if why and report.accepted else ""
+    if leap_file.certificate is None:
+        raise InvalidInput(
+            f"{path}: expected a leap with a plan or a certificate, got the question alone"
+        )
+    report = check_certificate(leap_file.certificate)
+    reason = f"; {explain(leap_file.certificate).message}" if why and report.accepted else ""
     return FileCheck(path=str(path), kind="no-leap", report=report, message=report.message + reason)
 
 
@@ -133,7 +146,9 @@ def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
 def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
     if not isinstance(data, Mapping) or set(data) != set(PLAN):
-        raise InvalidInput(f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}")
+        raise InvalidInput(
+            f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}"
+        )
     timing, provenance = data["timing"], data["provenance"]
     if isinstance(timing, bool) or not isinstance(timing, int):
         raise InvalidInput(f"plan.timing: expected a whole number, got {shown(timing)}")

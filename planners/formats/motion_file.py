@@ -1,7 +1,9 @@
-"""Files of motions as tables: CSV, NPZ and ROS's JointTrajectory as JSON or YAML, written and read back.
+"""Files of motions as tables: CSV, NPZ and ROS's JointTrajectory as JSON or YAML, written and read
+back.
 
-A CSV has one row per moment and a header of names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``tau.JOINT``, ``contact.LIMB``,
-``force.LIMB.x``, ``foot.LIMB.x``, ``body.x``, ``body.qw``, ``com.x``, ``com_v.x``, ``body_w.x``; SI units, world frame.
+A CSV has one row per moment and a header of names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``tau.JOINT``,
+``contact.LIMB``, ``force.LIMB.x``, ``foot.LIMB.x``, ``body.x``, ``body.qw``, ``com.x``,
+``com_v.x``, ``body_w.x``; SI units, world frame.
 """
 
 from __future__ import annotations
@@ -64,14 +66,17 @@ def csv_of(table: MotionTable) -> bytes:
 def npz_of(table: MotionTable) -> bytes:
     """A table as an NPZ archive: an array per name, and the names of joints and limbs."""
     held = io.BytesIO()
-    words = {name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")}
+    words = {
+        name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")
+    }
     content: dict[str, Any] = {**table.known(), **words, "format": np.array(FORMAT)}
     np.savez_compressed(held, **content)
     return held.getvalue()
 
 
 def joint_trajectory(table: MotionTable) -> dict[str, Any]:
-    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone. Raises InvalidInput without any."""
+    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone. Raises
+    InvalidInput without any."""
     known = table.known()
     if "angles_rad" not in known:
         raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
@@ -80,7 +85,8 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
     for k, time_s in enumerate(table.time_s.tolist()):
         sec, nanosec = divmod(round(time_s * NANO), NANO)
         points.append(
-            {key: row[k] for key, row in rows.items()} | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
+            {key: row[k] for key, row in rows.items()}
+            | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
         )
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     return {"header": header, "joint_names": list(table.joints), "points": points}
@@ -94,7 +100,9 @@ def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
         return (json.dumps(message) + "\n").encode()
     import yaml
 
-    return yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1_000_000).encode()
+    return yaml.safe_dump(
+        message, default_flow_style=None, sort_keys=False, width=1_000_000
+    ).encode()
 
 
 def is_motion_file(path: str | Path) -> bool:
@@ -123,7 +131,8 @@ def is_joint_trajectory(data: object) -> bool:
 
 
 def read_motion(path: str | Path) -> MotionTable:
-    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml. Raises InvalidInput, with what is wrong."""
+    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml. Raises InvalidInput,
+    with what is wrong."""
     path = Path(path)
     try:
         match path.suffix:
@@ -136,7 +145,9 @@ def read_motion(path: str | Path) -> MotionTable:
             case ".yaml" | ".yml":
                 return _from_joint_trajectory(read_yaml(path), str(path))
     except InvalidInput as error:
-        raise InvalidInput(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+        raise InvalidInput(
+            str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+        ) from None
     raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
 
 
@@ -144,20 +155,20 @@ def _places(
     joints: Sequence[str], limbs: Sequence[str], keys: Collection[str]
 ) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
-    found: dict[str, tuple[str, tuple[int, ...]]] = {TIME: ("time_s", ())}
-    found |= {name: (key, (k,)) for name, (key, k) in OF_BODY.items() if key in keys}
+    places: dict[str, tuple[str, tuple[int, ...]]] = {TIME: ("time_s", ())}
+    places |= {name: (key, (k,)) for name, (key, k) in OF_BODY.items() if key in keys}
     for key, word in OF_JOINTS.items():
         if key in keys:
-            found |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
+            places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
     for key, word in OF_LIMBS.items():
         if key not in keys:
             continue
         for k, limb in enumerate(limbs):
             if key == "contact":
-                found[f"{word}.{limb}"] = (key, (k,))
+                places[f"{word}.{limb}"] = (key, (k,))
             else:
-                found |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(AXES)}
-    return found
+                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(AXES)}
+    return places
 
 
 def _from_csv(text: str, where: str) -> MotionTable:
@@ -171,7 +182,9 @@ def _from_csv(text: str, where: str) -> MotionTable:
     if not np.isfinite(numbers).all():
         row, column = np.argwhere(~np.isfinite(numbers))[0].tolist()
         got = numbers[row, column]
-        raise InvalidInput(f"{where}: row {row + 1}, column {names[column]}: expected a finite number, got {got}")
+        raise InvalidInput(
+            f"{where}: row {row + 1}, column {names[column]}: expected a finite number, got {got}"
+        )
     columns = dict(zip(names, numbers.T, strict=True))
     arrays = dict[str, Any]()
     for key, shape in shapes(len(rows), len(joints), len(limbs)).items():
@@ -189,7 +202,8 @@ def _from_csv(text: str, where: str) -> MotionTable:
 
 
 def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints and limbs in the order in which columns name them first. Raises InvalidInput for a column nobody knows."""
+    """Joints and limbs in the order in which columns name them first. Raises InvalidInput for a
+    column nobody knows."""
     joints, limbs = dict[str, None](), dict[str, None]()
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -205,7 +219,12 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
         elif dot and rest and word in OF_LIMBS.values():
             limbs[rest if word == "contact" else rest.rpartition(".")[0]] = None
         else:
-            known = (TIME, *OF_BODY, *(f"{one}.NAME" for one in (*OF_JOINTS.values(), "contact")), "force.NAME.x")
+            known = (
+                TIME,
+                *OF_BODY,
+                *(f"{one}.NAME" for one in (*OF_JOINTS.values(), "contact")),
+                "force.NAME.x",
+            )
             raise InvalidInput(
                 f"{where}: expected columns as t, q.JOINT, force.LIMB.x, got {name!r:.60}{neighbour(name, known)}"
             )
@@ -222,7 +241,9 @@ def _rows(lines: Iterator[list[str]], count: int, where: str) -> Iterator[list[f
             yield [float(part) for part in line]
         except ValueError:
             bad = next(part for part in line if not _is_number(part))
-            raise InvalidInput(f"{where}: row {number}: expected numbers, got {bad!r:.40}") from None
+            raise InvalidInput(
+                f"{where}: row {number}: expected numbers, got {bad!r:.40}"
+            ) from None
 
 
 def _is_number(part: str) -> bool:
@@ -235,7 +256,9 @@ def _is_number(part: str) -> bool:
 
 def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
     if not np.isin(numbers, (0, 1)).all():
-        raise InvalidInput(f"{where}: contact: expected 0 or 1, got {numbers[~np.isin(numbers, (0, 1))][0]:g}")
+        raise InvalidInput(
+            f"{where}: contact: expected 0 or 1, got {numbers[~np.isin(numbers, (0, 1))][0]:g}"
+        )
     return np.asarray(numbers == 1)
 
 
@@ -244,23 +267,32 @@ def _from_npz(path: Path) -> MotionTable:
     if str(archive.get("format")) != FORMAT:
         raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(archive.get('format'))}")
     joints, limbs = (
-        tuple(map(str, np.atleast_1d(archive[name]))) if name in archive else () for name in ("joints", "limbs")
+        tuple(map(str, np.atleast_1d(archive[name]))) if name in archive else ()
+        for name in ("joints", "limbs")
     )
     arrays: dict[str, Any] = {name: archive[name] for name in shapes(0, 0, 0) if name in archive}
     if "time_s" not in arrays or arrays["time_s"].ndim != 1:
         raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
     if "contact" in arrays:
         arrays["contact"] = _truths(arrays["contact"], str(path))
-    return MotionTable(joints=joints, limbs=limbs, **arrays, robot=str(archive.get("robot", "")), source=str(path))
+    return MotionTable(
+        joints=joints, limbs=limbs, **arrays, robot=str(archive.get("robot", "")), source=str(path)
+    )
 
 
 def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
     if not is_joint_trajectory(data):
-        raise InvalidInput(f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}")
+        raise InvalidInput(
+            f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}"
+        )
     names, points = data["joint_names"], data["points"]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
         raise InvalidInput(f"{where}: joint_names: expected a list of names, got {shown(names)}")
-    if not isinstance(points, list) or not all(isinstance(point, Mapping) for point in points) or not points:
+    if (
+        not isinstance(points, list)
+        or not all(isinstance(point, Mapping) for point in points)
+        or not points
+    ):
         raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
     times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
     arrays = dict[str, Any]()
@@ -270,7 +302,10 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
                 raise InvalidInput(f"{where}: points: expected {key} in all of them or in none")
             continue
         arrays[name] = np.array(
-            [_numbers(point.get(key), len(names), f"{where}: points[{k}].{key}") for k, point in enumerate(points)]
+            [
+                _numbers(point.get(key), len(names), f"{where}: points[{k}].{key}")
+                for k, point in enumerate(points)
+            ]
         )
     if "angles_rad" not in arrays:
         raise InvalidInput(f"{where}: points: expected positions, got none")
@@ -285,16 +320,18 @@ def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
         for whole, part in pairs:
             if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
                 return float(time[whole]) + float(time.get(part, 0)) / NANO
-    raise InvalidInput(f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}")
+    raise InvalidInput(
+        f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
+    )
 
 
 def _numbers(value: Any, count: int, where: str) -> list[float]:
     if not isinstance(value, list) or len(value) != count:
         raise InvalidInput(f"{where}: expected {count} numbers, got {shown(value, 40)}")
     try:
-        found = [float(each) for each in value]
+        numbers = [float(each) for each in value]
     except (TypeError, ValueError):
         raise InvalidInput(f"{where}: expected numbers, got {shown(value, 40)}") from None
-    if not np.isfinite(found).all():
+    if not np.isfinite(numbers).all():
         raise InvalidInput(f"{where}: expected finite numbers, got {shown(value, 40)}")
-    return found
+    return numbers

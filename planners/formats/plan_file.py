@@ -1,8 +1,10 @@
-"""Plan files ``stancekit/plan/3``: one JSON file with course, verdict and digest, and the numbers as an archive in it.
+"""Plan files ``stancekit/plan/3``: one JSON file with course, verdict and digest, and the numbers
+as an archive in it.
 
-It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not obeyed. Files of
-``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as ever; those and ``stancekit/plan/2``
-have no hulls of their robot's meshes, which are not judged then.
+It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not
+obeyed. Files of ``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as
+ever; those and ``stancekit/plan/2`` have no hulls of their robot's meshes, which are not judged
+then.
 """
 
 from __future__ import annotations
@@ -36,7 +38,15 @@ from .file_check import FileCheck
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
 
-__all__ = ["FORMAT", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
+__all__ = [
+    "FORMAT",
+    "check_file",
+    "check_name",
+    "is_plan_file",
+    "plan_paths",
+    "read_plan",
+    "write_plan",
+]
 
 FORMAT = "stancekit/plan/3"
 OLDER = "stancekit/plan/2"
@@ -49,30 +59,40 @@ PARTS: dict[str, dict[str, type]] = {
 """What the objects in the header hold at least."""
 OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
-ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, OLDER: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
+ARRAYS: dict[str, dict[str, type]] = {
+    FORMAT: {"npz": str},
+    OLDER: {"npz": str},
+    PAIRED: {"file": str, "sha256": str},
+}
 """And where the numbers are, by format."""
 
 
 def plan_paths(path: str | Path) -> tuple[Path, Path]:
-    """NAME.json of a plan, and NAME.npz where an older one has its numbers, of a plan called either.
+    """NAME.json of a plan, and NAME.npz where an older one has its numbers, of a plan called
+    either.
 
     Raises InvalidInput for a name that ends otherwise.
     """
     path = Path(path)
     if path.suffix not in (".json", ".npz"):
-        raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}")
+        raise InvalidInput(
+            f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}"
+        )
     return path.with_suffix(".json"), path.with_suffix(".npz")
 
 
 def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
     """Write NAME.json, whole or not at all.
 
-    report: what the verifier said of this very plan; a plan that it rejected is written with ``verified: false``.
-    Raises InvalidInput for another plan's report, and where nothing can be written.
+    report: what the verifier said of this very plan; a plan that it rejected is written with
+    ``verified: false``. Raises InvalidInput for another plan's report, and where nothing can be
+    written.
     """
     check_name(path)
     if report.answer is not plan:
-        raise InvalidInput(f"{path}: expected the verifier's report on this plan, got the one on another")
+        raise InvalidInput(
+            f"{path}: expected the verifier's report on this plan, got the one on another"
+        )
     content = {
         "format": FORMAT,
         "verified": report.accepted,
@@ -80,22 +100,30 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         "provenance": dict(plan.provenance),
         "course": plan.problem.to_json(),
         "arrays": {
-            "npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None}),
+            "npz": embedded(
+                {name: array for name, array in plan_arrays(plan).items() if array is not None}
+            ),
             **_labels(plan.problem),
-            **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.problem.robot))}),
+            **(
+                {} if plan.joints_rad is None else {"joints": list(joint_names(plan.problem.robot))}
+            ),
         },
     }
     try:
         text = json.dumps({**content, "sha256": _seal(content)}, indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InvalidInput(f"{path}: provenance: expected finite numbers and text: {error}") from None
+        raise InvalidInput(
+            f"{path}: provenance: expected finite numbers and text: {error}"
+        ) from None
     write_text(path, text + "\n")
 
 
 def check_name(path: str | Path) -> Path:
     """The name of a plan that is to be written. Raises InvalidInput for one that cannot be."""
     if Path(path).suffix != ".json":
-        raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}")
+        raise InvalidInput(
+            f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}"
+        )
     check_writable(path)
     return Path(path)
 
@@ -103,8 +131,8 @@ def check_name(path: str | Path) -> Path:
 def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     """Read a plan and the header of its file, with the verdict that the file claims.
 
-    Raises InvalidInput in one line for another format, a file or numbers that were changed since, numbers that are
-    missing, of a wrong shape or not finite, and a course that is none.
+    Raises InvalidInput in one line for another format, a file or numbers that were changed since,
+    numbers that are missing, of a wrong shape or not finite, and a course that is none.
     """
     header_path, numbers_path = plan_paths(path)
     header = _header(header_path)
@@ -120,8 +148,12 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
         raise InvalidInput(f"{header_path}: course: {error}") from None
     written, course = course, _of_joints(course) if "joints_rad" in numbers else course
     _check_numbers(numbers_path, numbers, course)
-    if "joints_rad" in numbers and header["arrays"].get("joints") != list(joint_names(course.robot)):
-        raise InvalidInput(f"{header_path}: arrays.joints: expected the names of the robot's joints in its order")
+    if "joints_rad" in numbers and header["arrays"].get("joints") != list(
+        joint_names(course.robot)
+    ):
+        raise InvalidInput(
+            f"{header_path}: arrays.joints: expected the names of the robot's joints in its order"
+        )
     for name, labels in _labels(course).items():  # files from before have none
         if header["arrays"].get(name, labels) != labels:
             raise InvalidInput(f"{header_path}: arrays.{name}: expected those of the course")
@@ -129,9 +161,13 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
     if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
-        raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer")
+        raise InvalidInput(
+            f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer"
+        )
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
-        raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
+        raise InvalidInput(
+            f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw"
+        )
     return plan if course is written else replace(plan, problem=course), header
 
 
@@ -145,41 +181,66 @@ def check_file(
 ) -> FileCheck:
     """Verify a plan file anew, whatever it says of itself.
 
-    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. course: of so
-    many key frames, the one that the plan has to be of; without it the file is believed what was asked. Raises
-    InvalidInput for a file that cannot be read, and for one of another robot or course.
+    robot: whose legs the file's robot has to have; without it the file is believed what its robot
+    is. course: of so many key frames, the one that the plan has to be of; without it the file is
+    believed what was asked. Raises InvalidInput for a file that cannot be read, and for one of
+    another robot or course.
     """
     plan, header = read_plan(path)
-    own = plan.problem.robot.model
-    if robot is not None and (own is None or own.digest != robot.digest or own.disabled_pairs != robot.disabled_pairs):
-        got = "legs or numbers of its own" if own is not None else "no legs in its file"
+    model = plan.problem.robot.model
+    if robot is not None and (
+        model is None
+        or model.digest != robot.digest
+        or model.disabled_pairs != robot.disabled_pairs
+    ):
+        got = "legs or numbers of its own" if model is not None else "no legs in its file"
         raise InvalidInput(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.problem.robot.name} "
             f"with {got}"
         )
-    if course is not None and (other := course_difference(plan.problem, course(plan.problem.frames))):
+    if course is not None and (
+        other := course_difference(plan.problem, course(plan.problem.frames))
+    ):
         raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
-    said = header["verdict"]
+    verdict = header["verdict"]
     report = check_plan(plan, tolerance=tolerance, joints=joints, margins=joints)
-    listed = {name: report.group(name).verdict for name in WHOLE_BODY if name in said.get("checked", ())}
-    found = report.contacts and "violated" not in listed.values()
-    same = found == said["accepted"] == header["verified"]
-    unfounded = [name for name in OF_JOINTS if listed.get(name) == "not checked"] if find_spec("pinocchio") else []
-    bare = own is not None and any(shape.kind == "mesh" for shape in own.shapes)
+    listed = {
+        name: report.group(name).verdict
+        for name in WHOLE_BODY
+        if name in verdict.get("checked", ())
+    }
+    accepted = report.contacts and "violated" not in listed.values()
+    same = accepted == verdict["accepted"] == header["verified"]
+    unfounded = (
+        [name for name in OF_JOINTS if listed.get(name) == "not checked"]
+        if find_spec("pinocchio")
+        else []
+    )
+    bare = model is not None and any(shape.kind == "mesh" for shape in model.shapes)
     older = header["format"] if bare and header["format"] != FORMAT else ""
     parts = [
         report.message,
         report.body_message,
         "" if same else "the file claims another verdict",
-        f"the file lists as checked what nobody can check: {', '.join(unfounded)}" if unfounded else "",
+        f"the file lists as checked what nobody can check: {', '.join(unfounded)}"
+        if unfounded
+        else "",
         f"a file of {older}, which has no hulls of its robot's meshes" if older else "",
     ]
     message = "; ".join(filter(None, parts))
-    return FileCheck(path=str(path), kind="plan", report=report, message=message, same=same, founded=not unfounded)
+    return FileCheck(
+        path=str(path),
+        kind="plan",
+        report=report,
+        message=message,
+        same=same,
+        founded=not unfounded,
+    )
 
 
 def is_plan_file(path: str | Path) -> bool:
-    """Does the file say that it is a plan? False for what cannot be read, is no JSON or has another name."""
+    """Does the file say that it is a plan? False for what cannot be read, is no JSON or has another
+    name."""
     try:
         header, _ = plan_paths(path)
         data = read_json(header)
@@ -189,26 +250,35 @@ def is_plan_file(path: str | Path) -> bool:
 
 
 def _labels(course: Problem) -> dict[str, list[Any]]:
-    """Labels of the rows and columns of a plan's arrays, for whoever reads the file with NumPy alone.
+    """Labels of the rows and columns of a plan's arrays, for whoever reads the file with NumPy
+    alone.
 
-    limbs: columns of forces. toes: limb and key frame of every foothold. stances: key frame and limbs of every row of
-    forces.
+    limbs: columns of forces. toes: limb and key frame of every foothold. stances: key frame and
+    limbs of every row of forces.
     """
     names = course.robot.limb_names
     return {
         "limbs": list(names),
         "toes": [{"limb": foothold.limb, "frame": foothold.frame} for foothold in course.footholds],
-        "stances": [{"frame": stance.frame, "limbs": [names[i] for i in stance.limbs]} for stance in course.stances],
+        "stances": [
+            {"frame": stance.frame, "limbs": [names[i] for i in stance.limbs]}
+            for stance in course.stances
+        ],
     }
 
 
 def _of_joints(course: Problem) -> Problem:
     """The course of a plan that has joints, whose robot has legs.
 
-    A file from before a course could ask for drawn-up legs does not say that its robot of limbs has them.
+    A file from before a course could ask for drawn-up legs does not say that its robot of limbs has
+    them.
     """
     robot = course.robot
-    return course if joint_names(robot) or course.has_soles else replace(course, robot=replace(robot, drawn=Servo()))
+    return (
+        course
+        if joint_names(robot) or course.has_soles
+        else replace(course, robot=replace(robot, drawn=Servo()))
+    )
 
 
 def _seal(content: Mapping[str, Any]) -> str:
@@ -220,34 +290,50 @@ def _seal(content: Mapping[str, Any]) -> str:
 def _header(path: Path) -> dict[str, Any]:
     """The header, as it was written. Raises InvalidInput."""
     data = read_json(path)
-    found = data.get("format") if isinstance(data, dict) else type(data).__name__
-    if found not in tuple(ARRAYS):
-        hint = ", a walk: stancekit run and verify take those" if str(found).startswith("stancekit/gait/") else ""
-        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}{hint}")
+    version = data.get("format") if isinstance(data, dict) else type(data).__name__
+    if version not in tuple(ARRAYS):
+        hint = (
+            ", a walk: stancekit run and verify take those"
+            if str(version).startswith("stancekit/gait/")
+            else ""
+        )
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(version)}{hint}")
     if set(data) != set(KEYS):
         names = ", ".join(sorted(set(data) ^ set(KEYS)))
-        raise InvalidInput(f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}")
+        raise InvalidInput(
+            f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}"
+        )
     if _seal({name: data[name] for name in KEYS[:-1]}) != data["sha256"]:
         raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
-    for key, wanted in {**PARTS, "arrays": ARRAYS[found]}.items():
+    for key, wanted in {**PARTS, "arrays": ARRAYS[version]}.items():
         part = data[key]
-        if not isinstance(part, dict) or not all(isinstance(part.get(n), kind) for n, kind in wanted.items()):
-            raise InvalidInput(f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}")
+        if not isinstance(part, dict) or not all(
+            isinstance(part.get(n), kind) for n, kind in wanted.items()
+        ):
+            raise InvalidInput(
+                f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}"
+            )
     return dict(data)
 
 
 def _beside(path: Path, sha256: str) -> bytes:
-    """The archive beside a header of ``stancekit/plan/1``, as it was written. Raises InvalidInput."""
+    """The archive beside a header of ``stancekit/plan/1``, as it was written. Raises
+    InvalidInput."""
     if not path.exists():
-        raise InvalidInput(f"{path}: expected the plan's numbers beside its .json, found nothing there")
+        raise InvalidInput(
+            f"{path}: expected the plan's numbers beside its .json, found nothing there"
+        )
     content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise InvalidInput(f"{path}: digest mismatch: these are not the numbers that the .json was written with")
+        raise InvalidInput(
+            f"{path}: digest mismatch: these are not the numbers that the .json was written with"
+        )
     return content
 
 
 def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Problem) -> None:
-    """Raise InvalidInput unless every array is there, of the course's shape, of numbers and finite."""
+    """Raise InvalidInput unless every array is there, of the course's shape, of numbers and
+    finite."""
     shapes = plan_shapes(course)
     if set(numbers) - {*OPTIONAL} != set(shapes) - {*OPTIONAL} or set(numbers) - set(shapes):
         raise InvalidInput(

@@ -1,6 +1,8 @@
-"""Proof files ``stancekit/proof/1``: a posture problem or a course, and a certificate that it has no answer.
+"""Proof files ``stancekit/proof/1``: a posture problem or a course, and a certificate that it has
+no answer.
 
-Whoever reads one checks it anew. ``stancekit/no-plan/1``, of courses alone and without cuts, is still read.
+Whoever reads one checks it anew. ``stancekit/no-plan/1``, of courses alone and without cuts, is
+still read.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ def write_proof(path: str | Path, certificate: Certificate) -> None:
     """
     subject = certificate.refuted
     if isinstance(subject, Leap):
-        raise InvalidInput(f"{path}: expected a proof about a posture problem or a course, got one about a leap")
+        raise InvalidInput(
+            f"{path}: expected a proof about a posture problem or a course, got one about a leap"
+        )
     content = {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
     write_text(path, json.dumps(content, allow_nan=False) + "\n")
 
@@ -51,21 +55,24 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
     keys = ("format", key, "tree", "multipliers")
     if set(data) != set(keys):
         names = ", ".join(sorted(set(data) ^ set(keys)))
-        raise InvalidInput(f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}")
+        raise InvalidInput(
+            f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}"
+        )
     message = data[key]
     try:
-        found = Problem.from_json(message)
+        problem = Problem.from_json(message)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {key}: {error}") from None
     try:
         certificate = Certificate.from_arrays(_table(data, "tree"), _table(data, "multipliers"))
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
-    return found, certificate.of(found)
+    return problem, certificate.of(problem)
 
 
 def check_proof_file(path: str | Path) -> FileCheck:
-    """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be read."""
+    """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be
+    read."""
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
     of_course = not subject.is_posture
@@ -87,9 +94,9 @@ def _is_posture(data: Any) -> bool:
 def _table(data: Mapping[str, Any], name: str) -> Array:
     """A table of numbers. Raises InvalidInput for anything else."""
     try:
-        found = plain_numbers(data[name])
-        if found.ndim != 2:
+        numbers = plain_numbers(data[name])
+        if numbers.ndim != 2:
             raise ValueError
     except (ValueError, TypeError, OverflowError):
         raise InvalidInput(f"{name}: expected a table of numbers") from None
-    return found
+    return numbers

@@ -1,7 +1,9 @@
-"""Files of trajectories, ``stancekit/gait/3``: JSON, the header with the verdict, and the samples as an archive in it.
+"""Files of trajectories, ``stancekit/gait/3``: JSON, the header with the verdict, and the samples
+as an archive in it.
 
-The digest covers every value of both, so a file changed by hand is refused. Files of ``stancekit/gait/1`` have their
-samples in NAME.npz beside them; they are read as ever, and half of a pair that belongs to another run is refused.
+The digest covers every value of both, so a file changed by hand is refused. Files of
+``stancekit/gait/1`` have their samples in NAME.npz beside them; they are read as ever, and half of
+a pair that belongs to another run is refused.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkRecord:
-    """A trajectory as it stood in a file. verified: the file says that the verifier accepted it, and what it said."""
+    """A trajectory as it stood in a file. verified: the file says that the verifier accepted it,
+    and what it said."""
 
     trajectory: Trajectory
     verified: bool
@@ -52,8 +55,8 @@ class WalkRecord:
 def write_trajectory(path: str | Path, trajectory: Trajectory, report: Report[Trajectory]) -> None:
     """Write NAME.json, whole or not at all; ``verified`` is the report's verdict.
 
-    Raises InvalidInput for a name that does not end in .json, for a report of another trajectory, and where nothing
-    can be written.
+    Raises InvalidInput for a name that does not end in .json, for a report of another trajectory,
+    and where nothing can be written.
     """
     check_name(path)
     if report.answer.digest != trajectory.digest:
@@ -66,11 +69,14 @@ def write_trajectory(path: str | Path, trajectory: Trajectory, report: Report[Tr
         "trajectory": trajectory.digest,
         "samples": embedded(trajectory.arrays()),
     }
-    write_text(path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n")
+    write_text(
+        path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n"
+    )
 
 
 def check_name(path: str | Path) -> Path:
-    """The file of a trajectory, asked for before the work whose result goes there. Raises InvalidInput."""
+    """The file of a trajectory, asked for before the work whose result goes there. Raises
+    InvalidInput."""
     path = Path(path)
     if path.suffix != ".json" or not path.stem:
         raise InvalidInput(f"{path}: expected a name that ends in .json")
@@ -79,7 +85,8 @@ def check_name(path: str | Path) -> Path:
 
 
 def read_trajectory(path: str | Path) -> WalkRecord:
-    """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was written."""
+    """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was
+    written."""
     path = Path(path)
     data = read_json(path)
     if not is_trajectory(data):
@@ -87,11 +94,15 @@ def read_trajectory(path: str | Path) -> WalkRecord:
         raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
     header = validated(_Header, data, str(path))
     if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
-        raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
+        raise InvalidInput(
+            f"{path}: its digest does not fit its contents: changed since it was written"
+        )
     if header.samples is None:
         samples = path.with_suffix(".npz")
         if not samples.exists():
-            raise InvalidInput(f"{samples}: expected the samples of the trajectory, found nothing there")
+            raise InvalidInput(
+                f"{samples}: expected the samples of the trajectory, found nothing there"
+            )
         arrays = read_archive(samples)
     else:
         samples = Path(f"{path}: samples")
@@ -101,15 +112,17 @@ def read_trajectory(path: str | Path) -> WalkRecord:
     except InvalidInput as error:
         raise InvalidInput(f"{samples}: {error}") from None
     if trajectory.digest != header.trajectory:
-        raise InvalidInput(f"{samples}: these samples do not belong to {path.name}: changed since they were written")
+        raise InvalidInput(
+            f"{samples}: these samples do not belong to {path.name}: changed since they were written"
+        )
     return WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
 def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Trajectory]:
     """Read a trajectory and verify it again, by the usual limits, whatever the file says.
 
-    robot: the one that the file's has to be; without it the file is believed what its robot is. Raises InvalidInput for
-    a file that cannot be read, and for one of another robot.
+    robot: the one that the file's has to be; without it the file is believed what its robot is.
+    Raises InvalidInput for a file that cannot be read, and for one of another robot.
     """
     trajectory = read_trajectory(path).trajectory
     if robot is not None and (other := _difference(trajectory.robot, robot)):
@@ -121,8 +134,8 @@ def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Tr
 
 
 def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
-    said, asked = (robot_numbers(each.to_json()) for each in (robot, expected))
-    return first_difference(said, asked)
+    ours, theirs = (robot_numbers(each.to_json()) for each in (robot, expected))
+    return first_difference(ours, theirs)
 
 
 def is_trajectory(data: Any) -> bool:
@@ -133,7 +146,13 @@ def is_trajectory(data: Any) -> bool:
 def copied(trajectory: Trajectory) -> Trajectory:
     """Copy of a trajectory, made anew of the contents of its file. Raises InvalidInput where that
     is none."""
-    header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": PAIRED}
+    header = trajectory.header() | {
+        "verified": False,
+        "verdict": {},
+        "trajectory": "",
+        "digest": "",
+        "format": PAIRED,
+    }
     arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
     return _assemble(_Header.model_validate(header), arrays)
 
@@ -150,13 +169,22 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         raise InvalidInput(f"contact: expected truth values, got {arrays['contact'].dtype}")
     count, feet = arrays["times_s"].size, len(robot.feet)
     shapes: dict[str, tuple[int, ...]] = {
-        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
+        "times_s": (count,),
+        "torso_m": (count, 3),
+        "rotation": (count, 3, 3),
+        "feet_m": (count, feet, 3),
         "forces_n": (count, feet, 3),
-    }  # fmt: skip
+    }
     samples = {name: read_only(arrays[name], shape, name) for name, shape in shapes.items()}
     if arrays["contact"].shape != (count, feet):
-        raise InvalidInput(f"contact: expected shape {(count, feet)}, got {arrays['contact'].shape}")
-    surface = {name.removeprefix("terrain_"): array for name, array in arrays.items() if name.startswith("terrain_")}
+        raise InvalidInput(
+            f"contact: expected shape {(count, feet)}, got {arrays['contact'].shape}"
+        )
+    surface = {
+        name.removeprefix("terrain_"): array
+        for name, array in arrays.items()
+        if name.startswith("terrain_")
+    }
     return Trajectory(
         **samples,
         contact=arrays["contact"],
@@ -175,7 +203,9 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
 
 
 def _seal(header: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(header, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 class _Asked(BaseModel):

@@ -1,17 +1,20 @@
-"""Walks that friction forbids, said before any program is written: arguments about impulses, without a solver.
+"""Walks that friction forbids, said before any program is written: arguments about impulses,
+without a solver.
 
-A foot on ground of normal n pushes with w·f ≥ −s, s its suction, for every unit w that is nearer to n than
-90° − atan ν. Where one such w suits all ground that feet can have, w·(Σ f) ≥ −S whatever they do, and in flight, too;
-S is the suction of all feet that stick. So
+A foot on ground of normal n pushes with w·f ≥ −s, s its suction, for every unit w that is nearer to
+n than 90° − atan ν. Where one such w suits all ground that feet can have, w·(Σ f) ≥ −S whatever
+they do, and in flight, too; S is the suction of all feet that stick. So
 
 - at rest, Σ f = m g e_z, and a w with −w_z m g > S is a proof: no stance there carries the weight;
 - for a way e along the ground and w = (∓e cos β, sin β), ±a_e ≤ A± + tan β± a_z, A = g tan β + S / (m cos β). From rest
-  to rest in T, e·Δp = ∫ (c − t) a_e dt ≤ A₊ c²/2 + A₋ (T − c)²/2 + rise (tan β₊ + tan β₋) for every c in [0, T]: what
-  pushes ahead until c has to brake thereafter. rise bounds how far the body is above either end at c. That is known
-  where some foot always stands; where none may, c = 0 and T alone are taken, where one of the ends is meant.
+  to rest in T, e·Δp = ∫ (c − t) a_e dt ≤ A₊ c²/2 + A₋ (T − c)²/2 + rise (tan β₊ + tan β₋) for every
+  c in [0, T]: what pushes ahead until c has to brake thereafter. rise bounds how far the body is
+  above either end at c. That is known where some foot always stands; where none may, c = 0 and T
+  alone are taken, where one of the ends is meant.
 
-The gradient of a cubic spline is within the hull of its derivatives' control points, cell by cell, and the normals that
-suit a w are a convex cone, so that the corners of each cell's box of gradients speak for all of its ground.
+The gradient of a cubic spline is within the hull of its derivatives' control points, cell by cell,
+and the normals that suit a w are a convex cone, so that the corners of each cell's box of gradients
+speak for all of its ground.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ from ..terrain.heightfield import HeightField
 from .task import GaitSettings
 
 FRICTION_ROOM = 0.02
-"""Friction is taken to be this much more than it is: nothing is forbidden that the verifier tolerates."""
+"""Friction is taken to be this much more than it is: nothing is forbidden that the verifier
+tolerates."""
 TURNS = np.deg2rad(5.0) * np.arange(72)
 BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
@@ -65,13 +69,18 @@ class GradientBoxes:
         self._lines = [line[3:-3] for line in knots]
 
     def normals(self, xy_m: Array | None = None, radius_m: float = np.inf) -> Array:
-        """Corners of the boxes of all cells that come within a distance of a point, as unit normals, shape (N, 3)."""
+        """Corners of the boxes of all cells that come within a distance of a point, as unit
+        normals, shape (N, 3)."""
         chosen = [np.ones(len(line) - 1, dtype=bool) for line in self._lines]
         for axis, line in enumerate(self._lines):
             if xy_m is not None:
-                chosen[axis] = (line[1:] >= xy_m[axis] - radius_m) & (line[:-1] <= xy_m[axis] + radius_m)
+                chosen[axis] = (line[1:] >= xy_m[axis] - radius_m) & (
+                    line[:-1] <= xy_m[axis] + radius_m
+                )
         x0, x1, y0, y1 = (bound[np.ix_(*chosen)].ravel() for bound in self._bounds)
-        corners = np.concatenate([np.column_stack([-x, -y, np.ones_like(x)]) for x in (x0, x1) for y in (y0, y1)])
+        corners = np.concatenate(
+            [np.column_stack([-x, -y, np.ones_like(x)]) for x in (x0, x1) for y in (y0, y1)]
+        )
         return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
 
 
@@ -99,7 +108,9 @@ def _pull(task: Walk) -> float:
 
 def _suction(task: Walk) -> str:
     """Pull of all feet that stick, in words; empty where no foot sticks."""
-    return f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
+    return (
+        f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
+    )
 
 
 def _tips_over(normals: Array, friction: float, pull: float) -> bool:
@@ -107,7 +118,10 @@ def _tips_over(normals: Array, friction: float, pull: float) -> bool:
     not hold the weight."""
     level = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
     angles = BELOW[np.sin(BELOW) > pull]
-    below = [np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))]) for angle in angles]
+    below = [
+        np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))])
+        for angle in angles
+    ]
     return bool(len(below)) and bool(_suits(np.concatenate(below), normals, friction).any())
 
 
@@ -138,7 +152,8 @@ def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
 def _least(towards: Array, normals: Array, friction: float) -> float:
     """tan of the least β at which (towards cos β, sin β) suits all normals; inf where none does.
 
-    For one normal that is R sin(β + φ) ≥ ν / √(1 + ν²), a range of β; a w within all of them suits all.
+    For one normal that is R sin(β + φ) ≥ ν / √(1 + ν²), a range of β; a w within all of them suits
+    all.
     """
     along, up = normals[:, :2] @ towards, normals[:, 2]
     sine = friction / np.hypot(1.0, friction) / np.hypot(along, up)

@@ -1,4 +1,5 @@
-"""The gait program of a task: a short list of terms over a chart (W1 in ambient, W7 in warped coordinates)."""
+"""The gait program of a task: a short list of terms over a chart (W1 in ambient, W7 in warped
+coordinates)."""
 
 from __future__ import annotations
 
@@ -56,9 +57,9 @@ def formulate(
 ) -> GaitProgram:
     """Write a task down as a program (W1 in the ambient chart, W7 in a warped one).
 
-    warp: the terrain's map for charts that need it, or what gives it; made by ``warp.conformal.flatten`` if missing.
-    Raises InvalidInput for settings that do not fit the task and for a map of another terrain, and PlanningFailed where
-    no map of the terrain can be made.
+    warp: the terrain's map for charts that need it, or what gives it; made by
+    ``warp.conformal.flatten`` if missing. Raises InvalidInput for settings that do not fit the task
+    and for a map of another terrain, and PlanningFailed where no map of the terrain can be made.
 
     >>> plan = formulate(task, GaitSettings(chart="shear")).solve()  # doctest: +SKIP
     """
@@ -69,7 +70,9 @@ def formulate(
             return flatten(task.terrain)
         return warp if isinstance(warp, SplineMap) else warp()
 
-    chart = CHARTS.get(settings.chart).of(task.terrain, smoothing_m=settings.smoothing_m, flattened=flattened)
+    chart = CHARTS.get(settings.chart).of(
+        task.terrain, smoothing_m=settings.smoothing_m, flattened=flattened
+    )
     structure = Structure(task, settings, chart)
     return GaitProgram(task, settings, structure, terms(structure))
 
@@ -77,18 +80,18 @@ def formulate(
 def sure(task: Walk, settings: GaitSettings) -> GaitSettings:
     """The settings with a share in ``footing``, where they leave that to the task.
 
-    ``SHARE`` where feet that do not stick have sure footing near every place where a straight walk would put them, and
-    not all ground is gentle anyway; else 0. Robots that stand on two feet at a time and put them on edges fall in
-    simulations of others. Where a hill is as steep as friction holds there is nothing else to stand on, and walks are
-    planned as the paper has them.
+    ``SHARE`` where feet that do not stick have sure footing near every place where a straight walk
+    would put them, and not all ground is gentle anyway; else 0. Robots that stand on two feet at a
+    time and put them on edges fall in simulations of others. Where a hill is as steep as friction
+    holds there is nothing else to stand on, and walks are planned as the paper has them.
     """
     if settings.footing is not None:
         return settings
     limit = SHARE * task.friction
     if steepest(task.terrain) <= limit or all(task.adhesive):
         return replace(settings, footing=0.0)
-    asked = replace(settings, footing=SHARE)
-    walk = GuessedWalk(Structure(task, asked, Shear(task.terrain)))
+    surer = replace(settings, footing=SHARE)
+    walk = GuessedWalk(Structure(task, surer, Shear(task.terrain)))
     feet = [walk.footholds(foot)[:, :2] for foot, sticks in enumerate(task.adhesive) if not sticks]
     has = slope_about(task.terrain, np.concatenate(feet)).max() <= limit
-    return asked if has else replace(settings, footing=0.0)
+    return surer if has else replace(settings, footing=0.0)

@@ -1,4 +1,5 @@
-"""A task written down as a program, to be solved from many guesses, and what a solve of it found."""
+"""A task written down as a program, to be solved from many guesses, and what a solve of it
+found."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ from .variables.structure import Structure
 
 @dataclass(frozen=True, kw_only=True)
 class Costs:
-    """Weights of the objective ½ proximal ‖x − x₁‖² + ½ acceleration ∫… + ½ force_rate ∫… (``constraints.cost``)."""
+    """Weights of the objective ½ proximal ‖x − x₁‖² + ½ acceleration ∫… + ½ force_rate ∫…
+    (``constraints.cost``)."""
 
     proximal: float = 0.3
     acceleration: float = 0.0
@@ -50,16 +52,20 @@ class SolveOptions(TypedDict, total=False):
 class GaitProgram:
     """A task written down once, to be solved from many guesses (W1, W7).
 
-    structure: chart, variables and features; nlp: values and derivatives of its terms; guess: the terrain-following
-    initial guess, shape (size,). ``formulation.formulate`` makes one.
+    structure: chart, variables and features; nlp: values and derivatives of its terms; guess: the
+    terrain-following initial guess, shape (size,). ``formulation.formulate`` makes one.
     """
 
     def __init__(
         self, task: Walk, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
     ) -> None:
         self.task, self.settings, self.structure = task, settings, structure
-        self.nlp = Program(structure.layout.size, terms, [acceleration(structure)], force_rate(structure))
-        self._ipopt = Ipopt(self.nlp, exact=settings.hessian == "exact", tolerance=settings.tolerance)
+        self.nlp = Program(
+            structure.layout.size, terms, [acceleration(structure)], force_rate(structure)
+        )
+        self._ipopt = Ipopt(
+            self.nlp, exact=settings.hessian == "exact", tolerance=settings.tolerance
+        )
 
     @property
     def size(self) -> int:
@@ -72,7 +78,8 @@ class GaitProgram:
         return read_only(terrain_following(self.structure), (self.size,), "guess")
 
     def perturbed(self, rng: np.random.Generator, size: float = 0.02) -> Array:
-        """The guess with normal noise of this deviation on every variable, shape (size,) [m, rad, m·g]."""
+        """The guess with normal noise of this deviation on every variable, shape (size,) [m, rad,
+        m·g]."""
         return perturbed(self.guess, rng, self.structure, size)
 
     def violations(self, x: Array) -> Mapping[str, float]:
@@ -80,9 +87,13 @@ class GaitProgram:
         return self._violations(x, np.concatenate([x, np.zeros(3), [1.0]]))
 
     def _violations(self, x: Array, parameters: Array) -> Mapping[str, float]:
-        return self.nlp.violations(np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel())
+        return self.nlp.violations(
+            np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel()
+        )
 
-    def build(self, *, costs: Costs | None = None, max_iterations: int | None = None, **_: Any) -> None:
+    def build(
+        self, *, costs: Costs | None = None, max_iterations: int | None = None, **_: Any
+    ) -> None:
         """Build what ``solve`` needs with these options, so that child processes find it ready."""
         limit = self.settings.max_iterations if max_iterations is None else max_iterations
         self._ipopt.build(costs=(costs or Costs()).smooth, max_iterations=limit)
@@ -101,13 +112,14 @@ class GaitProgram:
     ) -> GaitSolution:
         """Solve from a guess until the first feasible iterate.
 
-        guess: shape (size,), the program's own if missing. callback(iteration, violation, cost): may return True to
-        stop. costs: weights of the objective; without any, the distance from the reference alone keeps the answer near.
-        reference: x₁, shape (size,), the guess if missing. height_factor: on the terrain's heights (homotopy), for
-        charts that have no map of their own. stop_when_feasible: else IPOPT goes on to its own end or to
-        max_iterations, of the settings if missing. options: further options of IPOPT. Returns the first feasible point
-        or, with ``success`` False, the last. Raises InvalidInput for arrays of another shape and for a height_factor
-        other than 1 in a chart with a map.
+        guess: shape (size,), the program's own if missing. callback(iteration, violation, cost):
+        may return True to stop. costs: weights of the objective; without any, the distance from the
+        reference alone keeps the answer near. reference: x₁, shape (size,), the guess if missing.
+        height_factor: on the terrain's heights (homotopy), for charts that have no map of their
+        own. stop_when_feasible: else IPOPT goes on to its own end or to max_iterations, of the
+        settings if missing. options: further options of IPOPT. Returns the first feasible point or,
+        with ``success`` False, the last. Raises InvalidInput for arrays of another shape and for a
+        height_factor other than 1 in a chart with a map.
         """
         costs = costs or Costs()
         checked(height_factor, "height_factor", least=0.0)
@@ -118,24 +130,33 @@ class GaitProgram:
             )
         start = self.guess if guess is None else read_only(guess, (self.size,), "guess")
         parameters = np.concatenate(
-            [start if reference is None else read_only(reference, (self.size,), "reference"),
-             [costs.proximal, costs.acceleration, costs.force_rate, height_factor]]
-        )  # fmt: skip
-        found = self._ipopt.solve(
-            start, parameters, costs=costs.smooth, callback=callback, stop_when_feasible=stop_when_feasible,
-            max_iterations=self.settings.max_iterations if max_iterations is None else max_iterations, options=options,
-        )  # fmt: skip
+            [
+                start if reference is None else read_only(reference, (self.size,), "reference"),
+                [costs.proximal, costs.acceleration, costs.force_rate, height_factor],
+            ]
+        )
+        result = self._ipopt.solve(
+            start,
+            parameters,
+            costs=costs.smooth,
+            callback=callback,
+            stop_when_feasible=stop_when_feasible,
+            max_iterations=self.settings.max_iterations
+            if max_iterations is None
+            else max_iterations,
+            options=options,
+        )
         return GaitSolution(
             program=self,
-            success=found.success,
-            iterations=found.iterations,
-            history=found.history,
-            x=read_only(found.x, (self.size,), "x"),
-            violations=self._violations(found.x, parameters),
-            status=found.status,
-            seconds=found.seconds,
-            seconds_evaluating=found.seconds_evaluating,
-            seconds_linear=max(found.seconds - found.seconds_evaluating, 0.0),
+            success=result.success,
+            iterations=result.iterations,
+            history=result.history,
+            x=read_only(result.x, (self.size,), "x"),
+            violations=self._violations(result.x, parameters),
+            status=result.status,
+            seconds=result.seconds,
+            seconds_evaluating=result.seconds_evaluating,
+            seconds_linear=max(result.seconds - result.seconds_evaluating, 0.0),
             height_factor=height_factor,
         )
 
@@ -144,10 +165,10 @@ class GaitProgram:
 class GaitSolution:
     """Result of one solve.
 
-    success: a point of largest violation below the tolerance; x: that point, else the last one, shape (size,).
-    iterations: of IPOPT until then. history: (violation, cost) at every iteration from the guess on. violations: by
-    term, at x. seconds: CPU time of the solve, in all, in functions and derivatives, and in IPOPT with its linear
-    solver. status: what IPOPT said.
+    success: a point of largest violation below the tolerance; x: that point, else the last one,
+    shape (size,). iterations: of IPOPT until then. history: (violation, cost) at every iteration
+    from the guess on. violations: by term, at x. seconds: CPU time of the solve, in all, in
+    functions and derivatives, and in IPOPT with its linear solver. status: what IPOPT said.
     """
 
     program: GaitProgram
@@ -169,24 +190,38 @@ class GaitSolution:
         return max(self.violations.values(), default=0.0)
 
     def on(self, program: GaitProgram) -> GaitSolution:
-        """The point of a gentler terrain as one of the task's own program: a success only if it is one there, too.
+        """The point of a gentler terrain as one of the task's own program: a success only if it is
+        one there, too.
 
         Nothing that a gentler terrain accepts is an answer to the task.
         """
         violations = program.violations(self.x)
         success = max(violations.values(), default=0.0) < program.settings.tolerance
         status = self.status if success else f"{self.status}, on a gentler terrain"
-        return replace(self, program=program, success=success, violations=violations, status=status, height_factor=1.0)
+        return replace(
+            self,
+            program=program,
+            success=success,
+            violations=violations,
+            status=status,
+            height_factor=1.0,
+        )
 
     def samples(self, times_s: Array) -> GaitSamples:
         """The motion at times in [0, T], shape (K,) [s]."""
-        return sampled(self.program.structure, self.x, np.asarray(times_s, dtype=np.float64), self.height_factor)
+        return sampled(
+            self.program.structure,
+            self.x,
+            np.asarray(times_s, dtype=np.float64),
+            self.height_factor,
+        )
 
     def trajectory(self, dt_s: float = STEP_S) -> Trajectory:
-        """The motion in the world frame on a grid of about dt_s, of four samples or more, whatever the chart was.
+        """The motion in the world frame on a grid of about dt_s, of four samples or more, whatever
+        the chart was.
 
-        Equal solves give equal trajectories: no clock is in the provenance. Raises InvalidInput for a dt_s that is not
-        above 0 or goes beyond the duration.
+        Equal solves give equal trajectories: no clock is in the provenance. Raises InvalidInput for
+        a dt_s that is not above 0 or goes beyond the duration.
         """
         task, settings = self.program.task, self.program.settings
         checked(dt_s, "dt_s", above=0.0, most=task.duration_s)
@@ -200,7 +235,9 @@ class GaitSolution:
             forces_n=at.forces_n,
             contact=at.contact,
             robot=task.robot,
-            terrain=task.terrain if self.height_factor == 1.0 else task.terrain.scaled(self.height_factor),
+            terrain=task.terrain
+            if self.height_factor == 1.0
+            else task.terrain.scaled(self.height_factor),
             friction=task.friction,
             adhesive=np.array(task.adhesive),
             start_xy_m=task.start_xy_m,
@@ -210,8 +247,13 @@ class GaitSolution:
             still=(True, settings.still_end),
             suction_n=task.suction_n,
             provenance={
-                "chart": settings.chart, "dynamics": settings.dynamics, "hessian": settings.hessian,
-                "gait": task.gait, "timings": task.timings, "iterations": float(self.iterations),
-                "violation": self.violation, **self.provenance,
+                "chart": settings.chart,
+                "dynamics": settings.dynamics,
+                "hessian": settings.hessian,
+                "gait": task.gait,
+                "timings": task.timings,
+                "iterations": float(self.iterations),
+                "violation": self.violation,
+                **self.provenance,
             },
-        )  # fmt: skip
+        )

@@ -18,28 +18,34 @@ class GaitSettings:
     """Settings of how a walk is written down and solved.
 
     Arguments:
-        chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
-        dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as printed;
-            ``newton-euler``, W2.
+        chart: how variables become world quantities, a name of ``charts.CHARTS`` or
+            ``FILE.py:NAME``.
+        dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as
+            printed; ``newton-euler``, W2.
         hessian: ``exact``, or ``lbfgs`` for the paper's comparison.
         max_iterations: of one solve.
         tolerance: success is a largest violation below it [m, m·g, m·g·stand height].
-        step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find between them.
+        step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find
+            between them.
         torso_knot_s, force_knot_s: spacing of the splines' knots [s].
         reach_margin_m: kept in hand inside the reach boxes [m].
-        clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the initial guess.
+        clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the
+            initial guess.
         trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
-        footing: the steepest ground about where a foot stands, as a share of the slope on which friction holds; 0 for
-            no such term, None for 0.6 where the ground on the way has such places, see ``formulation.sure``.
-        swing_nodes: checks of a swing between its ends where the chart does not flatten the terrain.
-        smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
+        footing: the steepest ground about where a foot stands, as a share of the slope on which
+            friction holds; 0 for no such term, None for 0.6 where the ground on the way has such
+            places, see ``formulation.sure``.
+        swing_nodes: checks of a swing between its ends where the chart does not flatten the
+            terrain.
+        smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's
+            terrain [m].
         switch_slack_s: how far optimised switching times may move [s].
         still_end: end at rest.
-        poised: begin and end as the robot stands, level and with every foot where it is then, so that another walk can
-            go on from there.
-        mean_forces: balance a node's motion by the mean of the forces about it, as p₊ − 2 p + p₋ is one, instead of by
-            those at the node; what balances add up to over time is right then, but some walks are harder to find.
-            Centred dynamics and fixed timings alone.
+        poised: begin and end as the robot stands, level and with every foot where it is then, so
+            that another walk can go on from there.
+        mean_forces: balance a node's motion by the mean of the forces about it, as p₊ − 2 p + p₋ is
+            one, instead of by those at the node; what balances add up to over time is right then,
+            but some walks are harder to find. Centred dynamics and fixed timings alone.
     Raises:
         InvalidInput: for an unknown chart or word, and for numbers out of range.
     """
@@ -70,10 +76,14 @@ class GaitSettings:
         checked_choice(self.hessian, "hessian", ("exact", "lbfgs"))
         above = ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m")
         check_numbers(
-            self, above=above, least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s", "footing")
+            self,
+            above=above,
+            least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s", "footing"),
         )
         if self.mean_forces and self.dynamics != "centred":
-            raise InvalidInput(f"mean_forces: expected centred dynamics with it, got {self.dynamics}")
+            raise InvalidInput(
+                f"mean_forces: expected centred dynamics with it, got {self.dynamics}"
+            )
         for name in ("max_iterations", "swing_nodes"):
             checked_int(getattr(self, name), f"{name}", least=1)
 
@@ -86,5 +96,7 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from ..problem.walk import Walk
 
-        warnings.warn(f"{__name__}.GaitTask is old: stancekit.Walk", DeprecationWarning, stacklevel=2)
+        warnings.warn(
+            f"{__name__}.GaitTask is old: stancekit.Walk", DeprecationWarning, stacklevel=2
+        )
         return Walk

@@ -1,15 +1,17 @@
-"""Walks of any program as tables: NAME.yaml says what walked where, NAME.csv or NAME.npz has the samples.
+"""Walks of any program as tables: NAME.yaml says what walked where, NAME.csv or NAME.npz has the
+samples.
 
 The samples, SI units and world frame, a row a sample:
 
 * CSV, with a head line: ``t_s``; ``base_x_m base_y_m base_z_m``, the centre of mass; ``base_qw base_qx base_qy
-  base_qz``, its rotation; of every foot F ``F_x_m F_y_m F_z_m`` and the force on it, ``F_fx_n F_fy_n F_fz_n``; and,
-  where the program says so, ``F_stands``, 0 or 1;
+  base_qz``, its rotation; of every foot F ``F_x_m F_y_m F_z_m`` and the force on it, ``F_fx_n
+  F_fy_n F_fz_n``; and, where the program says so, ``F_stands``, 0 or 1;
 * NPZ: ``t_s`` (K,), ``base_m`` (K, 3), ``base_wxyz`` (K, 4), ``feet_m`` (K, E, 3), ``forces_n`` (K, E, 3), and
   ``stands`` (K, E), feet in the robot's order.
 
-A foot whose program does not say whether it stands does where it is pushed with more than ``LOADED`` of the weight.
-Walks are judged on samples 5 ms apart or closer; coarser ones are refused, since what is between samples is not known.
+A foot whose program does not say whether it stands does where it is pushed with more than
+``LOADED`` of the weight. Walks are judged on samples 5 ms apart or closer; coarser ones are
+refused, since what is between samples is not known.
 """
 
 from __future__ import annotations
@@ -48,9 +50,10 @@ Place = tuple[float, float]
 class WalkKeys(BaseModel):
     """The keys of NAME.yaml.
 
-    program: what made the walk. robot, terrain: as ``stancekit gait`` has them; paths are from the file's folder;
-    spacing_m: of a terrain's grid file. friction: ν. start_xy_m, goal_xy_m: where the centre of mass was to begin and
-    end. cpu_process_s, cpu_solver_s: CPU time of the whole process and of its solver. task: number of the paper's.
+    program: what made the walk. robot, terrain: as ``stancekit gait`` has them; paths are from the
+    file's folder; spacing_m: of a terrain's grid file. friction: ν. start_xy_m, goal_xy_m: where
+    the centre of mass was to begin and end. cpu_process_s, cpu_solver_s: CPU time of the whole
+    process and of its solver. task: number of the paper's.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -76,20 +79,24 @@ class WalkTable:
 
 
 def walk_names(folder: str | Path) -> tuple[Path, ...]:
-    """The walks of a folder, by their YAML files. Raises InvalidInput for a folder that is none or has none."""
+    """The walks of a folder, by their YAML files. Raises InvalidInput for a folder that is none or
+    has none."""
     folder = Path(folder)
     if not folder.is_dir():
         raise InvalidInput(f"{folder}: expected a folder of walks, found none")
-    found = tuple(sorted(folder.glob("*.yaml")))
-    if not found:
-        raise InvalidInput(f"{folder}: expected walks, NAME.yaml with NAME.csv or NAME.npz beside it, found none")
-    return found
+    names = tuple(sorted(folder.glob("*.yaml")))
+    if not names:
+        raise InvalidInput(
+            f"{folder}: expected walks, NAME.yaml with NAME.csv or NAME.npz beside it, found none"
+        )
+    return names
 
 
 def read_walk(path: str | Path) -> WalkTable:
     """The walk of a YAML file and the samples beside it.
 
-    Raises InvalidInput, one line, for keys that are wrong, samples that are missing, and samples of other shapes.
+    Raises InvalidInput, one line, for keys that are wrong, samples that are missing, and samples of
+    other shapes.
     """
     path = Path(path)
     keys = validated(WalkKeys, read_yaml(path), str(path))
@@ -106,10 +113,15 @@ def read_walk(path: str | Path) -> WalkTable:
     try:
         samples = _of_table(table, robot) if table.exists() else _of_archive(packed, robot)
         trajectory = Trajectory(
-            **samples, robot=robot, terrain=terrain, friction=keys.friction,
-            adhesive=np.zeros(len(robot.feet), dtype=bool), start_xy_m=np.array(keys.start_xy_m),
-            goal_xy_m=np.array(keys.goal_xy_m), provenance={"program": keys.program},
-        )  # fmt: skip
+            **samples,
+            robot=robot,
+            terrain=terrain,
+            friction=keys.friction,
+            adhesive=np.zeros(len(robot.feet), dtype=bool),
+            start_xy_m=np.array(keys.start_xy_m),
+            goal_xy_m=np.array(keys.goal_xy_m),
+            provenance={"program": keys.program},
+        )
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     return WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
@@ -117,8 +129,8 @@ def read_walk(path: str | Path) -> WalkTable:
 
 def _from(path: Path, name: str) -> str:
     """A name, or a file by its path from the YAML file's folder."""
-    drawn = drawn_name(name) and ".py:" not in name
-    return str(path.parent / name) if Path(name).suffix and not drawn else name
+    is_draw = drawn_name(name) and ".py:" not in name
+    return str(path.parent / name) if Path(name).suffix and not is_draw else name
 
 
 def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
@@ -133,7 +145,8 @@ def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
     if missing or unknown or len(set(head)) != len(head):
         raise InvalidInput(
             f"expected one column each of t_s, {BASE[0]} … {BASE[-1]} and, of {', '.join(names)}, "
-            f"{OF_FEET[0]} … {OF_FEET[-1]}; " + (f"missing {missing[0]}" if missing else f"got {(unknown or head)[0]}")
+            f"{OF_FEET[0]} … {OF_FEET[-1]}; "
+            + (f"missing {missing[0]}" if missing else f"got {(unknown or head)[0]}")
         )
     if len(body) > MOST_ROWS:
         raise InvalidInput(f"expected {MOST_ROWS} rows or fewer, got {len(body)}")
@@ -144,13 +157,18 @@ def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
     column = {name: values[:, index] for index, name in enumerate(head)}
 
     def of(parts: tuple[str, ...]) -> Array:
-        return np.stack([np.stack([column[f"{name}_{part}"] for part in parts], axis=1) for name in names], axis=1)
+        return np.stack(
+            [np.stack([column[f"{name}_{part}"] for part in parts], axis=1) for name in names],
+            axis=1,
+        )
 
     arrays = {
-        "t_s": column["t_s"], "base_m": np.stack([column[name] for name in BASE[:3]], axis=1),
-        "base_wxyz": np.stack([column[name] for name in BASE[3:]], axis=1), "feet_m": of(OF_FEET[:3]),
+        "t_s": column["t_s"],
+        "base_m": np.stack([column[name] for name in BASE[:3]], axis=1),
+        "base_wxyz": np.stack([column[name] for name in BASE[3:]], axis=1),
+        "feet_m": of(OF_FEET[:3]),
         "forces_n": of(OF_FEET[3:]),
-    }  # fmt: skip
+    }
     if all(name in column for name in optional):
         arrays["stands"] = np.stack([column[name] for name in optional], axis=1)
     return _samples(arrays, robot)
@@ -161,40 +179,59 @@ def _of_archive(path: Path, robot: GaitRobot) -> dict[str, Any]:
 
 
 def _samples(arrays: Mapping[str, Array], robot: GaitRobot) -> dict[str, Any]:
-    """Arrays as a trajectory has them. Raises InvalidInput for one that is missing, unknown or of another shape."""
+    """Arrays as a trajectory has them. Raises InvalidInput for one that is missing, unknown or of
+    another shape."""
     feet = len(robot.feet)
     if "t_s" not in arrays:
         raise InvalidInput("t_s: expected this array, got nothing")
     count = int(np.asarray(arrays["t_s"]).size)
     shapes = {
-        "t_s": (count,), "base_m": (count, 3), "base_wxyz": (count, 4), "feet_m": (count, feet, 3),
-        "forces_n": (count, feet, 3), "stands": (count, feet),
-    }  # fmt: skip
+        "t_s": (count,),
+        "base_m": (count, 3),
+        "base_wxyz": (count, 4),
+        "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3),
+        "stands": (count, feet),
+    }
     unknown = [name for name in arrays if name not in shapes]
     missing = [name for name in shapes if name not in arrays and name != "stands"]
     if unknown or missing:
-        raise InvalidInput(f"{(missing or unknown)[0]}: " + ("expected this array" if missing else "unknown array"))
-    kept = {name: read_only(arrays[name], shape, name) for name, shape in shapes.items() if name in arrays}
-    length = np.linalg.norm(kept["base_wxyz"], axis=1)
+        raise InvalidInput(
+            f"{(missing or unknown)[0]}: " + ("expected this array" if missing else "unknown array")
+        )
+    arrays_of_walk = {
+        name: read_only(arrays[name], shape, name)
+        for name, shape in shapes.items()
+        if name in arrays
+    }
+    length = np.linalg.norm(arrays_of_walk["base_wxyz"], axis=1)
     if count and not np.all(np.abs(length - 1.0) < 1e-3):
         worst = float(length[np.argmax(np.abs(length - 1.0))])
         raise InvalidInput(f"base_wxyz: expected unit quaternions, got one of length {worst:g}")
-    stands = kept.get("stands")
+    stands = arrays_of_walk.get("stands")
     if stands is None:
-        stands = np.linalg.norm(kept["forces_n"], axis=2) > LOADED * robot.weight_n
+        stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > LOADED * robot.weight_n
     elif not np.isin(stands, (0.0, 1.0)).all():
         raise InvalidInput("stands: expected 0 or 1 for every foot")
     return {
-        "times_s": kept["t_s"], "torso_m": kept["base_m"], "rotation": _rotations(kept["base_wxyz"] / length[:, None]),
-        "feet_m": kept["feet_m"], "forces_n": kept["forces_n"], "contact": np.asarray(stands, dtype=bool),
-    }  # fmt: skip
+        "times_s": arrays_of_walk["t_s"],
+        "torso_m": arrays_of_walk["base_m"],
+        "rotation": _rotations(arrays_of_walk["base_wxyz"] / length[:, None]),
+        "feet_m": arrays_of_walk["feet_m"],
+        "forces_n": arrays_of_walk["forces_n"],
+        "contact": np.asarray(stands, dtype=bool),
+    }
 
 
 def _rotations(wxyz: Array) -> Array:
     """R of unit quaternions, shape (K, 3, 3)."""
     from scipy.spatial.transform import Rotation  # slow to import
 
-    return np.asarray(Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()) if len(wxyz) else np.zeros((0, 3, 3))
+    return (
+        np.asarray(Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix())
+        if len(wxyz)
+        else np.zeros((0, 3, 3))
+    )
 
 
 def table_of(trajectory: Trajectory) -> str:
@@ -202,8 +239,20 @@ def table_of(trajectory: Trajectory) -> str:
     from scipy.spatial.transform import Rotation
 
     names = [foot.name for foot in trajectory.robot.feet]
-    head = ["t_s", *BASE, *(f"{name}_{part}" for name in names for part in OF_FEET), *(f"{n}_stands" for n in names)]
-    feet = np.concatenate([trajectory.feet_m, trajectory.forces_n], axis=2).reshape(trajectory.samples, -1)
+    head = [
+        "t_s",
+        *BASE,
+        *(f"{name}_{part}" for name in names for part in OF_FEET),
+        *(f"{n}_stands" for n in names),
+    ]
+    feet = np.concatenate([trajectory.feet_m, trajectory.forces_n], axis=2).reshape(
+        trajectory.samples, -1
+    )
     wxyz = Rotation.from_matrix(trajectory.rotation).as_quat()[:, [3, 0, 1, 2]]
     rows = np.column_stack([trajectory.times_s, trajectory.torso_m, wxyz, feet, trajectory.contact])
-    return "\n".join([",".join(head), *(",".join(repr(float(value)) for value in row) for row in rows)]) + "\n"
+    return (
+        "\n".join(
+            [",".join(head), *(",".join(repr(float(value)) for value in row) for row in rows)]
+        )
+        + "\n"
+    )

@@ -1,8 +1,10 @@
-"""Cuts of a leap: numbers per candidate that add up over the toes, and what their sum says of every choice at once.
+"""Cuts of a leap: numbers per candidate that add up over the toes, and what their sum says of every
+choice at once.
 
-Multipliers of hard rows give a lower bound of a Lagrangian over toes, forces, and rotations, C + Σ_j a_j(r_j); where it
-is above zero no leap has these candidates (Farkas). c and v are linear in the forces and need no bound. The multipliers
-of the first step's slack give the same sum for the cost of its moments, c × F linearised: a guide that proves nothing.
+Multipliers of hard rows give a lower bound of a Lagrangian over toes, forces, and rotations, C +
+Σ_j a_j(r_j); where it is above zero no leap has these candidates (Farkas). c and v are linear in
+the forces and need no bound. The multipliers of the first step's slack give the same sum for the
+cost of its moments, c × F linearised: a guide that proves nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ MARGIN = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cut:
-    """C + Σ_j a_j(r_j). constant: C; table: a, shape (P, options), inf where there is no candidate."""
+    """C + Σ_j a_j(r_j). constant: C; table: a, shape (P, options), inf where there is no
+    candidate."""
 
     constant: float
     table: Array
@@ -45,49 +48,66 @@ def shapes(numbers: LeapNumbers) -> dict[str, tuple[int, ...]]:
     layout, still = numbers.layout, sum(numbers.leap.still)
     standing = len(layout.standing[0])
     return {
-        "reach": (standing, 3), "reach_rows": (len(layout.standing_rows[0]),), "height": (standing,),
-        "goal": (3,), "end": (3,), "rest": (still, 3), "moment": (still, 3),
-    }  # fmt: skip
+        "reach": (standing, 3),
+        "reach_rows": (len(layout.standing_rows[0]),),
+        "height": (standing,),
+        "goal": (3,),
+        "end": (3,),
+        "rest": (still, 3),
+        "moment": (still, 3),
+    }
 
 
 def split(numbers: LeapNumbers, row: Array) -> dict[str, Array]:
     """The groups of a row of multipliers by name."""
-    found, at = {}, 0
+    parts, at = {}, 0
     for name, shape in shapes(numbers).items():
         size = int(np.prod(shape, dtype=int))
-        found[name] = row[at : at + size].reshape(shape)
+        parts[name] = row[at : at + size].reshape(shape)
         at += size
-    return found
+    return parts
 
 
 def ray(numbers: LeapNumbers, solution: ConicSolution) -> Array:
     """The multipliers of a solve's hard rows, the largest ±1, in single precision."""
     flat = np.concatenate([np.ravel(part) for part in _multipliers(numbers, solution).values()])
-    return np.asarray((flat / max(float(np.abs(flat).max()), 1e-300)).astype(np.float32).astype(np.float64))
+    return np.asarray(
+        (flat / max(float(np.abs(flat).max()), 1e-300)).astype(np.float32).astype(np.float64)
+    )
 
 
 def _multipliers(numbers: LeapNumbers, solution: ConicSolution) -> dict[str, Array]:
     """The multipliers of a solve's hard rows by the groups of ``shapes``."""
     groups, still = solution.groups, sum(numbers.leap.still)
-    lasts = numbers.lasts[[k for k, own in zip((0, -1), numbers.leap.still, strict=True) if own]]
+    lasts = numbers.lasts[
+        [k for k, rests in zip((0, -1), numbers.leap.still, strict=True) if rests]
+    ]
     return {
         "reach": -solution.dual("reach")[:, 1:],
-        "reach_rows": np.maximum(solution.dual("reach_rows"), 0.0) if "reach_rows" in groups else np.zeros(0),
+        "reach_rows": np.maximum(solution.dual("reach_rows"), 0.0)
+        if "reach_rows" in groups
+        else np.zeros(0),
         "height": np.maximum(solution.dual("height"), 0.0),
         "goal": -solution.dual("ball")[-1, 1:],
         "end": solution.dual("end"),
         "rest": GRAVITY_M_S2 * lasts[:, None] * solution.dual("rest"),
-        "moment": solution.dual("moment_still") if "moment_still" in groups else np.zeros((still, 3)),
+        "moment": solution.dual("moment_still")
+        if "moment_still" in groups
+        else np.zeros((still, 3)),
     }
 
 
 def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
-    """Radii of the limbs and bounds of the half-spaces with room for exact rotations, by ½ |Θ|² of what they turn."""
+    """Radii of the limbs and bounds of the half-spaces with room for exact rotations, by ½ |Θ|² of
+    what they turn."""
     scaled, tilt = numbers.scaled, numbers.scaled.tilt
     bend = 1.5 * tilt**2  # ½ |Θ|² where every component is at the limit
     far = np.linalg.norm(scaled.shoulders, axis=1)
     limbs = numbers.layout.row_limbs
-    rows = scaled.half_spaces.outer_bounds + bend * (far + scaled.reach + turned_most(scaled.shoulders, tilt))[limbs]
+    rows = (
+        scaled.half_spaces.outer_bounds
+        + bend * (far + scaled.reach + turned_most(scaled.shoulders, tilt))[limbs]
+    )
     return scaled.reach + bend * far, rows
 
 
@@ -96,37 +116,48 @@ def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
     exact rotations."""
     reach, rows = widened(numbers)
     scaled = numbers.scaled
-    return _cut(numbers, row, scaled.friction, reach, rows, numbers.leap.limits.height_m, scaled.tilt)
+    return _cut(
+        numbers, row, scaled.friction, reach, rows, numbers.leap.limits.height_m, scaled.tilt
+    )
 
 
 def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
     """Cut that multipliers prove of the steps of SCP, which have a share of the friction and keep
     some of the reach."""
     scaled = numbers.scaled
-    friction, bounds = np.maximum(share * scaled.friction, LEAST_FRICTION), scaled.half_spaces.outer_bounds
+    friction, bounds = (
+        np.maximum(share * scaled.friction, LEAST_FRICTION),
+        scaled.half_spaces.outer_bounds,
+    )
     height, tilt = numbers.leap.limits.height_m + HEIGHT_RESERVE_M, scaled.tilt - TILT_RESERVE_RAD
     return _cut(numbers, row, friction, scaled.reach - REACH_RESERVE_M, bounds, height, tilt)
 
 
 def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
-    """The cost of the first step's slack as a sum over toes, by its multipliers: c × F linearised, p × f as it is."""
-    solution, layout, given, lasts = found.solution, numbers.layout, found.given, numbers.lasts[:, None]
+    """The cost of the first step's slack as a sum over toes, by its multipliers: c × F linearised,
+    p × f as it is."""
+    solution, layout, problem, lasts = (
+        found.solution,
+        numbers.layout,
+        found.given,
+        numbers.lasts[:, None],
+    )
     pulls = _toe_pulls(numbers, _multipliers(numbers, solution))
     foothold = layout.standing[2]
-    np.add.at(pulls, foothold, solution.dual("short")[:, None] * given.legs[0])
+    np.add.at(pulls, foothold, solution.dual("short")[:, None] * problem.legs[0])
     if "within" in solution.groups:
         which, half = layout.standing_rows
         normals = numbers.scaled.half_spaces.normals[half]
         np.add.at(pulls, foothold[which], solution.dual("within")[:, None] * normals)
-    sums = given.point.velocity[1:] + given.point.velocity[:-1]
+    sums = problem.point.velocity[1:] + problem.point.velocity[:-1]
     turns = np.cross(solution.dual("turn") @ numbers.spin, sums)
     slopes = -GRAVITY_M_S2 * (lasts * solution.dual("faster") + lasts**3 / 24.0 * turns)
     twists = -GRAVITY_M_S2 * lasts * solution.dual("moment")
-    means = numbers.means(given.point.com, given.point.velocity)
+    means = numbers.means(problem.point.com, problem.point.velocity)
     friction = np.maximum(found.share * numbers.scaled.friction, LEAST_FRICTION)
     table = _table(numbers, friction, pulls, slopes, twists, means)
-    own = float(table[np.arange(len(found.choice)), found.choice].sum())
-    return Cut(constant=found.first - own, table=table)
+    value = float(table[np.arange(len(found.choice)), found.choice].sum())
+    return Cut(constant=found.first - value, table=table)
 
 
 def _toe_pulls(numbers: LeapNumbers, parts: dict[str, Array]) -> Array:
@@ -135,15 +166,26 @@ def _toe_pulls(numbers: LeapNumbers, parts: dict[str, Array]) -> Array:
     foothold, (which, half) = layout.standing[2], layout.standing_rows
     pulls = np.zeros((layout.footholds, 3))
     np.add.at(pulls, foothold, parts["reach"])
-    np.add.at(pulls, foothold[which], parts["reach_rows"][:, None] * numbers.scaled.half_spaces.normals[half])
+    np.add.at(
+        pulls,
+        foothold[which],
+        parts["reach_rows"][:, None] * numbers.scaled.half_spaces.normals[half],
+    )
     np.add.at(pulls[:, 2], foothold, parts["height"])
     return pulls
 
 
 def _cut(
-    numbers: LeapNumbers, row: Array, friction: Array, reach: Array, bounds: Array, height: float, tilt: float
+    numbers: LeapNumbers,
+    row: Array,
+    friction: Array,
+    reach: Array,
+    bounds: Array,
+    height: float,
+    tilt: float,
 ) -> Cut:
-    """C and a of multipliers, for these cones, radii, bounds of half-spaces, heights and rotations."""
+    """C and a of multipliers, for these cones, radii, bounds of half-spaces, heights and
+    rotations."""
     parts, layout, scaled, leap = split(numbers, row), numbers.layout, numbers.scaled, numbers.leap
     (frame, limb, _), (which, half) = layout.standing, layout.standing_rows
     rows, normals = parts["reach_rows"], scaled.half_spaces.normals[half]
@@ -154,9 +196,11 @@ def _cut(
     np.add.at(twist, frame, -np.cross(scaled.shoulders[limb], parts["reach"]))
     np.add.at(twist, frame[which], rows[:, None] * scaled.half_spaces.outer_levers[half])
     along[-1] += parts["goal"]
-    still = [k for k, own in zip((0, numbers.intervals - 1), leap.still, strict=True) if own]
+    still = [k for k, rests in zip((0, numbers.intervals - 1), leap.still, strict=True) if rests]
     for k, moment in zip(still, parts["moment"], strict=True):
-        along[0 if k == 0 else -1] -= np.array([-moment[1], moment[0], 0.0])  # m·(c × e_z) = (e_z × m)·c
+        along[0 if k == 0 else -1] -= np.array(
+            [-moment[1], moment[0], 0.0]
+        )  # m·(c × e_z) = (e_z × m)·c
     weights = GRAVITY_M_S2 * numbers.fallen
     slopes = weights.T @ along + GRAVITY_M_S2 * numbers.lasts[:, None] * parts["end"]
     twists = np.zeros_like(slopes)
@@ -164,7 +208,11 @@ def _cut(
         slopes[k] += rest
         twists[k] += moment
     fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
-    drift = numbers.start[0] + numbers.times[:, None] * numbers.velocity[0] + 0.5 * numbers.times[:, None] ** 2 * fall
+    drift = (
+        numbers.start[0]
+        + numbers.times[:, None] * numbers.velocity[0]
+        + 0.5 * numbers.times[:, None] ** 2 * fall
+    )
     gained = numbers.velocity[0] + numbers.times[-1] * fall - numbers.velocity[1]
     constant = float(
         np.sum(along * drift)
@@ -183,11 +231,19 @@ def _cut(
     return Cut(constant=constant, table=table)
 
 
-def _table(numbers: LeapNumbers, friction: Array, pulls: Array, slopes: Array, twists: Array, centres: Array) -> Array:
-    """The least of P·p + Σ (y + w × (p − ĉ))·f over a candidate's toes and the forces in its cone, (P, options).
+def _table(
+    numbers: LeapNumbers,
+    friction: Array,
+    pulls: Array,
+    slopes: Array,
+    twists: Array,
+    centres: Array,
+) -> Array:
+    """The least of P·p + Σ (y + w × (p − ĉ))·f over a candidate's toes and the forces in its cone,
+    (P, options).
 
-    pulls: P of every foothold; slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3). The toe's least is
-    at a vertex, since the forces' least is concave in it.
+    pulls: P of every foothold; slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3).
+    The toe's least is at a vertex, since the forces' least is concave in it.
     """
     scaled: Scaled = numbers.scaled
     layout = scaled.layout
@@ -205,7 +261,7 @@ def _table(numbers: LeapNumbers, friction: Array, pulls: Array, slopes: Array, t
         ],
         axis=1,
     )
-    own = np.matmul(slope[:, None], scaled.frames[candidate])[:, 0]
-    least = own[:, 0] - friction[candidate] * np.hypot(own[:, 1], own[:, 2])
+    along = np.matmul(slope[:, None], scaled.frames[candidate])[:, 0]
+    least = along[:, 0] - friction[candidate] * np.hypot(along[:, 1], along[:, 2])
     np.add.at(value, vertex, np.minimum(least, 0.0) * scaled.force_max[contact, 0])
     return scaled.by_candidate(np.minimum.reduceat(value, layout.candidate_starts), np.inf)

@@ -1,4 +1,5 @@
-"""Planners of leaps: choose contacts, try them by SCP, learn cuts from what fails, and prove what no choice solves."""
+"""Planners of leaps: choose contacts, try them by SCP, learn cuts from what fails, and prove what
+no choice solves."""
 
 from __future__ import annotations
 
@@ -35,9 +36,11 @@ class LeapFinder:
     """Finder of contact choices, and the order in which it tries them.
 
     Arguments:
-        order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone; "rule", its best
-            sums first; "noise", the rule with noise and single changes of the best so far; "random".
-        rule: what scores the candidates: the hand rule with its constants, or scores that ``fit`` has learned.
+        order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone;
+            "rule", its best sums first; "noise", the rule with noise and single changes of the best
+            so far; "random".
+        rule: what scores the candidates: the hand rule with its constants, or scores that ``fit``
+            has learned.
         solves: convex problems at most in search of a plan; 25 find nearly all that is found.
         stop: cost of a first step above which a choice is given up; inf never gives up.
         price: of a unit of predicted cost, in score; 10 to 100 do the same.
@@ -69,7 +72,9 @@ class LeapFinder:
         checked_choice(self.order, "order", get_args(Order))
         check_numbers(self, above=("share", "price"))
         if not 0.0 < self.share <= 1.0:
-            raise InvalidInput(f"share: expected a share of the friction up to 1, got {self.share:g}")
+            raise InvalidInput(
+                f"share: expected a share of the friction up to 1, got {self.share:g}"
+            )
         checked_int(self.solves, "solves", least=1)
         checked_int(self.proof, "proof")
 
@@ -83,15 +88,15 @@ def find_leap(
 ) -> Answer[LeapPlan]:
     """Search for a leap, and for a proof that there is none where no plan is found.
 
-    Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a certificate that
-    ``check_certificate`` accepted, or undecided.
+    Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a
+    certificate that ``check_certificate`` accepted, or undecided.
     """
     begin = time.perf_counter()
     deadline = begin + time_limit_s
     search = LeapSearch(leap, method, programs or programs_of_this_thread())
-    for found in search.attempts():
-        if found.solved:
-            plan = plan_of(search.last.numbers, found, method.order)
+    for leap_attempt in search.attempts():
+        if leap_attempt.solved:
+            plan = plan_of(search.last.numbers, leap_attempt, method.order)
             report = check_leap(plan)
             if report.accepted:
                 return Answer(
@@ -110,9 +115,9 @@ def find_leap(
     message = "no choice that was tried has a leap, and nothing is proved"
     if certificate is not None:
         certificate = certificate.of(leap)
-        said = check_certificate(certificate)
-        if not said.accepted:
-            certificate, message = None, f"the proof was refused: {said.message}"
+        check = check_certificate(certificate)
+        if not check.accepted:
+            certificate, message = None, f"the proof was refused: {check.message}"
     return Answer(
         status=Status.UNDECIDED if certificate is None else Status.INFEASIBLE,
         method=method.order,
@@ -159,7 +164,8 @@ class LeapSearch:
     def attempts(self, order: Order | None = None) -> Iterator[LeapAttempt]:
         """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try.
 
-        order: another one than the method's; it goes on from what the search has tried and learned so far.
+        order: another one than the method's; it goes on from what the search has tried and learned
+        so far.
         """
         method = self._method
         self._order, self._before = order or method.order, self.tries
@@ -172,16 +178,19 @@ class LeapSearch:
             if choice is None:
                 timing.exhausted = True
                 continue
-            found = attempt(self._programs, timing.numbers, choice, share=method.share, stop=method.stop)
+            leap_attempt = attempt(
+                self._programs, timing.numbers, choice, share=method.share, stop=method.stop
+            )
             self.tries += 1
-            self.solves += found.solves
-            self._learn(timing, found)
-            yield found
+            self.solves += leap_attempt.solves
+            self._learn(timing, leap_attempt)
+            yield leap_attempt
             if self.solves >= method.solves:
                 return
 
     def choices(self) -> Iterator[tuple[int, Index]]:
-        """Choices as ``attempts`` would try them, each with its timing, for whoever tries them in another way."""
+        """Choices as ``attempts`` would try them, each with its timing, for whoever tries them in
+        another way."""
         for timing in self._turns():
             choice = self._choice(timing)
             if choice is None:
@@ -202,17 +211,17 @@ class LeapSearch:
 
     def proofs(self, deadline: float) -> list[ProofSearch]:
         """A search for a proof for every timing, until one has none."""
-        found: list[ProofSearch] = []
+        searches: list[ProofSearch] = []
         for timing in self._timings:
             if time.perf_counter() > deadline:
-                found.append(ProofSearch(tree=None, rows=[], solves=0))
+                searches.append(ProofSearch(tree=None, rows=[], solves=0))
                 break
             prover = Prover(self._programs, timing.numbers, timing.rows[-8:], self._method.proof)
-            found.append(prover.prove())
-            self.solves += found[-1].solves
-            if found[-1].tree is None:
+            searches.append(prover.prove())
+            self.solves += searches[-1].solves
+            if searches[-1].tree is None:
                 break
-        return found
+        return searches
 
     def _learn(self, timing: _Timing, found: LeapAttempt) -> None:
         """Keep the cuts of an attempt that failed."""

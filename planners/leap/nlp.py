@@ -1,7 +1,8 @@
-"""A leap with given contacts as one nonlinear program for IPOPT: moments, rotations and powers as they are.
+"""A leap with given contacts as one nonlinear program for IPOPT: moments, rotations and powers as
+they are.
 
-It shares nothing with the convex steps (``scp``), the cuts and the proofs but the question and what plans keep in
-reserve, and is what they are held against.
+It shares nothing with the convex steps (``scp``), the cuts and the proofs but the question and what
+plans keep in reserve, and is what they are held against.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ Ask = Callable[[Any, float, float], None]
 RESERVES = (REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD, SPEED_RESERVE)
 """Kept of reach and height [m] and of tilt [rad]; the share of speed and power that is used."""
 SOLVED = 1e-3
-"""Largest violation at which a point counts as a leap: m, units of the weight, m²/s over its limit, rad."""
+"""Largest violation at which a point counts as a leap: m, units of the weight, m²/s over its limit,
+rad."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,22 +47,31 @@ class NlpPoint:
 
 
 class LeapNlp:
-    """The program of every leap of one robot, schedule and timing; patches, friction, start and goal are parameters.
+    """The program of every leap of one robot, schedule and timing; patches, friction, start and
+    goal are parameters.
 
-    The variables are toes, forces in units of the weight, constant in intervals, and the body's state at the ends of
-    intervals, which the polynomials of an interval tie together (multiple shooting).
+    The variables are toes, forces in units of the weight, constant in intervals, and the body's
+    state at the ends of intervals, which the polynomials of an interval tie together (multiple
+    shooting).
 
-    leap: one of those leaps. timing: which of its timings. corners: most corners of a patch. reserve: keep of friction,
-    reach, height, tilt and speed what plans keep, as instants between the program's own are judged, too.
+    leap: one of those leaps. timing: which of its timings. corners: most corners of a patch.
+    reserve: keep of friction, reach, height, tilt and speed what plans keep, as instants between
+    the program's own are judged, too.
     """
 
-    def __init__(self, leap: Leap, timing: int = 0, *, corners: int = 3, reserve: bool = False) -> None:
+    def __init__(
+        self, leap: Leap, timing: int = 0, *, corners: int = 3, reserve: bool = False
+    ) -> None:
         self.leap, self.corners = leap, corners
         self._share = FRICTION_SHARE if reserve else 1.0
-        self._reach_m, self._height_m, self._tilt_rad, self._speed = RESERVES if reserve else (0.0, 0.0, 0.0, 1.0)
+        self._reach_m, self._height_m, self._tilt_rad, self._speed = (
+            RESERVES if reserve else (0.0, 0.0, 0.0, 1.0)
+        )
         self.times = leap.times_s(timing)
         self.holds = leap.holds[leap.interval_phases]
-        self.contacts = [(k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0]
+        self.contacts = [
+            (k, i, int(j)) for k, row in enumerate(self.holds) for i, j in enumerate(row) if j >= 0
+        ]
         toes, forces = ca.SX.sym("p", len(leap.footholds), 3), ca.SX.sym("f", len(self.contacts), 3)
         self._patches = ca.SX.sym("patches", len(leap.footholds), 7 + 6 * corners)
         self._ends = ca.SX.sym("ends", 2, 3)
@@ -94,16 +105,18 @@ class LeapNlp:
         (B, 3) and states (M + 1, 12) to begin at."""
         x0 = np.concatenate([part.ravel() for part in start])
         p = np.concatenate([self._numbers(leap, choice).ravel(), leap.start.com_m, leap.goal.com_m])
-        found = self._solver(x0=x0, p=p, lbg=self._low, ubg=self._high)["x"]
-        x = np.asarray(found).ravel()
+        result = self._solver(x0=x0, p=p, lbg=self._low, ubg=self._high)["x"]
+        x = np.asarray(result).ravel()
         toes = x[: 3 * len(leap.footholds)].reshape(-1, 3)
         pushes = x[toes.size : toes.size + 3 * len(self.contacts)].reshape(-1, 3)
         forces = np.zeros((*self.holds.shape, 3))
         for (k, i, _), push in zip(self.contacts, pushes, strict=True):
             forces[k, i] = push * leap.weight_n
-        return NlpPoint(violation=float(self._violation(found, p)), toes_m=toes, forces_n=forces)
+        return NlpPoint(violation=float(self._violation(result, p)), toes_m=toes, forces_n=forces)
 
-    def nominal(self, leap: Leap, choice: Index, numbers: LeapNumbers) -> tuple[Array, Array, Array]:
+    def nominal(
+        self, leap: Leap, choice: Index, numbers: LeapNumbers
+    ) -> tuple[Array, Array, Array]:
         """To begin at: toes in the middles of their patches, and the motion of least forces."""
         at = numbers.nominal
         zeros = np.zeros((len(at.velocity), 6))
@@ -113,8 +126,11 @@ class LeapNlp:
             np.concatenate([at.com[::2], at.velocity, zeros], axis=1),
         )
 
-    def from_starts(self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator) -> NlpPoint:
-        """The point of least violation from a straight line and random forces, the first that is solved."""
+    def from_starts(
+        self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator
+    ) -> NlpPoint:
+        """The point of least violation from a straight line and random forces, the first that is
+        solved."""
         middles = self._middles(leap, choice)
         count = np.bincount([k for k, *_ in self.contacts], minlength=len(self.holds))
         normals = np.array([leap.patch(j, choice).normal for _, _, j in self.contacts])
@@ -122,17 +138,20 @@ class LeapNlp:
         best: NlpPoint | None = None
         for number in range(starts):
             noise = 0.0 if number == 0 else 1.0
-            forces = share * (0.5 * normals + [0.0, 0.0, 0.5] + 0.3 * noise * rng.normal(size=normals.shape))
+            forces = share * (
+                0.5 * normals + [0.0, 0.0, 0.5] + 0.3 * noise * rng.normal(size=normals.shape)
+            )
             toes = middles + 0.01 * noise * rng.normal(size=middles.shape)
-            found = self.solve(leap, choice, (toes, forces, self._straight(leap)))
-            best = found if best is None or found.violation < best.violation else best
+            point = self.solve(leap, choice, (toes, forces, self._straight(leap)))
+            best = point if best is None or point.violation < best.violation else best
             if best.solved:
                 break
         assert best is not None
         return best
 
     def _numbers(self, leap: Leap, choice: Index) -> Array:
-        """The parameters of the chosen patches: normal, middle, friction, and normal and point of every edge."""
+        """The parameters of the chosen patches: normal, middle, friction, and normal and point of
+        every edge."""
         rows = []
         for j in range(len(leap.footholds)):
             patch, toe = leap.patch(j, choice), leap.footholds[j].toe_m
@@ -159,8 +178,8 @@ class LeapNlp:
                 continue
             ask(ca.dot(row[:3], p - row[3:6]), 0.0, 0.0)
             for edge in range(self.corners):
-                own = row[7 + 6 * edge : 13 + 6 * edge]
-                ask(ca.dot(own[:3], p - own[3:]), -np.inf, 0.0)
+                entries = row[7 + 6 * edge : 13 + 6 * edge]
+                ask(ca.dot(entries[:3], p - entries[3:]), -np.inf, 0.0)
 
     def _cones(self, forces: Any, ask: Ask) -> None:
         """Friction cones, and the largest forces."""
@@ -197,15 +216,17 @@ class LeapNlp:
             row = states[k, :].T
             return [row[3 * q : 3 * q + 3] / scales[q] for q in range(4)]
 
-        others = [s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)][1:]
+        others = [
+            s * ca.DM(getattr(leap.start, name)) for s, name in zip(scales, names, strict=True)
+        ][1:]
         first = ca.vertcat(self._ends[0, :].T, *others)
         ask(states[0, :].T - first, 0.0, 0.0)
         c, v, spun, turn = state_at(0)
         for k in range(len(self.holds)):
             dt = float(self.times[k + 1] - self.times[k])
-            own = [(n, i, j) for n, (q, i, j) in enumerate(self.contacts) if q == k]
+            contacts = [(n, i, j) for n, (q, i, j) in enumerate(self.contacts) if q == k]
             total, twist = ca.SX.zeros(3), ca.SX.zeros(3)
-            for n, _, j in own:
+            for n, _, j in contacts:
                 f = forces[n, :].T
                 total += GRAVITY_M_S2 * f
                 twist += GRAVITY_M_S2 * ca.cross(toes[j, :].T, f)
@@ -220,10 +241,12 @@ class LeapNlp:
                 com, speed, momentum, angle = at(t)
                 tilt = limits.tilt_rad - self._tilt_rad
                 ask(angle, -tilt, tilt)
-                for n, i, j in own:
+                for n, i, j in contacts:
                     if t == 0.0 and k > 0 and self.holds[k - 1, i] == j:
                         continue  # the end of the interval before asked
-                    self._leg(toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask)
+                    self._leg(
+                        toes[j, :].T, com, speed, momentum, angle, forces[n, :].T, i, spin, ask
+                    )
             after = ca.vertcat(*(s * part for s, part in zip(scales, at(dt), strict=True)))
             ask(states[k + 1, :].T - after, 0.0, 0.0)
             c, v, spun, turn = state_at(k + 1)
@@ -245,7 +268,8 @@ class LeapNlp:
         spin: Any,
         ask: Ask,
     ) -> None:
-        """Reach, height, length, speed and power of a leg at one instant, by the rotation I + [Θ]× + ½ [Θ]×²."""
+        """Reach, height, length, speed and power of a leg at one instant, by the rotation I + [Θ]×
+        + ½ [Θ]×²."""
         leap, limb = self.leap, self.leap.robot.limbs[i]
         leg = leap.leg(limb)
         cross = ca.skew(angle)
@@ -253,9 +277,9 @@ class LeapNlp:
         away = p - com - turn @ ca.DM(limb.shoulder_m)
         ask(ca.sumsqr(away), -np.inf, (limb.reach_m - self._reach_m) ** 2)
         if limb.reach_rows is not None:
-            own = turn.T @ (p - com)
+            local = turn.T @ (p - com)
             ask(
-                ca.DM(limb.reach_rows.normals) @ own - ca.DM(limb.reach_rows.bounds_m),
+                ca.DM(limb.reach_rows.normals) @ local - ca.DM(limb.reach_rows.bounds_m),
                 -np.inf,
                 -self._height_m,
             )
@@ -278,7 +302,9 @@ def _worst(rows: Any, low: list[float], high: list[float]) -> Any:
     return ca.mmax(ca.fmax(rows - ca.DM(high), ca.DM(low) - rows))
 
 
-def _after(c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float) -> tuple[Any, ...]:
+def _after(
+    c: Any, v: Any, spun: Any, turn: Any, total: Any, twist: Any, spin: Any, t: float
+) -> tuple[Any, ...]:
     """c, v, L and Θ after t seconds of an interval of constant forces, as polynomials.
 
     ∫ c = c t + v t²/2 + a t³/6; L = L₀ + t Σ p × f − ∫ c × F; and once more for Θ.

@@ -1,7 +1,9 @@
-"""A leap for one timing as numbers: what its programs are loaded with, on the layout of postures and courses.
+"""A leap for one timing as numbers: what its programs are loaded with, on the layout of postures
+and courses.
 
-Frames are instants: the ends of the M intervals and their middles, 2M + 1 in all. A stance is an interval in which some
-limb stands, at the frame of its middle. Lengths are in metres, forces in units of the weight, momenta per mass.
+Frames are instants: the ends of the M intervals and their middles, 2M + 1 in all. A stance is an
+interval in which some limb stands, at the frame of its middle. Lengths are in metres, forces in
+units of the weight, momenta per mass.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ UNLIMITED = 1e3
 class LeapPoint:
     """A motion and its forces, as a program is linearised about it and as it answers.
 
-    com, rotation: at the frames, shape (2M + 1, 3); velocity, momentum: at the ends of intervals, shape (M + 1, 3);
-    toes: shape (P, 3); forces: in the world in units of the weight, one per stance contact, shape (B, 3).
+    com, rotation: at the frames, shape (2M + 1, 3); velocity, momentum: at the ends of intervals,
+    shape (M + 1, 3); toes: shape (P, 3); forces: in the world in units of the weight, one per
+    stance contact, shape (B, 3).
     """
 
     com: Array
@@ -46,9 +49,10 @@ class LeapPoint:
 class LeapNumbers:
     """A leap of one timing in numbers.
 
-    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the intervals, shape
-    (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3); speed, power, fold: by limb, power in
-    units of the weight times m/s. start, velocity, momentum: c, Θ (2, 3) and v, L at the start and at the end (2, 3).
+    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the
+    intervals, shape (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3);
+    speed, power, fold: by limb, power in units of the weight times m/s. start, velocity, momentum:
+    c, Θ (2, 3) and v, L at the start and at the end (2, 3).
     """
 
     leap: Leap
@@ -115,14 +119,16 @@ class LeapNumbers:
         return np.asarray(self.stance_intervals[self.layout.contacts[0]])
 
     def total(self, forces: Array) -> Array:
-        """F, the sum of the forces in every interval, shape (M, 3); forces: of the stance contacts, shape (B, 3)."""
+        """F, the sum of the forces in every interval, shape (M, 3); forces: of the stance contacts,
+        shape (B, 3)."""
         total = np.zeros((self.intervals, 3))
         np.add.at(total, self.contact_intervals, forces)
         return total
 
     @cached_property
     def nominal(self) -> LeapPoint:
-        """The motion of least forces beside the weight that gets there, whatever the toes; toes are at no place."""
+        """The motion of least forces beside the weight that gets there, whatever the toes; toes are
+        at no place."""
         standing = np.unique(self.stance_intervals)
         weight = self._weights(np.array([self.times[-1]]))[0][standing]  # of F on c at the end
         rows = [GRAVITY_M_S2 * weight, GRAVITY_M_S2 * self.lasts[standing]]
@@ -138,7 +144,10 @@ class LeapNumbers:
                 rows.append(np.eye(at)[k])
                 right.append(carried)
         matrix, target = np.array(rows), np.array(right)
-        forces = carried + np.linalg.lstsq(matrix, target - matrix.sum(axis=1)[:, None] * carried, rcond=None)[0]
+        forces = (
+            carried
+            + np.linalg.lstsq(matrix, target - matrix.sum(axis=1)[:, None] * carried, rcond=None)[0]
+        )
         total = np.zeros((self.intervals, 3))
         total[standing] = forces
         count = np.bincount(self.layout.contacts[0], minlength=len(self.layout.stances))
@@ -155,7 +164,8 @@ class LeapNumbers:
         )
 
     def _weights(self, times: Array) -> Array:
-        """∫ (T − t) dt over the part of each interval before T, which c at T has of g F; shape (·, M) [s²]."""
+        """∫ (T − t) dt over the part of each interval before T, which c at T has of g F; shape (·,
+        M) [s²]."""
         left = np.maximum(times[:, None] - self.times[:-1:2], 0.0)
         after = np.maximum(times[:, None] - self.times[2::2], 0.0)
         return np.asarray(0.5 * (left**2 - after**2))
@@ -166,7 +176,8 @@ class LeapNumbers:
         return self._weights(self.times)
 
     def ballistic(self, total: Array) -> tuple[Array, Array]:
-        """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F, shape (M, 3)."""
+        """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F,
+        shape (M, 3)."""
         push = GRAVITY_M_S2 * (total - np.array([0.0, 0.0, 1.0]))
         com = self.start[0] + self.times[:, None] * self.velocity[0] + self.fallen @ push
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(self.lasts[:, None] * push, axis=0)])
@@ -175,18 +186,24 @@ class LeapNumbers:
     def means(self, com: Array, velocity: Array) -> Array:
         """c̄ = (c + c′)/2 − dt (v′ − v)/12, the mean of c over every interval, shape (M, 3)."""
         ends = com[::2]
-        return np.asarray(0.5 * (ends[1:] + ends[:-1]) - self.lasts[:, None] / 12.0 * np.diff(velocity, axis=0))
+        return np.asarray(
+            0.5 * (ends[1:] + ends[:-1]) - self.lasts[:, None] / 12.0 * np.diff(velocity, axis=0)
+        )
 
     def turned(self, point: LeapPoint) -> tuple[Array, Array]:
-        """(L′ − L, Θ′ − Θ) of every interval as the forces of a point give them, with its L at the ends, (M, 3) each.
+        """(L′ − L, Θ′ − Θ) of every interval as the forces of a point give them, with its L at the
+        ends, (M, 3) each.
 
-        Exact for forces that are constant in an interval: ∫ L dt = dt (L + L′)/2 + g dt³/24 (v + v′) × F.
+        Exact for forces that are constant in an interval: ∫ L dt = dt (L + L′)/2 + g dt³/24 (v +
+        v′) × F.
         """
         means = self.means(point.com, point.velocity)
         arms = point.toes[self.layout.contacts[2]] - means[self.contact_intervals]
         change = GRAVITY_M_S2 * self.lasts[:, None] * self.total(cross(arms, point.forces))
         sums = point.velocity[1:] + point.velocity[:-1]
-        bend = self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * cross(sums, self.total(point.forces))
+        bend = (
+            self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * cross(sums, self.total(point.forces))
+        )
         mean = 0.5 * self.lasts[:, None] * (point.momentum[1:] + point.momentum[:-1])
         return change, (mean + bend) @ self.spin.T
 
@@ -196,7 +213,8 @@ class LeapGiven(Given):
     """Data that a leap's program is loaded with: the chosen problem in ``scaled``, its leap and
     where it is linearised.
 
-    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point [m].
+    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point
+    [m].
     """
 
     its: LeapNumbers | None = None
@@ -218,7 +236,8 @@ class LeapGiven(Given):
 
     @cached_property
     def legs(self) -> tuple[Array, Array, Array]:
-        """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned hip; (T, 3) each."""
+        """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned
+        hip; (T, 3) each."""
         frame, limb, foothold = self.scaled.layout.standing
         hips = self.numbers.hips[limb]
         hips = hips + cross(self.point.rotation[frame], hips)
@@ -229,7 +248,8 @@ class LeapGiven(Given):
 
     @cached_property
     def hip_velocities(self) -> Array:
-        """v + ω × h at both ends of the interval of every stance contact, first ends first, shape (2B, 3)."""
+        """v + ω × h at both ends of the interval of every stance contact, first ends first, shape
+        (2B, 3)."""
         limb, at = self.scaled.layout.contacts[1], self.numbers.contact_intervals
         node = np.concatenate([at, at + 1])
         spin = self.point.momentum[node] @ self.numbers.spin.T
@@ -250,8 +270,12 @@ class LeapGiven(Given):
 
     @cached_property
     def planes(self) -> tuple[Array, Array, Array]:
-        """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds somewhere."""
-        (frame, _, foothold), (which, half) = self.scaled.layout.standing, self.scaled.layout.standing_rows
+        """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds
+        somewhere."""
+        (frame, _, foothold), (which, half) = (
+            self.scaled.layout.standing,
+            self.scaled.layout.standing_rows,
+        )
         point, normals = self.point, self.scaled.half_spaces.normals[half]
         turn = point.rotation[frame][which]
         lever = cross(normals, (point.toes[foothold] - point.com[frame])[which])
@@ -268,7 +292,9 @@ def _scaled(leap: Leap) -> Scaled:
     holds[2::2] = by_interval
     holds[:-1:2] = np.where(by_interval >= 0, by_interval, holds[:-1:2])
     stances = tuple(
-        (2 * k + 1, tuple(np.flatnonzero(row >= 0).tolist())) for k, row in enumerate(by_interval) if (row >= 0).any()
+        (2 * k + 1, tuple(np.flatnonzero(row >= 0).tolist()))
+        for k, row in enumerate(by_interval)
+        if (row >= 0).any()
     )
     footholds = leap.footholds
     patches = [patch for foothold in footholds for patch in foothold.candidates]
@@ -313,8 +339,8 @@ def _scaled(leap: Leap) -> Scaled:
 
 
 def _ramps(leap: Leap, layout: Layout) -> Array:
-    """The share of the largest force of every stance contact, shape (B,): less just after a toe lands and before it
-    lifts."""
+    """The share of the largest force of every stance contact, shape (B,): less just after a toe
+    lands and before it lifts."""
     stance, limb, _ = layout.contacts
     interval = layout.stance_frames[stance] // 2
     by_interval = leap.holds[leap.interval_phases]

@@ -1,4 +1,5 @@
-"""The convex programs of a leap: one step of SCP for given contacts, and the relaxation over open candidates."""
+"""The convex programs of a leap: one step of SCP for given contacts, and the relaxation over open
+candidates."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ LITTLE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """An answer of ``LeapProgram``: the conic solution, its point, and what its slack costs (NaN without a point)."""
+    """An answer of ``LeapProgram``: the conic solution, its point, and what its slack costs (NaN
+    without a point)."""
 
     solution: ConicSolution
     point: LeapPoint | None
@@ -27,7 +29,8 @@ class Step:
 
 
 class LeapProgram:
-    """A leap with given contacts, bilinear rows linearised about a point with slack; one candidate per foothold.
+    """A leap with given contacts, bilinear rows linearised about a point with slack; one candidate
+    per foothold.
 
     still: whether the first and the last interval are in equilibrium.
     """
@@ -72,9 +75,11 @@ class LeapProgram:
 
 
 class LeapLift:
-    """The relaxation over every open candidate: linear dynamics, forces per vertex, and moments where the body rests.
+    """The relaxation over every open candidate: linear dynamics, forces per vertex, and moments
+    where the body rests.
 
-    What it says is true of every leap: c × F is left out, and with it L, Θ′ and what limits legs beside their reach.
+    What it says is true of every leap: c × F is left out, and with it L, Θ′ and what limits legs
+    beside their reach.
     """
 
     def __init__(self, layout: Layout, still: tuple[bool, bool]) -> None:
@@ -105,5 +110,7 @@ def slack_cost(solution: ConicSolution) -> float:
     for name in SLACKS:
         for end in ("over", "under"):
             if f"{name}_{end}" in solution.columns:
-                total += PRICES[name] * float(np.maximum(solution.value(f"{name}_{end}"), 0.0).sum())
+                total += PRICES[name] * float(
+                    np.maximum(solution.value(f"{name}_{end}"), 0.0).sum()
+                )
     return total

@@ -1,4 +1,5 @@
-"""A proof that no leap exists: a tree over the toes' candidates with one cut per leaf (``verify.leap_proof``)."""
+"""A proof that no leap exists: a tree over the toes' candidates with one cut per leaf
+(``verify.leap_proof``)."""
 
 from __future__ import annotations
 
@@ -34,10 +35,13 @@ class ProofSearch:
 class Prover:
     """Branch and bound over the candidates of one timing.
 
-    rows: multipliers from earlier solves, which may refute something. solves: convex problems at most.
+    rows: multipliers from earlier solves, which may refute something. solves: convex problems at
+    most.
     """
 
-    def __init__(self, programs: Programs, numbers: LeapNumbers, rows: list[Array], solves: int) -> None:
+    def __init__(
+        self, programs: Programs, numbers: LeapNumbers, rows: list[Array], solves: int
+    ) -> None:
         self._programs, self._numbers, self._left = programs, numbers, solves
         self._most = solves
         self._cuts: list[Cut] = [proof_cut(numbers, row) for row in rows]
@@ -52,21 +56,21 @@ class Prover:
 
     def _node(self, opened: Array) -> list[tuple[float, ...]] | None:
         """The rows of a subtree, None where its choices are not refuted."""
-        found = self._refuting(opened)
-        if found is None and self._left > 0:
+        refutation = self._refuting(opened)
+        if refutation is None and self._left > 0:
             whole = self._solve(opened)
-            found = self._refuting(opened)
-            if found is None and whole.status is not ConicStatus.SOLVED:
+            refutation = self._refuting(opened)
+            if refutation is None and whole.status is not ConicStatus.SOLVED:
                 return None
-            if found is None:
+            if refutation is None:
                 single = self._favourite(opened)
                 if (opened.sum(axis=1) == 1.0).all() or self._left <= 0:
                     return None
                 if self._solve(single).status is not ConicStatus.INFEASIBLE:
                     return None
-                found = self._refuting(opened)
-        if found is not None:
-            self._leaves.append(self._rows[found])
+                refutation = self._refuting(opened)
+        if refutation is not None:
+            self._leaves.append(self._rows[refutation])
             return [(LEAF, 0.0, 0.0, 0.0, 0.0)]
         if self._left <= 0:
             return None
@@ -97,13 +101,17 @@ class Prover:
             self._rows.append(row)
             self._cuts.append(proof_cut(numbers, row))
         elif solution.solved:
-            self._shares = scaled.by_candidate(_shares(scaled.layout, solution.value("weights")), 0.0)
+            self._shares = scaled.by_candidate(
+                _shares(scaled.layout, solution.value("weights")), 0.0
+            )
         return solution
 
     def _favourite(self, opened: Array) -> Array:
         """One open candidate per foothold, that of the largest share."""
         single = np.zeros_like(opened)
-        single[np.arange(len(opened)), np.where(opened > 0.0, self._shares, -1.0).argmax(axis=1)] = 1.0
+        single[
+            np.arange(len(opened)), np.where(opened > 0.0, self._shares, -1.0).argmax(axis=1)
+        ] = 1.0
         return single
 
     def _torn(self, opened: Array) -> tuple[int, int]:
@@ -114,7 +122,8 @@ class Prover:
 
 
 def refuting_ray(programs: Programs, numbers: LeapNumbers, choice: Index) -> Array | None:
-    """Multipliers that refute one choice of contacts, by one convex problem; None where it has an answer."""
+    """Multipliers that refute one choice of contacts, by one convex problem; None where it has an
+    answer."""
     single = np.zeros_like(numbers.scaled.opened())
     single[np.arange(len(choice)), choice] = 1.0
     solution, _ = _relaxed(programs, numbers, single)
@@ -124,7 +133,9 @@ def refuting_ray(programs: Programs, numbers: LeapNumbers, choice: Index) -> Arr
     return row if proof_cut(numbers, row).value(choice) > MARGIN else None
 
 
-def _relaxed(programs: Programs, numbers: LeapNumbers, opened: Array) -> tuple[ConicSolution, Scaled]:
+def _relaxed(
+    programs: Programs, numbers: LeapNumbers, opened: Array
+) -> tuple[ConicSolution, Scaled]:
     """The relaxation over open candidates, solved, and what its program was loaded with."""
     reach, rows = widened(numbers)
     spaces = replace(numbers.scaled.half_spaces, outer_bounds=rows)

@@ -13,7 +13,8 @@ from ..problem.leap import BodyState, Leap
 
 
 def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
-    """The rest of a leap: the phases that are left, toes that stand as they are, from where the body is measured.
+    """The rest of a leap: the phases that are left, toes that stand as they are, from where the
+    body is measured.
 
     Arguments:
         plan: that is under way.
@@ -26,7 +27,9 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
     """
     leap, ends = plan.problem, plan.times_s
     if not 0.0 <= time_s < ends[-1]:
-        raise InvalidInput(f"time_s: expected 0 or more, and less than {ends[-1]:g} s, got {time_s:g}")
+        raise InvalidInput(
+            f"time_s: expected 0 or more, and less than {ends[-1]:g} s, got {time_s:g}"
+        )
     k = int(np.searchsorted(ends, time_s, side="right")) - 1
     first = int(leap.interval_phases[k])
     borders = np.concatenate([[0], np.cumsum([phase.intervals for phase in leap.phases])])
@@ -39,8 +42,10 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
         stands = j in leap.holds[first]
         if stands:
             patch = leap.patch(j, plan.choice)
-            kept = Foothold(limb=foothold.limb, frame=0, candidates=(patch,), toe_m=plan.toes_m[j])
-            footholds.append(kept)
+            foothold_left = Foothold(
+                limb=foothold.limb, frame=0, candidates=(patch,), toe_m=plan.toes_m[j]
+            )
+            footholds.append(foothold_left)
         elif foothold.frame > first:
             footholds.append(replace(foothold, frame=foothold.frame - first))
     return replace(

@@ -1,4 +1,5 @@
-"""The hand rule: a number per candidate that adds up over the toes, from friction and reach on the nominal motion."""
+"""The hand rule: a number per candidate that adds up over the toes, from friction and reach on the
+nominal motion."""
 
 from __future__ import annotations
 
@@ -13,19 +14,22 @@ from .numbers import LeapNumbers
 
 
 class Scorer(Protocol):
-    """Whatever gives every candidate a score before anything is tried: the hand rule, or a learned one."""
+    """Whatever gives every candidate a score before anything is tried: the hand rule, or a learned
+    one."""
 
     def scores(self, numbers: LeapNumbers) -> Array:
-        """The score of every candidate, the larger the better, shape (P, options); −inf where there is none."""
+        """The score of every candidate, the larger the better, shape (P, options); −inf where there
+        is none."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """The four constants of the hand rule, chosen on training scenes by ``benchmarks/leap_rule.py``.
+    """The four constants of the hand rule, chosen on training scenes by
+    ``benchmarks/leap_rule.py``.
 
-    grip, room: weights of the friction that is left over and of the reach; grip_cap, room_cap [m]: more than this of
-    either is worth nothing.
+    grip, room: weights of the friction that is left over and of the reach; grip_cap, room_cap [m]:
+    more than this of either is worth nothing.
     """
 
     grip: float = 3.0
@@ -37,8 +41,13 @@ class Rule:
         check_numbers(self, least=("grip", "room"), finite=("grip_cap", "room_cap"))
 
     def scores(self, numbers: LeapNumbers) -> Array:
-        """The score of every candidate, the larger the better, shape (P, options); −inf where there is none."""
+        """The score of every candidate, the larger the better, shape (P, options); −inf where there
+        is none."""
         seen = LeapFeatures.of(numbers)
-        grip, room = (seen.candidates[:, :, OF_CANDIDATE.index(name)] for name in ("grip", "room_m"))
-        score = self.grip * np.minimum(grip, self.grip_cap) + self.room * np.minimum(room, self.room_cap)
+        grip, room = (
+            seen.candidates[:, :, OF_CANDIDATE.index(name)] for name in ("grip", "room_m")
+        )
+        score = self.grip * np.minimum(grip, self.grip_cap) + self.room * np.minimum(
+            room, self.room_cap
+        )
         return np.where(seen.mask > 0.0, score, -np.inf)

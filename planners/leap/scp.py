@@ -1,4 +1,5 @@
-"""A leap with given contacts: convex steps about the point so far, until the bilinear rows hold (SCP)."""
+"""A leap with given contacts: convex steps about the point so far, until the bilinear rows hold
+(SCP)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from .terms import PRICES, SPEED_RESERVE
 
 STEPS = 10
 STOP = 0.05
-"""A first step whose slack costs more than this is the last one: such contacts are hardly ever solved."""
+"""A first step whose slack costs more than this is the last one: such contacts are hardly ever
+solved."""
 STUCK = 0.1
 """A step that promises to win less than this share of the cost is the last one."""
 HOLDS = 1e-6
@@ -36,9 +38,10 @@ FRICTION_SHARE = 0.8
 class LeapAttempt:
     """An attempt at one choice of contacts.
 
-    choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has none; cost: of what
-    is left of its rows; first: cost of the first step's slack, which nearly decides. solution: of that step, about
-    ``given``. solves: convex problems. share: of the friction.
+    choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has
+    none; cost: of what is left of its rows; first: cost of the first step's slack, which nearly
+    decides. solution: of that step, about ``given``. solves: convex problems. share: of the
+    friction.
     """
 
     choice: Index
@@ -85,29 +88,43 @@ def attempt(
     )
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
-    given = LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M)
-    first = answer = program.solve(given)
+    problem = LeapGiven(
+        scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M
+    )
+    first = answer = program.solve(problem)
     if answer.point is None:
         return LeapAttempt(
-            choice=choice, point=None, cost=np.inf, first=np.inf, solution=first.solution, given=given, solves=1,
+            choice=choice,
+            point=None,
+            cost=np.inf,
+            first=np.inf,
+            solution=first.solution,
+            given=problem,
+            solves=1,
             share=share,
-        )  # fmt: skip
-    best, cost, radius, solves = answer.point, cost_of(given, answer.point), RADIUS_M, 1
+        )
+    best, cost, radius, solves = answer.point, cost_of(problem, answer.point), RADIUS_M, 1
     while cost > HOLDS and first.cost <= stop and solves < steps and radius > LEAST_RADIUS_M:
-        near = _near(given, best, radius)
+        near = _near(problem, best, radius)
         answer = program.solve(near)
         solves += 1
         if answer.point is not None and cost - answer.cost < STUCK * cost:
             break  # even the step's own rows say that little can be won
-        found = np.inf if answer.point is None else cost_of(near, answer.point)
-        if answer.point is not None and found < cost:
-            best, cost, radius = answer.point, found, min(2.0 * radius, RADIUS_M)
+        result = np.inf if answer.point is None else cost_of(near, answer.point)
+        if answer.point is not None and result < cost:
+            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
         else:
             radius *= 0.3
     return LeapAttempt(
-        choice=choice, point=best, cost=cost, first=first.cost, solution=first.solution, given=given, solves=solves,
+        choice=choice,
+        point=best,
+        cost=cost,
+        first=first.cost,
+        solution=first.solution,
+        given=problem,
+        solves=solves,
         share=share,
-    )  # fmt: skip
+    )
 
 
 def _near(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
@@ -126,7 +143,9 @@ def cost_of(given: LeapGiven, point: LeapPoint) -> float:
     change, turn = numbers.turned(point)
     moment = np.diff(point.momentum, axis=0) - change
     turned = np.diff(point.rotation[::2], axis=0) - turn
-    cost = PRICES["moment"] * float(np.abs(moment).sum()) + PRICES["turn"] * float(np.abs(turned).sum())
+    cost = PRICES["moment"] * float(np.abs(moment).sum()) + PRICES["turn"] * float(
+        np.abs(turned).sum()
+    )
     for name, over in _overs(at).items():
         cost += PRICES[name] * float(np.maximum(over, 0.0).sum())
     return cost
@@ -140,14 +159,14 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
     hips = hips + cross(point.rotation[frame], hips)
     leg = point.com[frame] + hips - point.toes[foothold]
     length = np.linalg.norm(leg, axis=1)
-    own = np.flatnonzero(frame % 2 == 0)
-    spin = point.momentum[frame[own] // 2] @ numbers.spin.T
-    moves = point.velocity[frame[own] // 2] + cross(spin, hips[own])
-    rate = np.abs(np.sum(moves * leg[own], axis=1)) / length[own]
+    ends = np.flatnonzero(frame % 2 == 0)
+    spin = point.momentum[frame[ends] // 2] @ numbers.spin.T
+    moves = point.velocity[frame[ends] // 2] + cross(spin, hips[ends])
+    rate = np.abs(np.sum(moves * leg[ends], axis=1)) / length[ends]
     contact_limbs = np.concatenate([layout.contacts[1]] * 2)
     power = np.abs(np.sum(np.concatenate([point.forces] * 2) * given.hip_velocities, axis=1))
-    found = {
-        "speed": rate - SPEED_RESERVE * numbers.speed[limb[own]],
+    overs = {
+        "speed": rate - SPEED_RESERVE * numbers.speed[limb[ends]],
         "power": power - SPEED_RESERVE * numbers.power[contact_limbs],
         "fold": numbers.fold[limb] + given.reserve_m - length,
     }
@@ -157,8 +176,8 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
         normals = spaces.normals[half]
         turned = normals + cross(point.rotation[frame[which]], normals)
         away = (point.toes[foothold] - point.com[frame])[which]
-        found["inside"] = np.sum(turned * away, axis=1) - spaces.bounds[half] + given.reserve_m
-    return found
+        overs["inside"] = np.sum(turned * away, axis=1) - spaces.bounds[half] + given.reserve_m
+    return overs
 
 
 def plan_of(numbers: LeapNumbers, found: LeapAttempt, method: str) -> LeapPlan:
@@ -170,18 +189,25 @@ def plan_of(numbers: LeapNumbers, found: LeapAttempt, method: str) -> LeapPlan:
     return plan_from(numbers, found.choice, point.toes, forces, method)
 
 
-def plan_from(numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Array, method: str) -> LeapPlan:
+def plan_from(
+    numbers: LeapNumbers, choice: Index, toes_m: Array, forces_n: Array, method: str
+) -> LeapPlan:
     """The plan of toes and forces on chosen patches, what the body does worked out from them.
 
-    choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in every interval, shape
-    (M, N, 3).
+    choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in
+    every interval, shape (M, N, 3).
     """
     leap = numbers.leap
     pushes = forces_n[numbers.contact_intervals, numbers.layout.contacts[1]] / leap.weight_n
     com, velocity = numbers.ballistic(numbers.total(pushes))
     still = np.zeros_like(velocity)
     moving = LeapPoint(
-        com=com, rotation=np.zeros_like(com), velocity=velocity, momentum=still, toes=toes_m, forces=pushes
+        com=com,
+        rotation=np.zeros_like(com),
+        velocity=velocity,
+        momentum=still,
+        toes=toes_m,
+        forces=pushes,
     )
     change = numbers.turned(moving)[0]
     momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])

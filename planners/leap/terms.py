@@ -1,12 +1,15 @@
-"""The terms of a leap as rows, beside those of ``equilibrium.terms``: dynamics, what limits legs, and slack.
+"""The terms of a leap as rows, beside those of ``equilibrium.terms``: dynamics, what limits legs,
+and slack.
 
-Per mass and with forces in units of the weight, over an interval of dt with constant forces, F = Σ f:
+Per mass and with forces in units of the weight, over an interval of dt with constant forces, F = Σ
+f:
 
     v′ = v + g dt (F − e_z)          c′ = c + dt (v + v′)/2          L′ = L + g dt Σ (p − c̄) × f
     c̄ = (c + c′)/2 − dt (v′ − v)/12          Θ′ = Θ + J⁻¹ (dt (L + L′)/2 + g dt³/24 (v + v′) × F)
 
-These are exact. L and Θ are bilinear; they are linearised about a point, with slack that costs. Linear rows are hard,
-and are relaxations of what any leap obeys, so that a Farkas ray weighs nothing else.
+These are exact. L and Θ are bilinear; they are linearised about a point, with slack that costs.
+Linear rows are hard, and are relaxations of what any leap obeys, so that a Farkas ray weighs
+nothing else.
 """
 
 from __future__ import annotations
@@ -34,14 +37,17 @@ SLACKS = tuple(PRICES)
 class Dynamics:
     """v, L, and how they, c and Θ go on over M intervals."""
 
-    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, still: tuple[bool, bool]) -> None:
+    def __init__(
+        self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, still: tuple[bool, bool]
+    ) -> None:
         self._rows, self._layout, self._body = rows, layout, body
         self.intervals = layout.frames // 2
         self.velocity = rows.variable("velocity", self.intervals + 1, 3)
         self._still = still
 
     def linear(self, forces: Forces) -> None:
-        """v′ = v + g dt (F − e_z), c′ = c + dt (v + v′)/2, c in the middle, both ends, and rest in still intervals."""
+        """v′ = v + g dt (F − e_z), c′ = c + dt (v + v′)/2, c in the middle, both ends, and rest in
+        still intervals."""
         rows, com, v, m = self._rows, self._body.com, self.velocity, self.intervals
         faster = rows.equal("faster", m, 3)
         rows.put(faster, v[1:], 1.0)
@@ -83,7 +89,9 @@ class Dynamics:
 class Turning:
     """L, Θ and how they go on, linearised about a point, one candidate per foothold."""
 
-    def __init__(self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics) -> None:
+    def __init__(
+        self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics
+    ) -> None:
         self._rows, self._layout, self._body, self._dynamics = rows, layout, body, dynamics
         self.momentum = rows.variable("momentum", dynamics.intervals + 1, 3)
 
@@ -114,7 +122,12 @@ class Turning:
 
     def go_on(self, forces: Forces, toes: FreeToes) -> None:
         """L′ − L and Θ′ − Θ about a point; Θ in the middle as of a parabola."""
-        rows, m, v, com = self._rows, self._dynamics.intervals, self._dynamics.velocity, self._body.com
+        rows, m, v, com = (
+            self._rows,
+            self._dynamics.intervals,
+            self._dynamics.velocity,
+            self._body.com,
+        )
         stance, _, foothold = self._layout.contacts
         at = self._layout.stance_frames[stance] // 2
         standing = np.unique(at)
@@ -126,9 +139,17 @@ class Turning:
         assert toes.points is not None
         rows.put(moment[at][:, :, None], toes.points[foothold][:, None, :], _levers)
         for columns, share in ((com[:-1:2], 0.5), (com[2::2], 0.5)):
-            rows.put(moment[standing][:, :, None], columns[standing][:, None, :], _against(standing, share, 0.0))
+            rows.put(
+                moment[standing][:, :, None],
+                columns[standing][:, None, :],
+                _against(standing, share, 0.0),
+            )
         for columns, share in ((v[1:], -1.0 / 12.0), (v[:-1], 1.0 / 12.0)):
-            rows.put(moment[standing][:, :, None], columns[standing][:, None, :], _against(standing, share, 1.0))
+            rows.put(
+                moment[standing][:, :, None],
+                columns[standing][:, None, :],
+                _against(standing, share, 1.0),
+            )
         rows.right(moment, _offset)
         turn = rows.equal("turn", m, 3)
         rotation = self._body.rotation
@@ -162,9 +183,20 @@ class Legs:
     where they fail."""
 
     def __init__(
-        self, rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, dynamics: Dynamics, toes: FreeToes
+        self,
+        rows: Rows[LeapGiven],
+        layout: Layout,
+        body: BodyVariables,
+        dynamics: Dynamics,
+        toes: FreeToes,
     ) -> None:
-        self._rows, self._layout, self._body, self._dynamics, self._toes = rows, layout, body, dynamics, toes
+        self._rows, self._layout, self._body, self._dynamics, self._toes = (
+            rows,
+            layout,
+            body,
+            dynamics,
+            toes,
+        )
 
     def height(self) -> None:
         """c_z ≥ p_z + height wherever a limb stands."""
@@ -176,17 +208,22 @@ class Legs:
         self._rows.right(high, lambda d: -d.numbers.leap.limits.height_m - d.reserve_m)
 
     def speed(self, momentum: Index) -> None:
-        """|ê·(v + ω × h)| ≤ speed at the ends of intervals, ê along the leg of the point, ω = J⁻¹ L."""
+        """|ê·(v + ω × h)| ≤ speed at the ends of intervals, ê along the leg of the point, ω = J⁻¹
+        L."""
         rows, (frame, limb, _) = self._rows, self._layout.standing
-        own = np.flatnonzero(frame % 2 == 0)
-        node = frame[own] // 2
-        slack = _one_slack(rows, "speed", len(own))
+        ends = np.flatnonzero(frame % 2 == 0)
+        node = frame[ends] // 2
+        slack = _one_slack(rows, "speed", len(ends))
         for name, sign in (("extends", 1.0), ("folds", -1.0)):
-            row = rows.at_most(name, len(own))
-            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: d.legs[0][own]))
-            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: d.legs[1][own]))
+            row = rows.at_most(name, len(ends))
+            rows.put(
+                row[:, None],
+                self._dynamics.velocity[node],
+                _signed(sign, lambda d: d.legs[0][ends]),
+            )
+            rows.put(row[:, None], momentum[node], _signed(sign, lambda d: d.legs[1][ends]))
             rows.put(row, slack, -1.0)
-            rows.right(row, lambda d: SPEED_RESERVE * d.numbers.speed[limb[own]])
+            rows.right(row, lambda d: SPEED_RESERVE * d.numbers.speed[limb[ends]])
 
     def fold(self) -> None:
         """ê·(c + h + Θ × h − p) ≥ fold wherever a limb stands."""
@@ -199,7 +236,11 @@ class Legs:
         rows.put(row, slack, -1.0)
         rows.right(
             row,
-            lambda d: np.sum(d.legs[0] * d.numbers.hips[limb], axis=1) - d.numbers.fold[limb] - d.reserve_m,
+            lambda d: (
+                np.sum(d.legs[0] * d.numbers.hips[limb], axis=1)
+                - d.numbers.fold[limb]
+                - d.reserve_m
+            ),
         )
 
     def power(self, forces: Forces, momentum: Index) -> None:
@@ -208,17 +249,23 @@ class Legs:
         at = self._layout.stance_frames[stance] // 2
         slack = _one_slack(rows, "power", 2 * len(at))
         node = np.concatenate([at, at + 1])
-        columns, limb = np.concatenate([forces.columns, forces.columns]), np.concatenate([limb, limb])
+        columns, limb = (
+            np.concatenate([forces.columns, forces.columns]),
+            np.concatenate([limb, limb]),
+        )
         for name, sign in (("drives", 1.0), ("brakes", -1.0)):
             row = rows.at_most(name, len(node))
-            rows.put(row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: d.powers[0]))
+            rows.put(
+                row[:, None], self._dynamics.velocity[node], _signed(sign, lambda d: d.powers[0])
+            )
             rows.put(row[:, None], momentum[node], _signed(sign, lambda d: d.powers[1]))
             rows.put(row[:, None], columns, _signed(sign, lambda d: d.powers[2]))
             rows.put(row, slack, -1.0)
             rows.right(row, _powers_left(sign, limb))
 
     def inside(self) -> None:
-        """a·R(Θ)ᵀ(p − c) ≤ b of every half-space of reach, about a point; the outer ones are hard rows beside it."""
+        """a·R(Θ)ᵀ(p − c) ≤ b of every half-space of reach, about a point; the outer ones are hard
+        rows beside it."""
         rows, layout = self._rows, self._layout
         (frame, _, foothold), (which, half) = layout.standing, layout.standing_rows
         slack, row = _one_slack(rows, "inside", len(half)), rows.at_most("within", len(half))
@@ -242,12 +289,17 @@ def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
 def still_moments(
     rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, forces: Forces, dynamics: Dynamics
 ) -> None:
-    """Σ p × f = c × e_z in still intervals, over the forces of vertices: the quasi-static balance of moments."""
+    """Σ p × f = c × e_z in still intervals, over the forces of vertices: the quasi-static balance
+    of moments."""
     interval = layout.stance_frames[forces.stance] // 2
     still = rows.equal("moment_still", len(dynamics.still_intervals), 3)
     for row, k in zip(still, dynamics.still_intervals, strict=True):
-        own = np.flatnonzero(interval == k)
-        rows.put(row[None, :, None], forces.columns[own][:, None, :], Of("scaled.arms", own))
+        at_interval = np.flatnonzero(interval == k)
+        rows.put(
+            row[None, :, None],
+            forces.columns[at_interval][:, None, :],
+            Of("scaled.arms", at_interval),
+        )
         com = body.com[0 if k == 0 else layout.frames - 1]
         rows.put(row[0], com[1], -1.0)  # −c × e_z = (−c_y, c_x, 0)
         rows.put(row[1], com[0], 1.0)
@@ -268,7 +320,9 @@ def _pushed(forces: Forces, layout: Layout) -> Callable[[LeapGiven], Array]:
 
     def values(given: LeapGiven) -> Array:
         lasts = given.numbers.lasts[interval]
-        return np.asarray(-GRAVITY_M_S2 * lasts[:, None, None] * given.scaled.frames[forces.candidate])
+        return np.asarray(
+            -GRAVITY_M_S2 * lasts[:, None, None] * given.scaled.frames[forces.candidate]
+        )
 
     return values
 

@@ -1,4 +1,5 @@
-"""Tries of a leap: choices of contacts, each solved with a plan, refuted by a cut, or unsolved without a claim."""
+"""Tries of a leap: choices of contacts, each solved with a plan, refuted by a cut, or unsolved
+without a claim."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from .prove import refuting_ray
 from .scp import FRICTION_SHARE, STOP, LeapAttempt, plan_of
 
 ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
-"""In which a leap's tries are made: random ones before there are cuts, noise about the best that the others found."""
+"""In which a leap's tries are made: random ones before there are cuts, noise about the best that
+the others found."""
 LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECIDED: "unsolved"}
 """What is said of a try: has its choice of contacts a leap?"""
 
@@ -30,10 +32,11 @@ LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECI
 class Try:
     """One choice of contacts, and what is known of it.
 
-    order: how it was chosen; timing: number of the timing; choice: a candidate per foothold, shape (P,). status:
-    feasible with a plan that ``check_leap`` accepted, infeasible with a row of multipliers that refutes the choice by
-    ``verify.leap_proof``, else undecided. first: cost of the first convex step; cost: of what is left at the end; inf
-    where the first step has no answer. solves: convex problems; seconds: wall clock.
+    order: how it was chosen; timing: number of the timing; choice: a candidate per foothold, shape
+    (P,). status: feasible with a plan that ``check_leap`` accepted, infeasible with a row of
+    multipliers that refutes the choice by ``verify.leap_proof``, else undecided. first: cost of the
+    first convex step; cost: of what is left at the end; inf where the first step has no answer.
+    solves: convex problems; seconds: wall clock.
     """
 
     order: Order
@@ -60,12 +63,14 @@ def tries_of(
     """Try different choices of a leap's contacts, and label each one.
 
     Arguments:
-        mix: how many choices of each order, made in the sequence of ``ORDERS``; fewer where there are no more.
+        mix: how many choices of each order, made in the sequence of ``ORDERS``; fewer where there
+            are no more.
         seed: of random choices and of noise.
         stop: cost of a first step above which a choice is given up.
         share: of the friction, that plans use.
     Returns:
-        The tries in the order in which they were made. What one of them is refuted by is held against all others.
+        The tries in the order in which they were made. What one of them is refuted by is held
+        against all others.
     """
     programs = programs or programs_of_this_thread()
     labeller = _Labeller(leap, programs)
@@ -74,10 +79,10 @@ def tries_of(
         attempts = search.attempts(order)
         for _ in range(mix.get(order, 0)):
             begin = time.perf_counter()
-            found = next(attempts, None)
-            if found is None:
+            leap_attempt = next(attempts, None)
+            if leap_attempt is None:
                 break
-            labeller.add(search.last.numbers, found, order, begin)
+            labeller.add(search.last.numbers, leap_attempt, order, begin)
     return labeller.tries()
 
 
@@ -99,15 +104,26 @@ class _Labeller:
             solves += self._learn(numbers, found)
         self._tries.append(
             Try(
-                order=order, timing=numbers.timing, choice=found.choice, plan=plan,
+                order=order,
+                timing=numbers.timing,
+                choice=found.choice,
+                plan=plan,
                 status=Status.UNDECIDED if plan is None else Status.FEASIBLE,
-                first=found.first, cost=found.cost, solves=solves, seconds=time.perf_counter() - begin,
+                first=found.first,
+                cost=found.cost,
+                solves=solves,
+                seconds=time.perf_counter() - begin,
             )
-        )  # fmt: skip
+        )
 
     def _learn(self, numbers: LeapNumbers, found: LeapAttempt) -> int:
-        """Keep a cut that refutes a choice: of its own multipliers, or else of the relaxation's. Returns solves."""
-        if any(cut.value(found.choice) > MARGIN for timing, cut, _ in self._cuts if timing == numbers.timing):
+        """Keep a cut that refutes a choice: of its own multipliers, or else of the relaxation's.
+        Returns solves."""
+        if any(
+            cut.value(found.choice) > MARGIN
+            for timing, cut, _ in self._cuts
+            if timing == numbers.timing
+        ):
             return 0
         row, solves = ray(numbers, found.solution), 0
         cut = proof_cut(numbers, row)
@@ -120,17 +136,24 @@ class _Labeller:
         return solves
 
     def _refuting(self, timing: int, choice: Index) -> Array | None:
-        """Multipliers that the verifier accepts against a choice, of the cut that says most; None without any."""
+        """Multipliers that the verifier accepts against a choice, of the cut that says most; None
+        without any."""
         values = [(cut.value(choice), row) for at, cut, row in self._cuts if at == timing]
         value, row = max(values, key=lambda each: each[0], default=(0.0, None))
-        if row is None or value <= MARGIN or self._refuter.bounds(timing, row, choice[None])[0] <= MARGIN:
+        if (
+            row is None
+            or value <= MARGIN
+            or self._refuter.bounds(timing, row, choice[None])[0] <= MARGIN
+        ):
             return None
         return row
 
     def tries(self) -> list[Try]:
         """All of them, those that are not solved held against all cuts."""
-        found = []
+        made = []
         for one in self._tries:
             row = None if one.plan is not None else self._refuting(one.timing, one.choice)
-            found.append(one if row is None else replace(one, status=Status.INFEASIBLE, multipliers=row))
-        return found
+            made.append(
+                one if row is None else replace(one, status=Status.INFEASIBLE, multipliers=row)
+            )
+        return made

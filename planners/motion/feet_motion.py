@@ -11,7 +11,8 @@ from .plan_motion import PlanMotion
 
 
 def feet_motion(subject: Plan | Trajectory | LeapPlan) -> PlanMotion | GaitMotion | LeapMotion:
-    """The motion of a plan, a walk or a leap, timed as ``run`` times it where no joint asks for more time.
+    """The motion of a plan, a walk or a leap, timed as ``run`` times it where no joint asks for
+    more time.
 
     A plan may also lift all limbs at once; the runner refuses such a plan.
     """

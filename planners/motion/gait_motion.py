@@ -1,6 +1,8 @@
-"""A gait's trajectory as a motion that the tracker follows: at rest before and after, at its own pace in between.
+"""A gait's trajectory as a motion that the tracker follows: at rest before and after, at its own
+pace in between.
 
-A gait is dynamic: at another pace its forces balance no longer, so it is run as planned or not at all.
+A gait is dynamic: at another pace its forces balance no longer, so it is run as planned or not at
+all.
 """
 
 from __future__ import annotations
@@ -26,10 +28,11 @@ KNOT_S = 0.05
 
 
 class GaitMotion:
-    """A trajectory over time. Feet are spheres: a radius above what they touch. ``Samples.frame`` counts seconds.
+    """A trajectory over time. Feet are spheres: a radius above what they touch. ``Samples.frame``
+    counts seconds.
 
-    radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of all feet;
-    ``Samples.foothold`` counts them.
+    radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of
+    all feet; ``Samples.foothold`` counts them.
     """
 
     counted = "seconds"
@@ -44,7 +47,9 @@ class GaitMotion:
         self._foothold = footholds(trajectory.contact)
         self.stances: Sequence[str] = tuple(
             f"{trajectory.robot.foot_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
-            for row, foot in (np.argwhere(self._foothold == k)[0] for k in range(int(self._foothold.max()) + 1))
+            for row, foot in (
+                np.argwhere(self._foothold == k)[0] for k in range(int(self._foothold.max()) + 1)
+            )
         )
 
     @property
@@ -103,7 +108,8 @@ class GaitMotion:
 
     @cached_property
     def _turns(self) -> Array:
-        """By how much the body turns from each sample to the next, world frame, shape (K − 1, 3) [rad]."""
+        """By how much the body turns from each sample to the next, world frame, shape (K − 1, 3)
+        [rad]."""
         turns = Rotation.from_matrix(self.trajectory.rotation)
         return np.asarray((turns[1:] * turns[:-1].inv()).as_rotvec())
 

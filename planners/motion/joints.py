@@ -1,8 +1,9 @@
 """The joints along a plan's path: drawn to the straight line between the angles of its key frames.
 
-Feet are spheres that roll, and the whole robot's centre of mass, legs included, is where the plan has it: a robot is
-drawn in the plan as if its legs weighed nothing, and is moved by what they weigh. So the body at a key frame is up to a
-centimetre from where the plan draws it, and the joints are those that bring it there.
+Feet are spheres that roll, and the whole robot's centre of mass, legs included, is where the plan
+has it: a robot is drawn in the plan as if its legs weighed nothing, and is moved by what they
+weigh. So the body at a key frame is up to a centimetre from where the plan draws it, and the joints
+are those that bring it there.
 """
 
 from __future__ import annotations
@@ -24,21 +25,22 @@ from .path import APART_M, PathMoments, PlanPath
 from .plan_joints import normals_at
 
 STRAY_M = 1e-4
-"""A foot that is farther from where it should be does not follow its path: what the tracker looks for anew, and the
-runner refuses, too."""
+"""A foot that is farther from where it should be does not follow its path: what the tracker looks
+for anew, and the runner refuses, too."""
 TURN_RAD = 0.1
-"""Between two moments that are judged no joint turns by much more: half way, joints that turn evenly put a foot less
-than L θ² / 8 from its path, a fraction of a millimetre."""
+"""Between two moments that are judged no joint turns by much more: half way, joints that turn
+evenly put a foot less than L θ² / 8 from its path, a fraction of a millimetre."""
 ROUNDS = 2
-"""Joints are found so often: where the centre of mass is, and how far feet rolled, depends on them."""
+"""Joints are found so often: where the centre of mass is, and how far feet rolled, depends on
+them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathPostures:
     """A robot at T moments, J joints, N limbs.
 
-    rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m]. angles: shape (T, J) [rad].
-    error_m: how far feet stay from where they should be, shape (T, N).
+    rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m]. angles:
+    shape (T, J) [rad]. error_m: how far feet stay from where they should be, shape (T, N).
     """
 
     rotations: Array
@@ -50,19 +52,22 @@ class PathPostures:
 class JointPath:
     """The joints of a robot along the path of a plan that has joint angles.
 
-    They are drawn to the straight line between those of two key frames. Where a limb in the air does not follow its
-    foot's path so, the line goes by way of comfortable postures at the two corners of its swing. apart_m: of the
-    moments at which that is looked at, those that are judged.
+    They are drawn to the straight line between those of two key frames. Where a limb in the air
+    does not follow its foot's path so, the line goes by way of comfortable postures at the two
+    corners of its swing. apart_m: of the moments at which that is looked at, those that are judged.
     """
 
     def __init__(self, path: PlanPath, kinematics: Kinematics, apart_m: float = APART_M) -> None:
         self.path, self._kinematics, self._apart_m = path, kinematics, apart_m
         self.corners = dict[tuple[int, int], Array]()
-        """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
+        """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and
+        limb."""
 
-    def judged(self, turn_rad: float = TURN_RAD, *, deadline: float = math.inf) -> tuple[PathMoments, PathPostures]:
-        """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in between, and the
-        postures there.
+    def judged(
+        self, turn_rad: float = TURN_RAD, *, deadline: float = math.inf
+    ) -> tuple[PathMoments, PathPostures]:
+        """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in
+        between, and the postures there.
 
         Raises InvalidInput for a path of which there are too many, and TimeEnded after the deadline
         (``time.perf_counter()``).
@@ -100,41 +105,55 @@ class JointPath:
             if (step, limb) in self.corners or moments.part[t] < 0:
                 continue
             check_time(deadline)
-            ends = np.flatnonzero((steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0))
-            self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
+            ends = np.flatnonzero(
+                (steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0)
+            )
+            self.corners[step, limb] = np.array(
+                [self._comfortable(moments, postures, int(end), limb) for end in ends]
+            )
 
-    def _comfortable(self, moments: PathMoments, postures: PathPostures, t: int, limb: int) -> Array:
+    def _comfortable(
+        self, moments: PathMoments, postures: PathPostures, t: int, limb: int
+    ) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
         normals = self.path.normals[moments.surface[t]]
-        found = self._kinematics.solve(
-            moments.com_m[t], moments.rotation_rad[t], moments.feet_m[t] - self.path.radii_m[:, None] * normals,
-            normals=normals, seed=postures.angles[t], obstacles=self.path.solids,
-        )  # fmt: skip
-        return np.asarray(found.angles[self._kinematics.joints_of(limb)])
+        answer = self._kinematics.solve(
+            moments.com_m[t],
+            moments.rotation_rad[t],
+            moments.feet_m[t] - self.path.radii_m[:, None] * normals,
+            normals=normals,
+            seed=postures.angles[t],
+            obstacles=self.path.solids,
+        )
+        return np.asarray(answer.angles[self._kinematics.joints_of(limb)])
 
     def _drawn(self, moments: PathMoments) -> Array:
         """Posture that the joints are drawn to, shape (T, J)."""
         key = self.path.plan.joints_rad
         assert key is not None
-        angles = key[moments.before] + moments.share[:, None] * (key[moments.after] - key[moments.before])
+        angles = key[moments.before] + moments.share[:, None] * (
+            key[moments.after] - key[moments.before]
+        )
         for (step, limb), corners in self.corners.items():
-            its = self._kinematics.joints_of(limb)
-            line = np.stack([key[step - 1, its], *corners, key[step, its]])
+            joints = self._kinematics.joints_of(limb)
+            line = np.stack([key[step - 1, joints], *corners, key[step, joints]])
             on = np.flatnonzero((moments.step == step) & (moments.part >= 0))
             part, passed = moments.part[on], moments.passed[on, None]
-            angles[np.ix_(on, its)] = line[part] + passed * (line[part + 1] - line[part])
+            angles[np.ix_(on, joints)] = line[part] + passed * (line[part + 1] - line[part])
         return np.asarray(angles)
 
     def _postures(self, moments: PathMoments) -> PathPostures:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
-        normals, feet, drawn = self.path.normals[moments.surface], moments.feet_m, angles
+        normals, feet, wished = self.path.normals[moments.surface], moments.feet_m, angles
         origins, error = moments.com_m, np.zeros(feet.shape[:2])
         for _ in range(ROUNDS):
             shifts = np.array([kinematics.com_offset(q) for q in angles])
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
-            angles, error = _reached(kinematics, np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]), drawn)
+            angles, error = _reached(
+                kinematics, np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]), wished
+            )
         return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
 
 
@@ -142,32 +161,43 @@ def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) ->
     """Postures as ``Bodies`` takes them."""
     normals = path.normals[moments.surface]
     return WholeBody(
-        rotation=postures.rotations, origin_m=postures.origins_m, angles=postures.angles,
-        toes_m=moments.feet_m - path.radii_m[:, None] * normals, normals=normals, stands=moments.foothold >= 0,
-    )  # fmt: skip
+        rotation=postures.rotations,
+        origin_m=postures.origins_m,
+        angles=postures.angles,
+        toes_m=moments.feet_m - path.radii_m[:, None] * normals,
+        normals=normals,
+        stands=moments.foothold >= 0,
+    )
 
 
 def key_postures(plan: Plan, angles: Array) -> WholeBody:
-    """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M, J) [rad]."""
+    """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M,
+    J) [rad]."""
     robot, frames = plan.problem.robot, range(len(angles))
     turns = rotations_of(plan.rotation_rad)
     return WholeBody(
-        rotation=turns, origin_m=plan.com_m - turns @ robot.origin_m, angles=angles,
-        toes_m=np.array([plan.toes_at(k) for k in frames]), normals=np.array([normals_at(plan, k) for k in frames]),
+        rotation=turns,
+        origin_m=plan.com_m - turns @ robot.origin_m,
+        angles=angles,
+        toes_m=np.array([plan.toes_at(k) for k in frames]),
+        normals=np.array([normals_at(plan, k) for k in frames]),
         stands=np.ones((len(angles), len(robot.limbs)), dtype=bool),
-    )  # fmt: skip
+    )
 
 
 def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, Array]:
-    """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what they miss."""
-    found, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
+    """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what
+    they miss."""
+    angles, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
     for i, leg in enumerate(kinematics.model.legs):
-        its = kinematics.joints_of(i)
-        found[:, its], errors[:, i] = descend(leg, feet[:, i], drawn[:, its])
-    return found, errors
+        joints = kinematics.joints_of(i)
+        angles[:, joints], errors[:, i] = descend(leg, feet[:, i], drawn[:, joints])
+    return angles, errors
 
 
-def _rolled(kinematics: Kinematics, moments: PathMoments, rotations: Array, angles: Array, normals: Array) -> Array:
+def _rolled(
+    kinematics: Kinematics, moments: PathMoments, rotations: Array, angles: Array, normals: Array
+) -> Array:
     """Distance that feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go
     back to their path.
 
@@ -175,16 +205,25 @@ def _rolled(kinematics: Kinematics, moments: PathMoments, rotations: Array, angl
     """
     legs = kinematics.model.legs
     turned = np.stack(
-        [rotations @ leg.chain.frames(angles[:, kinematics.joints_of(i)])[0][:, -1] for i, leg in enumerate(legs)],
+        [
+            rotations @ leg.chain.frames(angles[:, kinematics.joints_of(i)])[0][:, -1]
+            for i, leg in enumerate(legs)
+        ],
         axis=1,
     )
     between = turned[1:] @ np.swapaxes(turned[:-1], 2, 3)
     skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
     turns = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
     moved = kinematics.radii_m[:, None] * cross(turns, normals[1:])
-    stands, rolled, left = moments.foothold >= 0, np.zeros_like(normals), 1.0 - moments.lifted[..., None]
+    stands, rolled, left = (
+        moments.foothold >= 0,
+        np.zeros_like(normals),
+        1.0 - moments.lifted[..., None],
+    )
     last = rolled[0]
     for t in range(1, len(rolled)):
-        last = np.where(stands[t, :, None], np.where(stands[t - 1, :, None], last + moved[t - 1], 0.0), last)
+        last = np.where(
+            stands[t, :, None], np.where(stands[t - 1, :, None], last + moved[t - 1], 0.0), last
+        )
         rolled[t] = last * left[t]
     return rolled

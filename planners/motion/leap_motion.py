@@ -1,4 +1,5 @@
-"""The motion of a leap: the body as its forces move it, and feet that go from foothold to foothold."""
+"""The motion of a leap: the body as its forces move it, and feet that go from foothold to
+foothold."""
 
 from __future__ import annotations
 
@@ -16,8 +17,9 @@ from .motion import Samples
 class LeapMotion:
     """A leap over time; ``Samples.frame`` counts seconds, and joints are not known.
 
-    c and v are exact, Θ is a cubic between the ends of an interval, and forces are constant within one. A foot in the
-    air goes straight in the frame of the body, from where it left to where it lands.
+    c and v are exact, Θ is a cubic between the ends of an interval, and forces are constant within
+    one. A foot in the air goes straight in the frame of the body, from where it left to where it
+    lands.
     """
 
     def __init__(self, plan: LeapPlan) -> None:
@@ -91,17 +93,19 @@ class LeapMotion:
 
     @cached_property
     def _surface(self) -> NDArray[np.int_]:
-        """The foothold that every limb has, comes to, or else had last, in every interval, shape (M, N)."""
-        found = self._holds.copy()
-        for i in range(found.shape[1]):
-            stands = np.flatnonzero(found[:, i] >= 0)
-            after = np.searchsorted(stands, np.arange(len(found)))
-            found[:, i] = found[stands[np.minimum(after, len(stands) - 1)], i]
-        return found
+        """The foothold that every limb has, comes to, or else had last, in every interval, shape
+        (M, N)."""
+        surface = self._holds.copy()
+        for i in range(surface.shape[1]):
+            stands = np.flatnonzero(surface[:, i] >= 0)
+            after = np.searchsorted(stands, np.arange(len(surface)))
+            surface[:, i] = surface[stands[np.minimum(after, len(stands) - 1)], i]
+        return surface
 
     @cached_property
     def _flights(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Ends of intervals at which each limb left last and lands next, itself where it stands, shape (M, N) each."""
+        """Ends of intervals at which each limb left last and lands next, itself where it stands,
+        shape (M, N) each."""
         left, lands = np.zeros_like(self._holds), np.full_like(self._holds, len(self._holds))
         for k in range(len(left)):
             before = left[k - 1] if k else np.zeros(left.shape[1], dtype=int)
@@ -113,12 +117,14 @@ class LeapMotion:
 
     @cached_property
     def _from_body(self) -> Array:
-        """Toes seen from the body at the ends of intervals, of the foothold before and after each of them, shape
-        (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's."""
+        """Toes seen from the body at the ends of intervals, of the foothold before and after each
+        of them, shape (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's."""
         none = np.full((1, self._holds.shape[1]), -1)
         before = np.concatenate([none, self._holds])
         after = np.concatenate([self._holds, none])
         last = np.concatenate([self._surface[:1], self._surface])
-        around = np.stack([np.where(before >= 0, before, last), np.where(after >= 0, after, last)], axis=2)
+        around = np.stack(
+            [np.where(before >= 0, before, last), np.where(after >= 0, after, last)], axis=2
+        )
         toes = self.plan.toes_m[around] - self.plan.com_m[:, None, None]
         return np.asarray(np.einsum("mji,mnsj->mnsi", rotations_of(self.plan.rotation_rad), toes))

@@ -1,4 +1,5 @@
-"""The one form in which motions are sampled: what body, feet and joints should do at given times."""
+"""The one form in which motions are sampled: what body, feet and joints should do at given
+times."""
 
 from __future__ import annotations
 
@@ -27,15 +28,20 @@ class Samples:
 
     Arguments:
         com_m, velocity_m_s: centre of mass, shape (T, 3).
-        rotation_rad, rotation_rate_rad_s: rotation vector of the body and its derivative, shape (T, 3).
-        frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2, or in seconds for a walk or a leap; (T,).
+        rotation_rad, rotation_rate_rad_s: rotation vector of the body and its derivative, shape (T,
+        3).
+        frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2, or in seconds for a walk
+            or a leap; (T,).
         feet_m: centres of the feet, shape (T, N, 3).
         radii_m: radii of the feet, shape (N,).
         forces_n: contact forces on the robot, shape (T, N, 3).
         foothold: number of the foothold under every limb, −1 in the air, shape (T, N).
-        normals, friction: of the surface that a limb stands on, leaves or comes to, shape (T, N, 3), (T, N).
-        origin_m: of the frame of the body's link, shape (T, 3); None where the joints are not known.
-        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J); None where they are not known.
+        normals, friction: of the surface that a limb stands on, leaves or comes to, shape (T, N,
+        3), (T, N).
+        origin_m: of the frame of the body's link, shape (T, 3); None where the joints are not
+            known.
+        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J); None where they are not
+        known.
     """
 
     com_m: Array
@@ -61,7 +67,8 @@ class Samples:
 
     @property
     def toes_m(self) -> Array:
-        """Lowest points of the feet, a radius below their centres along the normal, shape (T, N, 3)."""
+        """Lowest points of the feet, a radius below their centres along the normal, shape (T, N,
+        3)."""
         return np.asarray(self.feet_m - self.radii_m[:, None] * self.normals)
 
     @cached_arrays
@@ -88,7 +95,9 @@ class Samples:
     @cached_arrays
     def across_n(self) -> Array:
         """Sizes of what the forces have across the normals, shape (T, N)."""
-        return np.asarray(np.linalg.norm(self.forces_n - self.along_n[..., None] * self.normals, axis=-1))
+        return np.asarray(
+            np.linalg.norm(self.forces_n - self.along_n[..., None] * self.normals, axis=-1)
+        )
 
     @cached_arrays
     def arms_m(self) -> Array:
@@ -97,26 +106,33 @@ class Samples:
 
     @cached_arrays
     def wrench(self) -> Array:
-        """Sum of the forces [N] and of their moments about the centre of mass [Nm], world frame, shape (T, 6)."""
+        """Sum of the forces [N] and of their moments about the centre of mass [Nm], world frame,
+        shape (T, 6)."""
         turning = cross(self.arms_m, self.forces_n).sum(axis=-2)
         return np.concatenate([self.forces_n.sum(axis=-2), turning], axis=-1)
 
     @cached_arrays
     def frames(self) -> Array:
-        """R_WC of the surfaces, each with the axis that lies nearest to it as its shear reference, (T, N, 3, 3)."""
+        """R_WC of the surfaces, each with the axis that lies nearest to it as its shear reference,
+        (T, N, 3, 3)."""
         return contact_frames(self.normals, np.eye(3)[np.abs(self.normals).argmin(axis=-1)])
 
     def rows(self) -> list[Self]:
-        """The samples at T times one by one, with what follows from them, which is worked out for all at once."""
-        names = [name for name in self.__annotations__ if getattr(self, name) is not None and name != "radii_m"]
+        """The samples at T times one by one, with what follows from them, which is worked out for
+        all at once."""
+        names = [
+            name
+            for name in self.__annotations__
+            if getattr(self, name) is not None and name != "radii_m"
+        ]
         tables = {name: getattr(self, name) for name in (*names, *FOLLOWS)}
-        given, found = vars(self) | {"radii_m": self.radii_m}, list[Self]()
+        arrays, samples = vars(self) | {"radii_m": self.radii_m}, list[Self]()
         for row in range(len(self.com_m)):
             sample = object.__new__(type(self))
-            vars(sample).update(given)
+            vars(sample).update(arrays)
             vars(sample).update((name, table[row]) for name, table in tables.items())
-            found.append(sample)
-        return found
+            samples.append(sample)
+        return samples
 
 
 class Motion(Protocol):
@@ -134,11 +150,13 @@ class Motion(Protocol):
 
     @property
     def knots_s(self) -> Array:
-        """Times from 0 to the end at which postures are chosen, the same moments at every pace, shape (K,) [s]."""
+        """Times from 0 to the end at which postures are chosen, the same moments at every pace,
+        shape (K,) [s]."""
         ...
 
     def at(self, times_s: float | Array) -> Samples:
-        """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the ends are held."""
+        """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the
+        ends are held."""
         ...
 
 
@@ -146,12 +164,15 @@ def stacked(samples: Sequence[Samples]) -> Samples:
     """Single samples as one value with a row for each."""
     names = [field.name for field in fields(Samples) if field.name != "radii_m"]
     rows = {name: [getattr(each, name) for each in samples] for name in names}
-    known: dict[str, Any] = {name: None if row[0] is None else np.array(row) for name, row in rows.items()}
+    known: dict[str, Any] = {
+        name: None if row[0] is None else np.array(row) for name, row in rows.items()
+    }
     return Samples(**known, radii_m=samples[0].radii_m)
 
 
 def between(rows: Samples, at: Array) -> Samples:
-    """Samples between rows, at fractional indices of shape (T,) or (): straight lines join the rows.
+    """Samples between rows, at fractional indices of shape (T,) or (): straight lines join the
+    rows.
 
     Footholds are those of the row before; an index within 1e-6 of a row is that row.
     """
@@ -167,8 +188,8 @@ def between(rows: Samples, at: Array) -> Samples:
         return np.asarray(table[first] + weight * (table[then] - table[first]))
 
     names = [field.name for field in fields(Samples) if field.name not in ("radii_m", "foothold")]
-    found: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
-    return Samples(**found, radii_m=rows.radii_m, foothold=rows.foothold[first])
+    fields_between: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
+    return Samples(**fields_between, radii_m=rows.radii_m, foothold=rows.foothold[first])
 
 
 def smooth(s: T) -> T:

@@ -1,7 +1,8 @@
 """Path of body and feet from one key frame to the next, whatever the time that it takes.
 
-The limbs of a frame lift along their surface's normal, go across while the body moves on a straight line from one key
-frame to the next, and come down along the normal of the surface that they come to. The others stay.
+The limbs of a frame lift along their surface's normal, go across while the body moves on a straight
+line from one key frame to the next, and come down along the normal of the surface that they come
+to. The others stay.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ MOST = 50_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segment:
-    """A straight part of the path, N limbs: body between two key frames, or at one, feet from here to there.
+    """A straight part of the path, N limbs: body between two key frames, or at one, feet from here
+    to there.
 
-    frames: between which the body goes. foothold: what every limb stands on, −1 in the air. surface: the foothold that
-    it stands on, leaves or comes to, shape (N,). feet_m: centres of the feet at both ends, shape (2, N, 3). part: of a
-    step: 0 lifts, 1 goes across, 2 comes down; −1 of none.
+    frames: between which the body goes. foothold: what every limb stands on, −1 in the air.
+    surface: the foothold that it stands on, leaves or comes to, shape (N,). feet_m: centres of the
+    feet at both ends, shape (2, N, 3). part: of a step: 0 lifts, 1 goes across, 2 comes down; −1 of
+    none.
     """
 
     frames: tuple[int, int]
@@ -53,9 +56,10 @@ class Segment:
 class PathMoments:
     """T moments of a path, N limbs.
 
-    before, after, share: the key frames that the body is between, and how far, (T,) each. com_m, rotation_rad: of the
-    body, shape (T, 3). feet_m: centres, shape (T, N, 3). foothold, surface: as of ``Segment``, shape (T, N). part,
-    passed: of a step, as of ``Segment``, and how much of it is behind, (T,) each.
+    before, after, share: the key frames that the body is between, and how far, (T,) each. com_m,
+    rotation_rad: of the body, shape (T, 3). feet_m: centres, shape (T, N, 3). foothold, surface: as
+    of ``Segment``, shape (T, N). part, passed: of a step, as of ``Segment``, and how much of it is
+    behind, (T,) each.
     """
 
     before: NDArray[np.int_]
@@ -87,14 +91,18 @@ class PathMoments:
 
 
 class PlanPath:
-    """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at once.
+    """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at
+    once.
 
-    normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]; touch_downs_m: how
-    far beyond that it may come down until it feels, shape (P,) [m]. Raises InvalidInput
-    where all limbs lift at once unless they may: nobody carries, and no position control can do that.
+    normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m];
+    touch_downs_m: how far beyond that it may come down until it feels, shape (P,) [m]. Raises
+    InvalidInput where all limbs lift at once unless they may: nobody carries, and no position
+    control can do that.
     """
 
-    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False) -> None:
+    def __init__(
+        self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False
+    ) -> None:
         self.plan, self._clearance_m, course = plan, clearance_m, plan.problem
         self._names = course.robot.limb_names
         if course.uncarried and not uncarried:
@@ -112,15 +120,19 @@ class PlanPath:
         self._holds = np.asarray(course.holds)
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
         self.touch_downs_m = touch_downs_m(plan)
-        self._kept_m = KEPT_M + self.touch_downs_m + insets  # steps may be higher, and begin earlier, than they seem
+        self._kept_m = (
+            KEPT_M + self.touch_downs_m + insets
+        )  # steps may be higher, and begin earlier, than they seem
 
     def standing(self, frame: int) -> Segment:
         """All limbs where they are at a key frame."""
         holds = self._holds[frame]
         return Segment(
-            frames=(frame, frame), foothold=tuple(holds.tolist()), surface=holds,
+            frames=(frame, frame),
+            foothold=tuple(holds.tolist()),
+            surface=holds,
             feet_m=np.stack([self.feet_m[holds]] * 2),
-        )  # fmt: skip
+        )
 
     @cached_property
     def steps(self) -> tuple[tuple[Segment, ...], ...]:
@@ -129,7 +141,8 @@ class PlanPath:
         return tuple(self._step(k) for k in range(1, self.plan.problem.frames))
 
     def support(self, frame: int) -> tuple[int, ...]:
-        """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
+        """The limbs that carry while those of ``frame`` lift; after the last frame, while the next
+        would."""
         course = self.plan.problem
         lifted = course.lifts[frame] if frame < course.frames else course.next_lift
         support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
@@ -141,24 +154,39 @@ class PlanPath:
         corners = np.stack([self.feet_m[old]] * 4)
         for i in moving:
             swing = clear_swing(
-                (self.feet_m[old[i]], self.feet_m[new[i]]), (self.normals[old[i]], self.normals[new[i]]),
-                self._clearance_m, self._around, float(self.radii_m[i]),
+                (self.feet_m[old[i]], self.feet_m[new[i]]),
+                (self.normals[old[i]], self.normals[new[i]]),
+                self._clearance_m,
+                self._around,
+                float(self.radii_m[i]),
                 float(self._kept_m[[old[i], new[i]]].max()),
-            )  # fmt: skip
+            )
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)
-        foothold, leaves, comes = tuple(np.where(held, old, -1).tolist()), old, np.where(held, old, new)
-        across = Segment(frames=(k - 1, k), foothold=foothold, surface=comes, feet_m=corners[1:3], part=1)
+        foothold, leaves, comes = (
+            tuple(np.where(held, old, -1).tolist()),
+            old,
+            np.where(held, old, new),
+        )
+        across = Segment(
+            frames=(k - 1, k), foothold=foothold, surface=comes, feet_m=corners[1:3], part=1
+        )
         if not moving:
             return (across,)
-        lift = Segment(frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0)
-        return lift, across, Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2)
+        lift = Segment(
+            frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0
+        )
+        return (
+            lift,
+            across,
+            Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2),
+        )
 
     def swing(self, foothold: int, shares: Array) -> Array:
-        """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and down.
-        """
-        put = self.plan.problem.footholds[foothold]
-        step, limb = self.steps[put.frame - 1], self._names.index(put.limb)
+        """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and
+        down."""
+        foothold_ahead = self.plan.problem.footholds[foothold]
+        step, limb = self.steps[foothold_ahead.frame - 1], self._names.index(foothold_ahead.limb)
         ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
         feet = [feet[end] for feet, _ in ends for end in (0, 1)]
         normals = [ends[0][1]] * (len(feet) // 2) + [ends[-1][1]] * (len(feet) // 2)
@@ -167,7 +195,8 @@ class PlanPath:
         return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
 
     def moments(self, apart_m: float = APART_M) -> PathMoments:
-        """The whole path, with its first and its last moment; none goes farther than this from the one before.
+        """The whole path, with its first and its last moment; none goes farther than this from the
+        one before.
 
         Raises InvalidInput for a path of more than ``MOST`` moments.
         """
@@ -178,7 +207,9 @@ class PlanPath:
         InvalidInput as above."""
         lengths = np.array([self._length(segment) for segment in self._segments()])
         if not lengths.sum() <= MOST * apart_m:
-            raise InvalidInput(f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m")
+            raise InvalidInput(
+                f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m"
+            )
         return np.maximum(1, np.ceil(lengths / apart_m)).astype(int)
 
     def divided(self, counts: NDArray[np.int_]) -> PathMoments:
@@ -199,13 +230,18 @@ class PlanPath:
         body = np.where(ends[:, 0] == ends[:, 1], 0.0, share)[:, None]
         before, after = ends.T
         return PathMoments(
-            before=before, after=after, share=body[:, 0],
+            before=before,
+            after=after,
+            share=body[:, 0],
             com_m=plan.com_m[before] + body * (plan.com_m[after] - plan.com_m[before]),
-            rotation_rad=plan.rotation_rad[before] + body * (plan.rotation_rad[after] - plan.rotation_rad[before]),
-            feet_m=np.concatenate(feet), foothold=foothold,
+            rotation_rad=plan.rotation_rad[before]
+            + body * (plan.rotation_rad[after] - plan.rotation_rad[before]),
+            feet_m=np.concatenate(feet),
+            foothold=foothold,
             surface=np.repeat(np.array([segment.surface for segment, _ in parts]), counts, axis=0),
-            part=np.repeat([segment.part for segment, _ in parts], counts), passed=share,
-        )  # fmt: skip
+            part=np.repeat([segment.part for segment, _ in parts], counts),
+            passed=share,
+        )
 
     def _segments(self) -> Iterator[Segment]:
         yield self.standing(0)
@@ -216,4 +252,6 @@ class PlanPath:
     def _length(self, segment: Segment) -> float:
         """Length of the way of the foot, or of the body's origin, that goes farthest [m]."""
         first, last = segment.frames
-        return max(segment.length_m, float(np.linalg.norm(self.plan.com_m[last] - self.plan.com_m[first])))
+        return max(
+            segment.length_m, float(np.linalg.norm(self.plan.com_m[last] - self.plan.com_m[first]))
+        )

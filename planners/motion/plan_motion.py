@@ -1,7 +1,9 @@
-"""A plan as a timed motion: load moves to the limbs that stay, the others lift, swing and are put down, the body moves.
+"""A plan as a timed motion: load moves to the limbs that stay, the others lift, swing and are put
+down, the body moves.
 
-Between two key frames one support holds. Body pose and forces run along the straight line between its two stances with
-one common progress, so that every point on the way is in balance as both ends are (toes held, linear in c and f).
+Between two key frames one support holds. Body pose and forces run along the straight line between
+its two stances with one common progress, so that every point on the way is in balance as both ends
+are (toes held, linear in c and f).
 """
 
 from __future__ import annotations
@@ -29,9 +31,9 @@ KNOTS = 10
 class Timing:
     """Durations of the phases, and distances of feet from surfaces.
 
-    settle_s: at rest before and after. transfer_s: load from one stance to the next. lift_s, place_s: along the
-    patch's normal. foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a swing, which lasts swing_s or longer.
-    clearance_m: how far feet are lifted.
+    settle_s: at rest before and after. transfer_s: load from one stance to the next. lift_s,
+    place_s: along the patch's normal. foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a
+    swing, which lasts swing_s or longer. clearance_m: how far feet are lifted.
     """
 
     settle_s: float = 0.4
@@ -52,7 +54,9 @@ class Timing:
         faster = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in faster:
             if name.endswith("_s"):
-                faster[name] *= pace if name in ("foot_m_s", "body_m_s", "body_rad_s") else 1.0 / pace
+                faster[name] *= (
+                    pace if name in ("foot_m_s", "body_m_s", "body_rad_s") else 1.0 / pace
+                )
         return Timing(**faster)
 
 
@@ -66,21 +70,28 @@ class _Phase:
 
 
 class PlanMotion:
-    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
-    as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs where nobody lifts, at its
-    beginning and while the body moves alone, by key frame, shape (N, 3) [N] each; where there are none those carry
-    that are to carry next. uncarried: all limbs may lift at once.
+    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
+    longer: so many times as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of
+    all limbs where nobody lifts, at its beginning and while the body moves alone, by key frame,
+    shape (N, 3) [N] each; where there are none those carry that are to carry next. uncarried: all
+    limbs may lift at once.
 
-    Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no position control can do
-    that.
+    Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no
+    position control can do that.
     """
 
     counted = "key frames"
 
     def __init__(
-        self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None,
-        standing_n: Mapping[int, Array] | None = None, *, uncarried: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        plan: Plan,
+        timing: Timing = Timing(),
+        forces_n: Array | None = None,
+        longer: Array | None = None,
+        standing_n: Mapping[int, Array] | None = None,
+        *,
+        uncarried: bool = False,
+    ) -> None:
         self.plan, self.timing = plan, timing
         self.path = PlanPath(plan, timing.clearance_m, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
@@ -103,7 +114,9 @@ class PlanMotion:
     @property
     def stances(self) -> Sequence[str]:
         """Name of every foothold."""
-        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.problem.footholds]
+        return [
+            f"{each.limb}, put down at frame {each.frame}," for each in self.plan.problem.footholds
+        ]
 
     def entry(self) -> dict[str, Any]:
         """The key frames, for a log."""
@@ -114,20 +127,21 @@ class PlanMotion:
     def phases(self) -> tuple[_Phase, ...]:
         """All phases in order."""
         course, timing = self.plan.problem, self.timing
-        found, carried = [], self._support_forces(0, 1)
-        found.append(self._still(0, timing.settle_s, self.standing_n.get(0, carried), carried))
+        result, carried = [], self._support_forces(0, 1)
+        result.append(self._still(0, timing.settle_s, self.standing_n.get(0, carried), carried))
         for k in range(1, course.frames):
             before, after = self._support_forces(k - 1, k), self._support_forces(k, k)
-            found.append(self._still(k - 1, timing.transfer_s, carried, before))
-            found += self._step(k, before, after)
+            result.append(self._still(k - 1, timing.transfer_s, carried, before))
+            result += self._step(k, before, after)
             carried = after
         last = self._support_forces(course.frames - 1, course.frames)
-        found.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
-        found.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
-        found = [phase for phase in found if phase.seconds > 0.0]
-        longer = np.ones(len(found)) if self.longer is None else self.longer
+        result.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
+        result.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
+        result = [phase for phase in result if phase.seconds > 0.0]
+        longer = np.ones(len(result)) if self.longer is None else self.longer
         return tuple(
-            replace(phase, seconds=phase.seconds * float(times)) for phase, times in zip(found, longer, strict=True)
+            replace(phase, seconds=phase.seconds * float(times))
+            for phase, times in zip(result, longer, strict=True)
         )
 
     @property
@@ -165,7 +179,9 @@ class PlanMotion:
         """
         plan = self.plan
         holds = plan.problem.holds[frame]
-        origin = plan.com_m[frame] - rotation_of(plan.rotation_rad[frame]) @ plan.problem.robot.origin_m
+        origin = (
+            plan.com_m[frame] - rotation_of(plan.rotation_rad[frame]) @ plan.problem.robot.origin_m
+        )
         return Samples(
             com_m=plan.com_m[frame],
             velocity_m_s=np.zeros(3),
@@ -185,14 +201,18 @@ class PlanMotion:
     def moments(self, times_s: Array) -> PathMoments:
         """Moments of body and feet at times, whatever the forces."""
         phases, s, _ = self._passed(times_s)
-        return self.path.at([(self.phases[phase].segment, s[k : k + 1]) for k, phase in enumerate(phases.tolist())])
+        return self.path.at(
+            [(self.phases[phase].segment, s[k : k + 1]) for k, phase in enumerate(phases.tolist())]
+        )
 
     @property
     def knots_s(self) -> Array:
         """Times, the same number in every phase, and the end, shape (T,) [s]."""
         starts = self._ends - [phase.seconds for phase in self.phases]
         parts = np.arange(KNOTS) / KNOTS
-        times = [start + parts * phase.seconds for start, phase in zip(starts, self.phases, strict=True)]
+        times = [
+            start + parts * phase.seconds for start, phase in zip(starts, self.phases, strict=True)
+        ]
         return np.concatenate([*times, self._ends[-1:]])
 
     @cached_property
@@ -202,8 +222,10 @@ class PlanMotion:
     def step_s(self, frame: int) -> tuple[float, float]:
         """When the step to a key frame begins, and when it ends [s]."""
         of = {id(segment) for segment in self.path.steps[frame - 1]}
-        its = [index for index, phase in enumerate(self.phases) if id(phase.segment) in of]
-        return float(self._ends[its[0]] - self.phases[its[0]].seconds), float(self._ends[its[-1]])
+        indices = [index for index, phase in enumerate(self.phases) if id(phase.segment) in of]
+        return float(self._ends[indices[0]] - self.phases[indices[0]].seconds), float(
+            self._ends[indices[-1]]
+        )
 
     @cached_property
     def reached_s(self) -> Array:
@@ -237,13 +259,19 @@ class PlanMotion:
         surface = np.array([phase.segment.surface for phase in self.phases])
         (a, b), last = frames.T, frames[:, 1] - frames[:, 0]
         return {
-            "com": plan.com_m[a], "moved": plan.com_m[b] - plan.com_m[a],
-            "rotation": plan.rotation_rad[a], "turned": plan.rotation_rad[b] - plan.rotation_rad[a],
-            "frame": a.astype(np.float64), "frames": last.astype(np.float64),
-            "feet": feet[:, 0], "stepped": feet[:, 1] - feet[:, 0],
-            "forces": forces[:, 0], "loaded": forces[:, 1] - forces[:, 0],
-            "normals": self.normals[surface], "friction": self._friction[surface],
-        }  # fmt: skip
+            "com": plan.com_m[a],
+            "moved": plan.com_m[b] - plan.com_m[a],
+            "rotation": plan.rotation_rad[a],
+            "turned": plan.rotation_rad[b] - plan.rotation_rad[a],
+            "frame": a.astype(np.float64),
+            "frames": last.astype(np.float64),
+            "feet": feet[:, 0],
+            "stepped": feet[:, 1] - feet[:, 0],
+            "forces": forces[:, 0],
+            "loaded": forces[:, 1] - forces[:, 0],
+            "normals": self.normals[surface],
+            "friction": self._friction[surface],
+        }
 
     def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
         """All limbs stand, only the load moves."""
@@ -257,21 +285,22 @@ class PlanMotion:
             timing.swing_s,
             across.length_m / timing.foot_m_s,
             float(np.linalg.norm(plan.com_m[k] - plan.com_m[k - 1])) / timing.body_m_s,
-            float(np.linalg.norm(plan.rotation_rad[k] - plan.rotation_rad[k - 1])) / timing.body_rad_s,
+            float(np.linalg.norm(plan.rotation_rad[k] - plan.rotation_rad[k - 1]))
+            / timing.body_rad_s,
         )
-        found = [_Phase(seconds=swing_s, segment=across, forces=(before, after))]
+        phases = [_Phase(seconds=swing_s, segment=across, forces=(before, after))]
         if lift is not None and down is not None:
             lift_s, place_s = (
                 seconds * segment.length_m / timing.clearance_m
                 for seconds, segment in ((timing.lift_s, lift), (timing.place_s, down))
             )
-            found.insert(0, _Phase(seconds=lift_s, segment=lift, forces=(before, before)))
-            found.append(_Phase(seconds=place_s, segment=down, forces=(after, after)))
-        return found
+            phases.insert(0, _Phase(seconds=lift_s, segment=lift, forces=(before, before)))
+            phases.append(_Phase(seconds=place_s, segment=down, forces=(after, after)))
+        return phases
 
     def _support_forces(self, frame: int, step: int) -> Array:
-        """Forces at a frame of those that carry during the step to key frame ``step``; where all of them do, those with
-        which all stand, or else the mean of what the plan has there."""
+        """Forces at a frame of those that carry during the step to key frame ``step``; where all of
+        them do, those with which all stand, or else the mean of what the plan has there."""
         support = self.path.support(step)
         if len(support) == len(self.plan.problem.robot.limbs) and frame in self.standing_n:
             return self.standing_n[frame]

@@ -54,9 +54,13 @@ def table_of(
 
 
 def quaternions_of(rotations: Array) -> Array:
-    """Quaternions w, x, y, z of rotation matrices, shape (T, 4), each on the side of the one before."""
+    """Quaternions w, x, y, z of rotation matrices, shape (T, 4), each on the side of the one
+    before."""
     from scipy.spatial.transform import Rotation
 
-    found = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
-    turned = np.sum(found[1:] * found[:-1], axis=1) < 0.0
-    return np.asarray(found * np.where(np.concatenate([[False], np.cumsum(turned) % 2 == 1]), -1.0, 1.0)[:, None])
+    quaternions = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
+    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    return np.asarray(
+        quaternions
+        * np.where(np.concatenate([[False], np.cumsum(turned) % 2 == 1]), -1.0, 1.0)[:, None]
+    )

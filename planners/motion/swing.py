@@ -1,4 +1,5 @@
-"""The path of a foot from one toe to the next: up along the patch's normal, across, down along the next one's."""
+"""The path of a foot from one toe to the next: up along the patch's normal, across, down along the
+next one's."""
 
 from __future__ import annotations
 
@@ -14,15 +15,20 @@ from ..terrain.prism import Solids
 KEPT_M = 0.006
 """Feet stay this far from the terrain on their path across."""
 RAISES_M = np.array(
-    sorted(product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2), key=lambda pair: (sum(pair), max(pair)))
+    sorted(
+        product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2),
+        key=lambda pair: (sum(pair), max(pair)),
+    )
 )
-"""How much higher than usual a foot may be lifted, and how much higher it may come from, the lowest first (36, 2)."""
+"""How much higher than usual a foot may be lifted, and how much higher it may come from, the lowest
+first (36, 2)."""
 SHARES = np.linspace(0.0, 1.0, 21)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Swing:
-    """start, lifted, lowered, end: centres of the foot, shape (3,) [m]; straight lines join them."""
+    """start, lifted, lowered, end: centres of the foot, shape (3,) [m]; straight lines join
+    them."""
 
     start: Array
     lifted: Array
@@ -49,10 +55,11 @@ def clear_swing(
     radius_m: float = FOOT_RADIUS_M,
     kept_m: float = KEPT_M,
 ) -> Swing:
-    """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one where none does.
+    """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
+    where none does.
 
-    ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least lift.
-    radius_m: of the foot.
+    ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least
+    lift. radius_m: of the foot.
     """
     lifted = ends[0] + (clearance_m + RAISES_M[:, :1]) * normals[0]
     lowered = ends[1] + (clearance_m + RAISES_M[:, 1:]) * normals[1]

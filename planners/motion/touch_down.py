@@ -1,8 +1,9 @@
 """Distance beyond its place that a foot comes down until it feels, on grounds that are known from
 noisy heights.
 
-Three deviations of the ground at a toe are once in 370 times too few, and a plan has tens of toes. A foot comes down
-as many deviations as make *all* toes of a plan find their ground as often as three make one, and no more than 2 cm.
+Three deviations of the ground at a toe are once in 370 times too few, and a plan has tens of toes.
+A foot comes down as many deviations as make *all* toes of a plan find their ground as often as
+three make one, and no more than 2 cm.
 """
 
 from __future__ import annotations

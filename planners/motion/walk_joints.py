@@ -1,4 +1,5 @@
-"""Joint angles for every sample of a walk, by the robot's own model: is every foot where the walk has it?"""
+"""Joint angles for every sample of a walk, by the robot's own model: is every foot where the walk
+has it?"""
 
 from __future__ import annotations
 
@@ -15,17 +16,22 @@ from ..robot.robot_model import RobotModel
 from ..robot.toes import ToeKinematics
 
 ROUNDS = 6
-"""The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth of it."""
+"""The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth
+of it."""
 
 
 def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPostures:
-    """Angles at every sample, or some, each found from the standing posture; feet face the ground below them, also in
-    the air.
+    """Angles at every sample, or some, each found from the standing posture; feet face the ground
+    below them, also in the air.
 
     Raises InvalidInput for a robot that is but boxes.
     """
     model, normals = _model(trajectory), _normals(trajectory)[samples]
-    torso, rotation, feet = trajectory.torso_m[samples], trajectory.rotation[samples], trajectory.feet_m[samples]
+    torso, rotation, feet = (
+        trajectory.torso_m[samples],
+        trajectory.rotation[samples],
+        trajectory.feet_m[samples],
+    )
     return ToeKinematics(model).solve(torso, rotation, feet, normals)
 
 
@@ -33,8 +39,9 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPost
 class WalkPostures:
     """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
 
-    angles: shape (K, J) [rad]. origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre
-    of mass is at the walk's. normals: of the ground under every foot, shape (K, N, 3). kinematics: of the robot.
+    angles: shape (K, J) [rad]. origin_m: p_WB of the base's frame, shape (K, 3): it is where the
+    whole robot's centre of mass is at the walk's. normals: of the ground under every foot, shape
+    (K, N, 3). kinematics: of the robot.
     """
 
     angles: Array
@@ -44,15 +51,16 @@ class WalkPostures:
 
 
 def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that does."""
+    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that
+    does."""
     model, normals = _model(trajectory), _normals(trajectory)
     kinematics, solver = Kinematics(robot_of(model)), ToeKinematics(model)
     rotation, angles = trajectory.rotation, None
     origin = trajectory.torso_m - rotation @ model.body.com_m
     for _ in range(ROUNDS):
         standing = origin + rotation @ model.body.com_m
-        found = solver.solve(standing, rotation, trajectory.feet_m, normals, near=angles)
-        angles = np.concatenate(found.angles, axis=1)
+        postures = solver.solve(standing, rotation, trajectory.feet_m, normals, near=angles)
+        angles = np.concatenate(postures.angles, axis=1)
         shift = np.array([kinematics.com_offset(posture) for posture in angles])
         origin = trajectory.torso_m - np.einsum("kij,kj->ki", rotation, shift)
     assert angles is not None

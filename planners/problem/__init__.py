@@ -1,5 +1,5 @@
-"""Problems of one key frame or several, their files, and the features that a policy sees of them.
-"""
+"""Problems of one key frame or several, their files, and the features that a policy sees of
+them."""
 
 from __future__ import annotations
 

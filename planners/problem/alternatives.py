@@ -1,7 +1,8 @@
-"""Other ways to lay a course out: wider, lower or higher stances, more candidates, another order of the limbs.
+"""Other ways to lay a course out: wider, lower or higher stances, more candidates, another order of
+the limbs.
 
-None is better everywhere. Where the legs cannot do a plan over one, another often has one that they can: which, is
-known from a list of robots and grounds.
+None is better everywhere. Where the legs cannot do a plan over one, another often has one that they
+can: which, is known from a list of robots and grounds.
 """
 
 from __future__ import annotations
@@ -24,13 +25,16 @@ class Alternative:
     """One way to lay a course out, beside the one that its description asks for.
 
     Arguments:
-        spread: horizontal distance of the toes from the centre of mass as the robot stands, as a factor.
+        spread: horizontal distance of the toes from the centre of mass as the robot stands, as a
+            factor.
         height: height of the body over the toes as the robot stands, as a factor.
         candidates: further candidates per foothold.
-        drawn: whether toes are drawn to where they are as the robot stands, where the description says so.
-        level: whether the tilt limit is 0: inner sets of legs, which shrink with it, are larger then.
-        gait: "wave" moves one limb after the other, along one side and then the other, each from the rear to the front;
-            None keeps the gait.
+        drawn: whether toes are drawn to where they are as the robot stands, where the description
+            says so.
+        level: whether the tilt limit is 0: inner sets of legs, which shrink with it, are larger
+            then.
+        gait: "wave" moves one limb after the other, along one side and then the other, each from
+            the rear to the front; None keeps the gait.
     """
 
     spread: float = 1.0
@@ -58,7 +62,9 @@ class Alternative:
         if self.level:
             update["body"] = spec.body.model_copy(update={"tilt_limit_rad": 0.0})
         if self.gait is not None:
-            order = sorted(robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0]))
+            order = sorted(
+                robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0])
+            )
             update["gait"] = [[limb.name] for limb in order]
         return spec.model_copy(update=update)
 
@@ -78,7 +84,8 @@ class Alternative:
 
 AS_ASKED = Alternative()
 HIGHER = Alternative(height=1.15)
-"""The layout that is tried first where a foot alone stays from its path: its leg has no room to lift it."""
+"""The layout that is tried first where a foot alone stays from its path: its leg has no room to
+lift it."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),
@@ -92,8 +99,8 @@ ALTERNATIVES = (
 )
 """The layouts that there are; the first is tried first."""
 TABLE = Path(__file__).with_name("layouts.json")
-"""By what is missing over the first layout, the others with their successes there, in the order in which each next one
-adds most: ``benchmarks/stands.py layouts``."""
+"""By what is missing over the first layout, the others with their successes there, in the order in
+which each next one adds most: ``benchmarks/stands.py layouts``."""
 Missing = Literal["contacts", "body"]
 """No plan of contacts was found, or one that the legs cannot do."""
 

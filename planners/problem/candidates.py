@@ -26,29 +26,45 @@ class NoPlace(InvalidInput):
 
 
 class NoFooting(NoPlace):
-    """A limb has nothing to stand on within its reach wherever the body may be: there is no plan."""
+    """A limb has nothing to stand on within its reach wherever the body may be: there is no
+    plan."""
 
 
 class CandidatePatches:
-    """The surfaces of a terrain that toes may stand on, with spheres about them to sort out the far ones."""
+    """The surfaces of a terrain that toes may stand on, with spheres about them to sort out the far
+    ones."""
 
     def __init__(self, terrain: Terrain, margin_m: float) -> None:
-        standing = [(name, Surface(patch, max(margin_m - terrain.inset_m, 0.0))) for name, patch in terrain.standing]
+        standing = [
+            (name, Surface(patch, max(margin_m - terrain.inset_m, 0.0)))
+            for name, patch in terrain.standing
+        ]
         self.names = [name for name, surface in standing if not surface.empty]
         self.surfaces = [surface for _, surface in standing if not surface.empty]
         corners = [surface.patch.vertices_m for surface in self.surfaces]
         self._centres = np.array([points.mean(axis=0) for points in corners]).reshape(-1, 3)
-        self._radii = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points in corners])
+        self._radii = np.array(
+            [np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points in corners]
+        )
         self._normals = np.array([surface.patch.normal for surface in self.surfaces]).reshape(-1, 3)
         most = max([len(surface.room) for surface in self.surfaces], default=0)
-        rooms = [surface.room[np.minimum(np.arange(most), len(surface.room) - 1)] for surface in self.surfaces]
+        rooms = [
+            surface.room[np.minimum(np.arange(most), len(surface.room) - 1)]
+            for surface in self.surfaces
+        ]
         self._rooms = np.array(rooms).reshape(len(rooms), most, 2)
-        self._origins = np.array([surface.patch.centre_m for surface in self.surfaces]).reshape(-1, 3)
-        self._axes = np.array([surface.patch.frame[:, 1:] for surface in self.surfaces]).reshape(-1, 3, 2)
+        self._origins = np.array([surface.patch.centre_m for surface in self.surfaces]).reshape(
+            -1, 3
+        )
+        self._axes = np.array([surface.patch.frame[:, 1:] for surface in self.surfaces]).reshape(
+            -1, 3, 2
+        )
         each = [Surface(patch, 0.0) for patch in terrain.patches]
         self._all = each
         self._all_normals = np.array([surface.patch.normal for surface in each]).reshape(-1, 3)
-        self._all_offsets = np.array([surface.patch.normal @ surface.patch.centre_m for surface in each])
+        self._all_offsets = np.array(
+            [surface.patch.normal @ surface.patch.centre_m for surface in each]
+        )
 
     def near(self, shoulder_m: Array, hip_m: Array, reach_m: float) -> NDArray[np.int_]:
         """Patches that face a hip and may come within reach of a shoulder, in order."""
@@ -61,7 +77,8 @@ class CandidatePatches:
     def candidates(
         self, limb: Limb, shoulder_m: Array, toe_m: Array, count: int, window_m: float
     ) -> list[tuple[int, Patch]]:
-        """The nearest surfaces to a wanted toe, by index, and the piece of each about the toe's place on it.
+        """The nearest surfaces to a wanted toe, by index, and the piece of each about the toe's
+        place on it.
 
         Only surfaces that face the hip, with nothing between it and the toe's place.
         """
@@ -72,32 +89,47 @@ class CandidatePatches:
         for index, place in zip(indices[order].tolist(), places[order], strict=True):
             if len(pieces) == count:
                 break
-            piece = None if self._hidden(place, hip_m) else self.surfaces[index].window(place, window_m)
+            piece = (
+                None if self._hidden(place, hip_m) else self.surfaces[index].window(place, window_m)
+            )
             if piece is not None:
                 pieces.append((index, piece))
         return pieces
 
-    def everywhere(self, limb: Limb, shoulder_m: Array, slack_m: float, toe_m: Array) -> list[tuple[int, Patch]]:
-        """All within reach of a shoulder that is somewhere within ``slack_m`` of here, the nearest to a toe first,
-        clipped to squares that hold it.
+    def everywhere(
+        self, limb: Limb, shoulder_m: Array, slack_m: float, toe_m: Array
+    ) -> list[tuple[int, Patch]]:
+        """All within reach of a shoulder that is somewhere within ``slack_m`` of here, the nearest
+        to a toe first, clipped to squares that hold it.
 
         What faces away from all of these places is none; what other terrain hides is not left out.
         """
         reach_m, hip_m = limb.reach_m + slack_m, limb.hip_at(shoulder_m)
         pieces = list[tuple[float, int, Patch]]()
-        for index in np.flatnonzero(np.linalg.norm(shoulder_m - self._centres, axis=1) - self._radii <= reach_m):
+        for index in np.flatnonzero(
+            np.linalg.norm(shoulder_m - self._centres, axis=1) - self._radii <= reach_m
+        ):
             surface = self.surfaces[index]
             height = surface.height(shoulder_m)
             faces = surface.height(hip_m) > -slack_m
-            if not faces or abs(height) > reach_m or np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m) > reach_m:
+            if (
+                not faces
+                or abs(height) > reach_m
+                or np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m) > reach_m
+            ):
                 continue
             piece = surface.window(shoulder_m, 2.0 * float(np.sqrt(reach_m**2 - height**2)))
             if piece is not None:
-                pieces.append((float(np.linalg.norm(surface.nearest(toe_m) - toe_m)), int(index), piece))
+                pieces.append(
+                    (float(np.linalg.norm(surface.nearest(toe_m) - toe_m)), int(index), piece)
+                )
         return [(index, piece) for _, index, piece in sorted(pieces, key=lambda each: each[:2])]
 
-    def _places(self, limb: Limb, shoulder_m: Array, toe_m: Array) -> tuple[NDArray[np.int_], Array]:
-        """The surfaces within reach, by index, and the place on each, shape (K, 3), for a wanted toe.
+    def _places(
+        self, limb: Limb, shoulder_m: Array, toe_m: Array
+    ) -> tuple[NDArray[np.int_], Array]:
+        """The surfaces within reach, by index, and the place on each, shape (K, 3), for a wanted
+        toe.
 
         The nearest point, drawn towards the shoulder until well in reach.
         """
@@ -107,8 +139,14 @@ class CandidatePatches:
         feet, places = self._nearest(near, shoulder_m), self._nearest(near, toe_m)
         arm, way, comfort = feet - shoulder_m, places - feet, COMFORT * limb.reach_m
         gap = np.linalg.norm(arm, axis=1)
-        a, b, c = (way * way).sum(axis=1), (arm * way).sum(axis=1), (arm * arm).sum(axis=1) - comfort**2
-        share = (-b + np.sqrt(np.maximum(b * b - a * c, 0.0))) / np.maximum(a, 1e-300)  # ‖arm + s·way‖ = comfort
+        a, b, c = (
+            (way * way).sum(axis=1),
+            (arm * way).sum(axis=1),
+            (arm * arm).sum(axis=1) - comfort**2,
+        )
+        share = (-b + np.sqrt(np.maximum(b * b - a * c, 0.0))) / np.maximum(
+            a, 1e-300
+        )  # ‖arm + s·way‖ = comfort
         share = np.where(np.linalg.norm(places - shoulder_m, axis=1) <= comfort, 1.0, share)
         places = np.where((share < 1.0)[:, None], feet + share[:, None] * way, places)
         places = np.where((gap >= comfort)[:, None], feet, places)
@@ -137,7 +175,10 @@ class CandidatePatches:
         where = f"frame {frame}, limb {limb.name}"
         if not self.surfaces:
             return f"{where}: expected a surface to stand on, got none that is left inside candidates.margin_m"
-        gaps = [float(np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m)) for surface in self.surfaces]
+        gaps = [
+            float(np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m))
+            for surface in self.surfaces
+        ]
         best = int(np.argmin(gaps))
         surface, message = self.surfaces[best], ""
         if gaps[best] <= limb.reach_m:

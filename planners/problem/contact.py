@@ -25,12 +25,15 @@ class Contact:
         shoulder_m: v, the shoulder in the body frame, shape (3,) [m].
         reach_m: Δ_FK, radius of the workspace about the shoulder [m].
         patch: the terrain under the toe.
-        force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+        force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale,
+        shape (3,).
         reach_rows: half-spaces that the toe is in, too.
-        sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the yaw ``yaw_rad``
-            [rad], whose centre is the toe (``terrain.sole``); None for a point foot.
+        sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the
+            yaw ``yaw_rad`` [rad], whose centre is the toe (``terrain.sole``); None for a point
+            foot.
     Raises:
-        InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all that is wrong.
+        InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all
+            that is wrong.
     Source:
         Lin et al. §II, E2, E3 and E11.
     Example:
@@ -56,32 +59,37 @@ class Contact:
     yaw_rad: float = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
+        set_field = object.__setattr__
         collect_errors(
             lambda: checked_name(self.leg, "leg"),
             lambda: checked_members((self.patch,), Patch, "patch"),
-            lambda: put(self, "shoulder_m", read_only(self.shoulder_m, (3,), "shoulder_m")),
-            lambda: put(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
-            lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
-            lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
+            lambda: set_field(self, "shoulder_m", read_only(self.shoulder_m, (3,), "shoulder_m")),
+            lambda: set_field(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
+            lambda: set_field(self, "force_min", read_only(self.force_min, (3,), "force_min")),
+            lambda: set_field(self, "force_max", read_only(self.force_max, (3,), "force_max")),
         )
         if np.any(self.force_min > self.force_max):
             raise InvalidInput(
                 f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
             )
-        put(self, "yaw_rad", checked(self.yaw_rad, "yaw_rad"))
+        set_field(self, "yaw_rad", checked(self.yaw_rad, "yaw_rad"))
         if self.sole_m is not None:
-            put(self, "sole_m", checked_sole(self.sole_m, "sole_m"))
+            set_field(self, "sole_m", checked_sole(self.sole_m, "sole_m"))
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values; the yaw is a sole's alone."""
-        own = fields_to_json(self, ("yaw_rad",))
-        return own if self.sole_m is None else own | {"yaw_rad": self.yaw_rad}
+        record = fields_to_json(self, ("yaw_rad",))
+        return record if self.sole_m is None else record | {"yaw_rad": self.yaw_rad}
 
     @cached_property
     def offsets_m(self) -> Array:
-        """From the toe to the points that bear forces: its own place, or a sole's points, shape (K, 3) [m]."""
-        return np.zeros((1, 3)) if self.sole_m is None else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
+        """From the toe to the points that bear forces: its own place, or a sole's points, shape (K,
+        3) [m]."""
+        return (
+            np.zeros((1, 3))
+            if self.sole_m is None
+            else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
+        )
 
     @property
     def region(self) -> Patch:

@@ -1,7 +1,8 @@
-"""A course from a terrain and two places: a way over footholds, frames, gait and candidates, laid out by themselves.
+"""A course from a terrain and two places: a way over footholds, frames, gait and candidates, laid
+out by themselves.
 
-The guide path (``guide_path``) becomes the nominal path of the centre of mass, straight between few points; the planner
-then chooses every toe.
+The guide path (``guide_path``) becomes the nominal path of the centre of mass, straight between few
+points; the planner then chooses every toe.
 """
 
 from __future__ import annotations
@@ -46,16 +47,22 @@ def course_between(
     alternative: Alternative = AS_ASKED,
     avoid_m: Sequence[Array] = (),
 ) -> CourseSpec:
-    """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along x.
+    """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along
+    x.
 
-    robot: the hexapod unless named; frames: M, by the length of the way if missing; avoid_m: as for ``guide_path``.
-    Raises InvalidInput for a start or goal in a solid, off the terrain or without footholds for all toes, and
-    PlanningFailed where no way is found, which names what is in the way and proves nothing.
+    robot: the hexapod unless named; frames: M, by the length of the way if missing; avoid_m: as for
+    ``guide_path``. Raises InvalidInput for a start or goal in a solid, off the terrain or without
+    footholds for all toes, and PlanningFailed where no way is found, which names what is in the way
+    and proves nothing.
     """
     keys: dict[str, Any] = {
-        "name": name or _called(terrain.file), "frames": 1, "start_m": (*start_m, 0.0), "goal_m": (*goal_m, 0.0),
-        "terrain": terrain, **({"robot": robot} if isinstance(robot, str) else {}),
-    }  # fmt: skip
+        "name": name or _called(terrain.file),
+        "frames": 1,
+        "start_m": (*start_m, 0.0),
+        "goal_m": (*goal_m, 0.0),
+        "terrain": terrain,
+        **({"robot": robot} if isinstance(robot, str) else {}),
+    }
 
     def described(**more: Any) -> CourseSpec:
         made = validated(CourseSpec, {**keys, **more}, _called(terrain.file))
@@ -67,9 +74,9 @@ def course_between(
     spec = alternative.of(spec.standing(model, body), body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
-    found = terrain.along(np.array(keys["goal_m"])[None], folder)
+    terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
     ends = np.array([start_m, goal_m], dtype=np.float64)
-    way = guide_path(found, Footprint.of(body, toes), ends, avoid_m).points_m
+    way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
@@ -82,17 +89,22 @@ def course_between(
             f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} frames), got "
             f"{length:.3g} m; plan it in parts"
         )
-    last = max(1.0, length / max(wanted - 1, 1) / stride)  # fewer frames than that take longer steps
+    last = max(
+        1.0, length / max(wanted - 1, 1) / stride
+    )  # fewer frames than that take longer steps
     update = {
-        "frames": wanted, "gait": gait if alternative.gait is None else spec.gait,
-        "start_m": tuple(way[0].tolist()), "goal_m": tuple(way[-1].tolist()),
+        "frames": wanted,
+        "gait": gait if alternative.gait is None else spec.gait,
+        "start_m": tuple(way[0].tolist()),
+        "goal_m": tuple(way[-1].tolist()),
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
-            "count": CANDIDATES + alternative.candidates, "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
+            "count": CANDIDATES + alternative.candidates,
+            "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
             "margin_m": terrain.footholds.margin_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
-    }  # fmt: skip
+    }
     if not alternative.drawn:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
@@ -114,13 +126,20 @@ def laid_between(
     terrain: its footholds, or its file.
     """
     start, goal = (
-        read_only(place, (2,), name).tolist() for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
+        read_only(place, (2,), name).tolist()
+        for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
     )
     count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
-    over = FileTerrain.of(terrain) if isinstance(terrain, Footholds) else FileTerrain(file=str(Path(terrain).resolve()))
+    over = (
+        FileTerrain.of(terrain)
+        if isinstance(terrain, Footholds)
+        else FileTerrain(file=str(Path(terrain).resolve()))
+    )
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
-    return LaidBetween(terrain=over, start_m=tuple(start), goal_m=tuple(goal), robot=who, frames=count)
+    return LaidBetween(
+        terrain=over, start_m=tuple(start), goal_m=tuple(goal), robot=who, frames=count
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,11 +154,15 @@ class LaidBetween:
     frames: int | None
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
-        """The course over the inner or outer sets of the robot's legs. Raises InvalidInput and PlanningFailed."""
+        """The course over the inner or outer sets of the robot's legs. Raises InvalidInput and
+        PlanningFailed."""
         return self._laid(self.start_m, self.frames, sets, alternative, ())
 
-    def onward(self, com_m: Array, avoid_m: Sequence[Array], alternative: Alternative = AS_ASKED) -> Problem:
-        """The course from a place of the centre of mass, shape (3,) [m], to the goal by another way than these places.
+    def onward(
+        self, com_m: Array, avoid_m: Sequence[Array], alternative: Alternative = AS_ASKED
+    ) -> Problem:
+        """The course from a place of the centre of mass, shape (3,) [m], to the goal by another way
+        than these places.
 
         Raises InvalidInput and PlanningFailed."""
         return self._laid(tuple(com_m[:2].tolist()), None, "inner", alternative, avoid_m)
@@ -154,14 +177,19 @@ class LaidBetween:
     ) -> Problem:
         try:
             spec = course_between(
-                self.terrain, start_m, self.goal_m, robot=self.robot, frames=frames, alternative=alternative,
+                self.terrain,
+                start_m,
+                self.goal_m,
+                robot=self.robot,
+                frames=frames,
+                alternative=alternative,
                 avoid_m=avoid_m,
-            )  # fmt: skip
+            )
             return build_course(spec, sets=sets)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")
-            said = f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
-            raise type(error)(said) from None
+            message = f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
+            raise type(error)(message) from None
 
 
 def _called(file: str) -> str:

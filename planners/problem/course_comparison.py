@@ -11,14 +11,21 @@ def course_difference(course: Problem, expected: Problem) -> str:
     """Difference between what a course and another one ask for, in one line; empty where it does
     not.
 
-    Names, weights and modes may be others, and so may the candidates of footholds, which have to be pieces of the
-    terrain in any case.
+    Names, weights and modes may be others, and so may the candidates of footholds, which have to be
+    pieces of the terrain in any case.
     """
-    said, asked = (
-        {name: value for name, value in each.to_json().items() if name not in ("name", "weights", "modes")}
+    ours, theirs = (
+        {
+            name: value
+            for name, value in each.to_json().items()
+            if name not in ("name", "weights", "modes")
+        }
         for each in (course, expected)
     )
-    for each in (said, asked):
-        each["placements"] = [{k: v for k, v in put.items() if k != "candidates"} for put in each["placements"]]
+    for each in (ours, theirs):
+        each["placements"] = [
+            {k: v for k, v in placement.items() if k != "candidates"}
+            for placement in each["placements"]
+        ]
         each["robot"] = robot_numbers(each["robot"])
-    return first_difference(said, asked)
+    return first_difference(ours, theirs)

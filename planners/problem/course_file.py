@@ -1,4 +1,5 @@
-"""Courses as YAML files: read, checked all at once, laid out as a ``Problem``. Some come with the package."""
+"""Courses as YAML files: read, checked all at once, laid out as a ``Problem``. Some come with the
+package."""
 
 from __future__ import annotations
 
@@ -34,39 +35,53 @@ def read_course(
     reach: str | Path | None = None,
     alternative: Alternative = AS_ASKED,
 ) -> Problem:
-    """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
+    """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one
+    posture, explicitly.
 
     A YAML file with surfaces is a published scene (``scene_keys``).
 
-    frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
-    place of the file's, a built-in name, a .urdf file or a .yaml file that names one, or a ``Robot``; of a posture's
-    JSON file the robot whose limbs stand, and not for other JSON files.
-    sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
-    folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
-    alternative: another way to lay out a YAML file.
-    Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
+    frames: M, where another one is wanted than the file says; not for JSON files, whose footholds
+    are fixed. robot: in place of the file's, a built-in name, a .urdf file or a .yaml file that
+    names one, or a ``Robot``; of a posture's JSON file the robot whose limbs stand, and not for
+    other JSON files. sets: of the legs of a robot's file, what they surely reach, for plans, or
+    what they might, for proofs. reach: a folder of reach polytopes for the limbs, in place of their
+    own (``robot.reach_file``); not for JSON files. alternative: another way to lay out a YAML file.
+    Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no
+    place to stand.
     """
     if Path(course).suffix == ".json":
         if frames is not None:
-            raise InvalidInput(f"{course}: expected no other number of frames for a course whose footholds are fixed")
+            raise InvalidInput(
+                f"{course}: expected no other number of frames for a course whose footholds are fixed"
+            )
         if reach is not None:
-            raise InvalidInput(f"{course}: expected no other reach for a course whose footholds are fixed")
+            raise InvalidInput(
+                f"{course}: expected no other reach for a course whose footholds are fixed"
+            )
         data = read_json(course)
         posture = isinstance(data, Mapping) and data.get("format") == POSTURE
         if robot is not None and not posture:
-            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
+            raise InvalidInput(
+                f"{course}: expected no other robot for a course whose footholds are fixed"
+            )
         try:
             if posture:
-                return Problem.from_json(data).course(Path(course).stem, None if robot is None else _robot(robot))
+                return Problem.from_json(data).course(
+                    Path(course).stem, None if robot is None else _robot(robot)
+                )
             return Problem.from_json(data)
         except InvalidInput as error:
-            raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
+            raise InvalidInput(
+                str(error) if str(error).startswith(str(course)) else f"{course}: {error}"
+            ) from None
     data = described(course)
     if "surfaces" in data:
         from .scene_file import read_scene
 
         if alternative != AS_ASKED:
-            raise InvalidInput(f"{course}: expected no other layout of a published scene, got {alternative.message}")
+            raise InvalidInput(
+                f"{course}: expected no other layout of a published scene, got {alternative.message}"
+            )
         return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)
     try:
@@ -84,7 +99,8 @@ def _robot(robot: Robot | str) -> Robot:
 
 
 def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpec:
-    """The description of a built-in course or in a YAML file, with another robot where one is named.
+    """The description of a built-in course or in a YAML file, with another robot where one is
+    named.
 
     Raises InvalidInput with every key that is wrong.
     """
@@ -107,12 +123,19 @@ def described(course: str | Path) -> Mapping[str, Any]:
         raise TERRAIN_FAMILIES.unknown(family)
     for folder, names in (("courses", builtin_courses()), ("scenes", builtin_scenes())):
         if name in names:
-            text = resources.files(f"stancekit.configs.{folder}").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+            text = (
+                resources.files(f"stancekit.configs.{folder}")
+                .joinpath(f"{name}.yaml")
+                .read_text(encoding="utf-8")
+            )
             return cast("Mapping[str, Any]", parse_yaml(text, name))
     if not Path(name).suffix and not Path(name).exists():
         known = ", ".join((*builtin_courses(), *builtin_scenes()))
-        said = f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}"
-        raise InvalidInput(said + ("; over a terrain a plan wants a start and a goal" if _is_terrain(name) else ""))
+        message = f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}"
+        raise InvalidInput(
+            message
+            + ("; over a terrain a plan wants a start and a goal" if _is_terrain(name) else "")
+        )
     return cast("Mapping[str, Any]", read_yaml(course))
 
 
@@ -138,22 +161,30 @@ def _spec(course: str | Path, data: Mapping[str, Any], robot: Robot | str | None
 
 
 def spec_from(data: Mapping[str, Any]) -> CourseSpec:
-    """The description in a mapping of keys, as YAML has it. Raises InvalidInput with every key that is wrong."""
+    """The description in a mapping of keys, as YAML has it. Raises InvalidInput with every key that
+    is wrong."""
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected keys and values, got {type(data).__name__}")
     try:
         return CourseSpec.model_validate(data)
     except ValidationError as error:
-        raise InvalidInput("; ".join(_plain(text, data) for text in validation_errors(error, CourseSpec))) from None
+        raise InvalidInput(
+            "; ".join(_plain(text, data) for text in validation_errors(error, CourseSpec))
+        ) from None
 
 
 def _plain(text: str, data: Mapping[str, Any]) -> str:
-    """A refusal whose key is that of the file, without the tags by which pydantic tells kinds of values apart."""
+    """A refusal whose key is that of the file, without the tags by which pydantic tells kinds of
+    values apart."""
     terrain = data.get("terrain")
     kind = terrain.get("kind") if isinstance(terrain, Mapping) else None
     for tag in (PLAIN, MADE_UP):
         text = text.replace(f".{tag}", "")
-    return text.replace(f"terrain.{kind}", "terrain", 1) if text.startswith(f"terrain.{kind}.") else text
+    return (
+        text.replace(f"terrain.{kind}", "terrain", 1)
+        if text.startswith(f"terrain.{kind}.")
+        else text
+    )
 
 
 def builtin_courses() -> tuple[str, ...]:
@@ -168,4 +199,6 @@ def builtin_scenes() -> tuple[str, ...]:
 
 def _names(folder: str) -> tuple[str, ...]:
     files = resources.files(f"stancekit.configs.{folder}").iterdir()
-    return tuple(sorted(path.name.removesuffix(".yaml") for path in files if path.name.endswith(".yaml")))
+    return tuple(
+        sorted(path.name.removesuffix(".yaml") for path in files if path.name.endswith(".yaml"))
+    )

@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Tag, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
@@ -26,22 +35,28 @@ if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
 
 AS_IT_STANDS = 0.3
-"""Weight of toes near where they are as a robot of a file stands, so that it does not walk them in to a line."""
+"""Weight of toes near where they are as a robot of a file stands, so that it does not walk them in
+to a line."""
 UPRIGHT = 0.1
-"""Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of steps."""
+"""Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of
+steps."""
 BODY_ROOM = 0.2
-"""How far the body of a robot of a file may be from its nominal path, in units of its height, where that is more."""
+"""How far the body of a robot of a file may be from its nominal path, in units of its height, where
+that is more."""
 LEVEL_RAD = 0.1
-"""Tilt limit of plans over inner sets: at 15° these lose as much to the tilt as a quadruped's legs have to spare."""
+"""Tilt limit of plans over inner sets: at 15° these lose as much to the tilt as a quadruped's legs
+have to spare."""
 ROLLS_RAD = 0.6
-"""A leg that stands turns by as much to either side, and its foot, which is round, rolls as far times its radius."""
+"""A leg that stands turns by as much to either side, and its foot, which is round, rolls as far
+times its radius."""
 MOST_EVERYWHERE = 32
 """Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
 PLAIN, MADE_UP = "(plain)", "(made up)"
-"""Tags of values that a file may either name, or give as a list or as keys of its own; no part of any key."""
+"""Tags of values that a file may either name, or give as a list or as keys of its own; no part of
+any key."""
 
 
 def _shape(value: Any) -> str:
@@ -64,11 +79,18 @@ class LimbSpec(_Keys):
         """The limb of this name."""
         sole = None if self.sole_m is None else np.array(self.sole_m)
         shoulder = np.array(self.shoulder_m)
-        return Limb(name=name, shoulder_m=shoulder, reach_m=self.reach_m, reach_rows=self.reach_rows, sole_m=sole)
+        return Limb(
+            name=name,
+            shoulder_m=shoulder,
+            reach_m=self.reach_m,
+            reach_rows=self.reach_rows,
+            sole_m=sole,
+        )
 
 
 class RobotSpec(_Keys):
-    """A robot that the file brings with it: its mass and its limbs by name, and legs where they shall be drawn up.
+    """A robot that the file brings with it: its mass and its limbs by name, and legs where they
+    shall be drawn up.
 
     Without legs the plan is judged as far as contacts, forces and reach go.
     """
@@ -128,16 +150,21 @@ def _flat_or_not(value: Any) -> str:
     return MADE_UP if isinstance(value, list | tuple) and len(value) == 2 else PLAIN
 
 
-RobotKey = Annotated[Annotated[str, Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)]
+RobotKey = Annotated[
+    Annotated[str, Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)
+]
 StartKey = Annotated[
-    Annotated[Point, Tag(PLAIN)] | Annotated[tuple[Length, Length], Tag(MADE_UP)], Discriminator(_flat_or_not)
+    Annotated[Point, Tag(PLAIN)] | Annotated[tuple[Length, Length], Tag(MADE_UP)],
+    Discriminator(_flat_or_not),
 ]
 GaitKey = Annotated[
     Annotated[Literal["all", "tripod", "wave"], Tag(PLAIN)]
     | Annotated[list[list[str]], Field(min_length=1), Tag(MADE_UP)],
     Discriminator(_shape),
 ]
-ViaKey = Annotated[Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP)], Discriminator(_point_or_more)]
+ViaKey = Annotated[
+    Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP)], Discriminator(_point_or_more)
+]
 
 
 class BodySpec(_Keys):
@@ -158,8 +185,8 @@ class CandidateSpec(_Keys):
     is. A sole is offered each with every one of ``yaws_rad`` that it has room for, a window being
     larger by as much as the sole.
 
-    everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the body may be, so that a
-    proof that there is no plan is one for the whole terrain."""
+    everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the
+    body may be, so that a proof that there is no plan is one for the whole terrain."""
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
     window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
@@ -196,17 +223,19 @@ class WrenchSpec(_Keys):
 class CourseSpec(_Keys):
     """A course as a person writes it.
 
-    frames: M. gait: which limbs move between frames; a list of sets of limbs is gone through again and again.
-    start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m may be x and y alone, and the
-    height is that in which the robot stands on the terrain there. stride_m: distance of neighbouring
-    frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
-    the goal. Without it the frames are spread evenly from start to goal.
+    frames: M. gait: which limbs move between frames; a list of sets of limbs is gone through again
+    and again. start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m
+    may be x and y alone, and the height is that in which the robot stands on the terrain there.
+    stride_m: distance of neighbouring frames along it; the last line is then gone on, or cut short,
+    as the number of frames has it, and where that ends is the goal. Without it the frames are
+    spread evenly from start to goal.
 
     push_n: horizontal push at the centre of mass that every stance has to bear in every direction.
 
     wrench: what is on the body beside its weight, all of it added up.
 
-    mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body has the difference.
+    mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body
+    has the difference.
     """
 
     name: str
@@ -238,26 +267,27 @@ class CourseSpec(_Keys):
         return made
 
     def robot_model(self, folder: Path = Path()) -> RobotModel | None:
-        """The model of a robot that the file names, by a path from its folder; None for one that is but its limbs.
+        """The model of a robot that the file names, by a path from its folder; None for one that is
+        but its limbs.
 
         Raises InvalidInput.
         """
         if self._given is not None:
-            found = self._given.model
+            model = self._given.model
         elif not isinstance(self.robot, str) or self.robot == "hexapod":
             return None
         else:
             from ..robot.robot_file import named_robot
 
             try:
-                found = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
+                model = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
             except InvalidInput as error:
                 raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
-        if self.mass_kg is None or found is None:
-            return found
+        if self.mass_kg is None or model is None:
+            return model
         from ..robot.payload import with_mass
 
-        return with_mass(found, self.mass_kg)
+        return with_mass(model, self.mass_kg)
 
     def standing(self, model: RobotModel | None, robot: Robot, sets: Sets = "inner") -> CourseSpec:
         """Specification with toes where the model has them as it stands, if the file does not say
@@ -270,8 +300,13 @@ class CourseSpec(_Keys):
 
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
-            rolls = 0.0 if self.candidates.everywhere else ROLLS_RAD  # proofs are of all that a foot may stand on
-            margin = max(self.candidates.margin_m, *((1.0 + rolls) * leg.radius_m + ROOM_M for leg in model.legs))
+            rolls = (
+                0.0 if self.candidates.everywhere else ROLLS_RAD
+            )  # proofs are of all that a foot may stand on
+            margin = max(
+                self.candidates.margin_m,
+                *((1.0 + rolls) * leg.radius_m + ROOM_M for leg in model.legs),
+            )
             update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})
         body = {}
         if "com_radius_m" not in self.body.model_fields_set:
@@ -288,25 +323,37 @@ class CourseSpec(_Keys):
             update["weights"] = weights.model_copy(update={"stance": AS_IT_STANDS})
         if "stance" not in self.model_fields_set:
             offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
-            limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}
+            limbs = {
+                limb.name: tuple(offset.tolist())
+                for limb, offset in zip(robot.limbs, offsets, strict=True)
+            }
             update["stance"] = StanceSpec(limbs=limbs)
         return self.model_copy(update=update)
 
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
-        """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
+        """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see
+        ``contact_robot``."""
         if self._given is not None and model is self._given.model:
             if model is None or sets == "inner":
-                return self._given if self.mass_kg is None else replace(self._given, mass_kg=self.mass_kg)
+                return (
+                    self._given
+                    if self.mass_kg is None
+                    else replace(self._given, mass_kg=self.mass_kg)
+                )
             return self._given.sets(sets)
         if model is not None:
             from ..robot.contact_robot import contact_robot
 
             return contact_robot(model, sets=sets)
-        own = hexapod() if isinstance(self.robot, str) else self.robot.make()
-        return own if self.mass_kg is None else replace(own, mass_kg=self.mass_kg)
+        robot = hexapod() if isinstance(self.robot, str) else self.robot.make()
+        return robot if self.mass_kg is None else replace(robot, mass_kg=self.mass_kg)
 
     def with_frames(self, frames: int) -> CourseSpec:
         """Specification with another number of key frames. Raises InvalidInput."""
-        if isinstance(frames, bool) or not isinstance(frames, int) or not 1 <= frames <= MOST_FRAMES:
+        if (
+            isinstance(frames, bool)
+            or not isinstance(frames, int)
+            or not 1 <= frames <= MOST_FRAMES
+        ):
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames!r}")
         return self.model_copy(update={"frames": frames})

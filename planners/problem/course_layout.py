@@ -1,4 +1,5 @@
-"""From a course's description to the course: nominal path, schedule, and the candidate patches of every foothold."""
+"""From a course's description to the course: nominal path, schedule, and the candidate patches of
+every foothold."""
 
 from __future__ import annotations
 
@@ -38,8 +39,9 @@ def build_course(
 ) -> Problem:
     """The course that a description means.
 
-    folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a folder of polytopes in
-    place of the robot's reach. alternative: another way to lay it out. Raises InvalidInput.
+    folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a
+    folder of polytopes in place of the robot's reach. alternative: another way to lay it out.
+    Raises InvalidInput.
     """
     model = spec.robot_model(folder)
     robot = spec.make_robot(model, sets)
@@ -55,22 +57,41 @@ def build_course(
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
     radius = np.full(spec.frames, spec.body.com_radius_m)
-    radius[-1] = spec.body.com_radius_m if spec.body.last_radius_m is None else spec.body.last_radius_m
+    radius[-1] = (
+        spec.body.com_radius_m if spec.body.last_radius_m is None else spec.body.last_radius_m
+    )
     radius[0] = spec.body.first_radius_m
     _check_way(com_m, radius, spec)
     turns = _sets(spec.gait, robot)
     lifts = ((), *(turns[(k - 1) % len(turns)] for k in range(1, spec.frames)))
     terrain = spec.terrain.along(corners, folder)
     footholds, placed = _footholds(
-        spec, placed_by, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
+        spec,
+        placed_by,
+        lifts,
+        com_m,
+        radius,
+        passed,
+        CandidatePatches(terrain, spec.candidates.margin_m),
     )
     return Problem(
-        name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
-        next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
-        steps=spec.steps, weights=Weights(**spec.weights.model_dump()),
-        tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames), push_n=spec.push_n,
-        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None, wrench=_wrench(spec),
-    )  # fmt: skip
+        name=spec.name,
+        robot=robot,
+        terrain=terrain.patches,
+        footholds=footholds,
+        lifts=lifts,
+        next_lift=turns[(spec.frames - 1) % len(turns)],
+        com_nominal_m=com_m,
+        com_radius_m=radius,
+        goal_m=com_m[-1],
+        steps=spec.steps,
+        weights=Weights(**spec.weights.model_dump()),
+        tilt_limit_rad=spec.body.tilt_limit_rad,
+        modes=_modes(placed, spec.frames),
+        push_n=spec.push_n,
+        standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None,
+        wrench=_wrench(spec),
+    )
 
 
 def _wrench(spec: CourseSpec) -> Array | None:
@@ -88,10 +109,14 @@ def _wrench(spec: CourseSpec) -> Array | None:
 
 
 def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array:
-    """From the centre of mass to each toe as the robot stands at each frame, shape (M, N, 3) [m]."""
-    return np.array([
-        [limb.shoulder_m + toe_offset(limb, _stance(spec, int(corner))) for limb in robot.limbs] for corner in passed
-    ])  # fmt: skip
+    """From the centre of mass to each toe as the robot stands at each frame, shape (M, N, 3)
+    [m]."""
+    return np.array(
+        [
+            [limb.shoulder_m + toe_offset(limb, _stance(spec, int(corner))) for limb in robot.limbs]
+            for corner in passed
+        ]
+    )
 
 
 def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
@@ -109,7 +134,9 @@ def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
     grounds = [Surface(patch, 0.0) for _, patch in terrain.standing if patch.normal[2] >= STEEP]
     heights = []
     for limb, toe in zip(robot.limbs, toes, strict=True):
-        under = [height for height in (ground.under(toe[:2]) for ground in grounds) if height is not None]
+        under = [
+            height for height in (ground.under(toe[:2]) for ground in grounds) if height is not None
+        ]
         if not under:
             raise InvalidInput(
                 f"start_m: expected ground under every toe, or a height beside x and y; there is none under limb "
@@ -128,7 +155,8 @@ def _footholds(
     passed: NDArray[np.int_],
     footing: CandidatePatches,
 ) -> tuple[tuple[Foothold, ...], list[tuple[int, Patch]]]:
-    """Every foothold with its candidates, and by foothold its frame and the surface nearest to where it likes to be.
+    """Every foothold with its candidates, and by foothold its frame and the surface nearest to
+    where it likes to be.
 
     A toe's nominal place is meant for the middle of the frames that it stands through.
     """
@@ -137,28 +165,39 @@ def _footholds(
     for frame, limb, until in _schedule(robot, lifts):
         shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
         toe = shoulder + toe_offset(limb, _stance(spec, int(passed[frame])))
-        room = 0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
+        room = (
+            0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
+        )
         if spec.candidates.everywhere:
-            about, slack = com_m[frame] + limb.shoulder_m, _slack(limb, float(radius_m[frame]), spec)
-            found = footing.everywhere(limb, about, slack, toe)
-            if not found:
-                said = footing.refusal(frame, limb, about)
-                raise NoFooting(f"{said}, and the shoulder moves by {slack:.3g} m at most")
+            about, slack = (
+                com_m[frame] + limb.shoulder_m,
+                _slack(limb, float(radius_m[frame]), spec),
+            )
+            everywhere = footing.everywhere(limb, about, slack, toe)
+            if not everywhere:
+                message = footing.refusal(frame, limb, about)
+                raise NoFooting(f"{message}, and the shoulder moves by {slack:.3g} m at most")
         else:
-            found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room)
-        if not found:
+            everywhere = footing.candidates(
+                limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room
+            )
+        if not everywhere:
             raise NoPlace(footing.refusal(frame, limb, shoulder))
         alone.pop(limb.name, None)
         for other, index in alone.items():
-            if len(found) == 1 and index == found[0][0] and footing.surfaces[index].width_m < TOE_M:
+            if (
+                len(everywhere) == 1
+                and index == everywhere[0][0]
+                and footing.surfaces[index].width_m < TOE_M
+            ):
                 raise InvalidInput(
                     f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, got nothing but "
                     f"{footing.names[index]}, {1e3 * footing.surfaces[index].width_m:.3g} mm wide"
                 )
-        if len(found) == 1:
-            alone[limb.name] = found[0][0]
-        placed.append((frame, footing.surfaces[found[0][0]].patch))
-        patches = tuple(patch for _, patch in found)
+        if len(everywhere) == 1:
+            alone[limb.name] = everywhere[0][0]
+        placed.append((frame, footing.surfaces[everywhere[0][0]].patch))
+        patches = tuple(patch for _, patch in everywhere)
         footholds.append(
             Foothold(limb=limb.name, frame=frame, candidates=patches)
             if limb.sole_m is None
@@ -170,31 +209,39 @@ def _footholds(
 def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
     """Largest distance of a shoulder from its nominal place [m]: the COM's ball, and ‖Θ × s‖ ≤ √3
     max|Θ_i| ‖s‖."""
-    return float(radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m))
+    return float(
+        radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m)
+    )
 
 
-def _with_yaws(limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]) -> Foothold:
-    """A sole put down on every patch with every yaw that it has room for. Raises InvalidInput where there is none."""
-    found = []
+def _with_yaws(
+    limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]
+) -> Foothold:
+    """A sole put down on every patch with every yaw that it has room for. Raises InvalidInput where
+    there is none."""
+    result = []
     for patch, yaw in ((patch, yaw) for patch in patches for yaw in yaws):
         try:
             sole_region(patch, sole_offsets(sole_m, patch, yaw))
         except InvalidInput:
             continue
-        found.append((patch, yaw))
-    if not found:
+        result.append((patch, yaw))
+    if not result:
         raise InvalidInput(
             f"frame {frame}, limb {limb.name}: expected room for its sole at one of {len(yaws)} yaws on the surfaces "
             f"within reach, got none on {len(patches)}"
         )
     return Foothold(
-        limb=limb.name, frame=frame, candidates=tuple(patch for patch, _ in found),
-        yaws_rad=tuple(yaw for _, yaw in found),
-    )  # fmt: skip
+        limb=limb.name,
+        frame=frame,
+        candidates=tuple(patch for patch, _ in result),
+        yaws_rad=tuple(yaw for _, yaw in result),
+    )
 
 
 def _corners(spec: CourseSpec) -> tuple[Array, Array]:
-    """The straight lines that the COM is to follow, by their ends, shape (L, 3) [m], and the way to each [m]."""
+    """The straight lines that the COM is to follow, by their ends, shape (L, 3) [m], and the way to
+    each [m]."""
     via = [np.array(point if isinstance(point, tuple) else point.at_m) for point in spec.via_m]
     corners = np.array([spec.start_m, *via, spec.goal_m])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
@@ -202,7 +249,9 @@ def _corners(spec: CourseSpec) -> tuple[Array, Array]:
         return corners, way
     end, last = spec.stride_m * (spec.frames - 1), way[-1] - way[-2]
     if last < 1e-9:
-        raise InvalidInput("goal_m: expected another point than the one before it, to know where stride_m goes")
+        raise InvalidInput(
+            "goal_m: expected another point than the one before it, to know where stride_m goes"
+        )
     leg = min(int(np.searchsorted(way, end, side="right")), len(way) - 1)
     direction = (corners[leg] - corners[leg - 1]) / max(way[leg] - way[leg - 1], 1e-12)
     corners = np.vstack([corners[:leg], corners[leg - 1] + (end - way[leg - 1]) * direction])
@@ -210,18 +259,26 @@ def _corners(spec: CourseSpec) -> tuple[Array, Array]:
 
 
 def _walk(corners: Array, way: Array, frames: int) -> tuple[Array, NDArray[np.int_]]:
-    """The nominal COM at every frame, shape (M, 3), and how many via points it has come to, shape (M,)."""
+    """The nominal COM at every frame, shape (M, 3), and how many via points it has come to, shape
+    (M,)."""
     at = np.linspace(0.0, way[-1], frames)
     com_m = np.stack([np.interp(at, way, axis) for axis in corners.T], axis=1)
     return com_m, np.searchsorted(way[1:-1], at + 1e-9, side="right")
 
 
 def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
-    """Raise InvalidInput where the step limits and the radii about the nominal path can never get to the goal."""
+    """Raise InvalidInput where the step limits and the radii about the nominal path can never get
+    to the goal."""
     gaps = np.linalg.norm(np.diff(com_m, axis=0), axis=1)
-    far = float(np.linalg.norm(np.array(spec.goal_m) - spec.start_m)) if spec.stride_m is None else 0.0
+    far = (
+        float(np.linalg.norm(np.array(spec.goal_m) - spec.start_m))
+        if spec.stride_m is None
+        else 0.0
+    )
     far = max(far, float(np.linalg.norm(com_m[-1] - com_m[0])))
-    most = spec.steps.com_m * (spec.frames - 1) + radius[0] + (radius[-1] if spec.frames > 1 else 0.0)
+    most = (
+        spec.steps.com_m * (spec.frames - 1) + radius[0] + (radius[-1] if spec.frames > 1 else 0.0)
+    )
     if far > most + 1e-9:
         raise InvalidInput(
             f"goal_m: expected a goal within {most:.3g} m ({spec.frames - 1} steps of up to {spec.steps.com_m:g} m "
@@ -247,7 +304,9 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
     if not isinstance(gait, str):
         for index, moving in enumerate(gait):
             if len(set(moving)) != len(moving) or not set(moving) <= set(names):
-                raise InvalidInput(f"gait[{index}]: expected limbs among {', '.join(names)}, each once, got {moving}")
+                raise InvalidInput(
+                    f"gait[{index}]: expected limbs among {', '.join(names)}, each once, got {moving}"
+                )
         return tuple(tuple(name for name in names if name in moving) for moving in gait)
     if gait == "all":
         return (names,)
@@ -256,15 +315,20 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         order = sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0]))
         return _with_shifts([(name,) for name in order], places)
     if len(names) < 4 or len(names) % 2:
-        raise InvalidInput(f"gait: expected an even number of limbs, four or more, for a tripod gait, got {len(names)}")
+        raise InvalidInput(
+            f"gait: expected an even number of limbs, four or more, for a tripod gait, got {len(names)}"
+        )
     around = sorted(names, key=lambda name: np.arctan2(places[name][1], places[name][0]))
     return tuple(tuple(name for name in names if name in around[first::2]) for first in (0, 1))
 
 
-def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
-    """A cycle with a frame in which nobody moves wherever the supports before and after it share a line alone: on all
-    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours. A cycle
-    that would end so begins so, since a robot that stands is in the middle of its feet.
+def _with_shifts(
+    sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]
+) -> tuple[tuple[str, ...], ...]:
+    """A cycle with a frame in which nobody moves wherever the supports before and after it share a
+    line alone: on all of its feet the body comes from the one to the other. Of four feet these are
+    those of diagonal neighbours. A cycle that would end so begins so, since a robot that stands is
+    in the middle of its feet.
 
     places: of the limbs, for which side of a line they are on.
     """
@@ -274,17 +338,27 @@ def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -
         shared = [name for name in places if name not in moved and name not in moving]
         if len(shared) == 2:
             first, along = places[shared[0]][:2], (places[shared[1]] - places[shared[0]])[:2]
-            sides = [np.sign(along[0] * off[1] - along[1] * off[0])
-                     for off in (places[name][:2] - first for name in (*moved, *moving))]  # fmt: skip
+            sides = [
+                np.sign(along[0] * off[1] - along[1] * off[0])
+                for off in (places[name][:2] - first for name in (*moved, *moving))
+            ]
             if len(set(sides)) > 1:
                 cycle.append(())
     return tuple(cycle[-1:] + cycle[:-1] if not cycle[-1] else cycle)
 
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:
-    """Every foothold in order: its frame, its limb, and the frame of the limb's next one (M after the last)."""
-    frames = {name: [0] + [k for k, lifted in enumerate(lifts) if name in lifted] for name in robot.limb_names}
-    until = {(k, name): end for name, at in frames.items() for k, end in zip(at, [*at[1:], len(lifts)], strict=True)}
+    """Every foothold in order: its frame, its limb, and the frame of the limb's next one (M after
+    the last)."""
+    frames = {
+        name: [0] + [k for k, lifted in enumerate(lifts) if name in lifted]
+        for name in robot.limb_names
+    }
+    until = {
+        (k, name): end
+        for name, at in frames.items()
+        for k, end in zip(at, [*at[1:], len(lifts)], strict=True)
+    }
     each = [(k, limb) for k in range(len(lifts)) for limb in robot.limbs]
     return [(k, limb, until[k, limb.name]) for k, limb in each if (k, limb.name) in until]
 
@@ -299,7 +373,8 @@ def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
 
 
 def _modes(placed: Sequence[tuple[int, Patch]], frames: int) -> tuple[int, ...]:
-    """By frame 1 where most of the toes put down there, or last put down before, stand on walls, 0 on ground."""
+    """By frame 1 where most of the toes put down there, or last put down before, stand on walls, 0
+    on ground."""
     modes = list[int]()
     for frame in range(frames):
         walls = [abs(patch.normal[2]) < STEEP for at, patch in placed if at == frame]

@@ -1,7 +1,7 @@
 """Terrains of courses: lists of polygons, meshes, and generators that follow the course's path.
 
-A terrain is asked for its surfaces along a path, the straight lines between the points where the body's centre of mass
-is to go. Generators reach far enough beyond both ends for every toe.
+A terrain is asked for its surfaces along a path, the straight lines between the points where the
+body's centre of mass is to go. Generators reach far enough beyond both ends for every toe.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ LEAST_RISE_M = 1e-3
 
 
 class PolygonSpec(BaseModel):
-    """One polygon: its corners in order; the normal by their order unless given; its own friction, where it has one."""
+    """One polygon: its corners in order; the normal by their order unless given; its own friction,
+    where it has one."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     vertices_m: Annotated[list[Point], Field(min_length=3)]
@@ -89,11 +90,14 @@ class Flat(TerrainSpec):
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """One rectangle."""
         low, high = path_m[:, 0].min() - BEYOND_M, path_m[:, 0].max() + BEYOND_M
-        return Terrain((_level(low, high, -self.width_m, self.width_m, 0.0, self.friction),), (True,))
+        return Terrain(
+            (_level(low, high, -self.width_m, self.width_m, 0.0, self.friction),), (True,)
+        )
 
 
 class Stairs(TerrainSpec):
-    """Level ground, then steps up along x. first_m: x of the first riser; rises_m: heights of the steps, repeated."""
+    """Level ground, then steps up along x. first_m: x of the first riser; rises_m: heights of the
+    steps, repeated."""
 
     kind: Literal["stairs"]
     first_m: Length = 0.30
@@ -107,7 +111,16 @@ class Stairs(TerrainSpec):
         count = max(0, int(np.ceil(min((end - self.first_m) / self.run_m, MOST_PATCHES))))
         _check_size(2 * count)
         start = min(path_m[:, 0].min() - BEYOND_M, self.first_m - 0.1)
-        patches = [_level(start, self.first_m if count else end, -self.width_m, self.width_m, 0.0, self.friction)]
+        patches = [
+            _level(
+                start,
+                self.first_m if count else end,
+                -self.width_m,
+                self.width_m,
+                0.0,
+                self.friction,
+            )
+        ]
         footing, height = [True], 0.0
         for step in range(count):
             x, rise = self.first_m + step * self.run_m, self.rises_m[step % len(self.rises_m)]
@@ -115,7 +128,9 @@ class Stairs(TerrainSpec):
                 patches.append(self._riser(x, height, height + rise))
                 footing.append(False)
             height += rise
-            patches.append(_level(x, x + self.run_m, -self.width_m, self.width_m, height, self.friction))
+            patches.append(
+                _level(x, x + self.run_m, -self.width_m, self.width_m, height, self.friction)
+            )
             footing.append(True)
         return Terrain(tuple(patches), tuple(footing))
 
@@ -126,8 +141,8 @@ class Stairs(TerrainSpec):
 
 
 class Walls(TerrainSpec):
-    """Two facing walls along x. apart_m: from the middle to each; lean_rad: of the left and the right, inward on top;
-    offset_m: the left and the right one's further distance."""
+    """Two facing walls along x. apart_m: from the middle to each; lean_rad: of the left and the
+    right, inward on top; offset_m: the left and the right one's further distance."""
 
     kind: Literal["walls"]
     apart_m: Positive = 0.38
@@ -137,26 +152,41 @@ class Walls(TerrainSpec):
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """One tall rectangle a side."""
         (low, high), (bottom, top) = _span(path_m[:, 0]), _span(path_m[:, 2])
-        patches = [self._panel(side, low, high, bottom, top, path_m[0], self.friction) for side in (0, 1)]
+        patches = [
+            self._panel(side, low, high, bottom, top, path_m[0], self.friction) for side in (0, 1)
+        ]
         return Terrain(tuple(patches), (True, True))
 
     def _panel(
-        self, side: int, low: float, high: float, bottom: float, top: float, about: Array, friction: float
+        self,
+        side: int,
+        low: float,
+        high: float,
+        bottom: float,
+        top: float,
+        about: Array,
+        friction: float,
     ) -> Patch:
-        """A rectangle of the wall, x in [low, high], z in [bottom, top]; it leans about the height of the start."""
+        """A rectangle of the wall, x in [low, high], z in [bottom, top]; it leans about the height
+        of the start."""
         sign = (1.0, -1.0)[side]
         slope = np.tan(self.lean_rad[side])
 
         def corner(x: float, z: float) -> Point:
             return x, sign * (self.apart_m + self.offset_m[side] - slope * (z - about[2])), z
 
-        corners = np.array([corner(low, bottom), corner(high, bottom), corner(high, top), corner(low, top)])
-        return surface_patch(corners, friction, towards_m=np.array([0.5 * (low + high), 0.0, 0.5 * (bottom + top)]))
+        corners = np.array(
+            [corner(low, bottom), corner(high, bottom), corner(high, top), corner(low, top)]
+        )
+        return surface_patch(
+            corners, friction, towards_m=np.array([0.5 * (low + high), 0.0, 0.5 * (bottom + top)])
+        )
 
 
 class IcyWalls(Walls):
-    """Two walls of square panels, some without friction. left, right: rows from the bottom up, ``#`` grips and ``.`` is
-    ice, one sign a panel along x; rows and signs are repeated. The panels' grid goes through the start."""
+    """Two walls of square panels, some without friction. left, right: rows from the bottom up,
+    ``#`` grips and ``.`` is ice, one sign a panel along x; rows and signs are repeated. The panels'
+    grid goes through the start."""
 
     kind: Literal["icy-walls"]  # type: ignore[assignment]
     panel_m: Positive = 0.30
@@ -180,7 +210,8 @@ class IcyWalls(Walls):
 
 
 class Tube(TerrainSpec):
-    """A vertical tube about the start, of rings of flat facets. leans_rad: of the facets, in turn, inward on top."""
+    """A vertical tube about the start, of rings of flat facets. leans_rad: of the facets, in turn,
+    inward on top."""
 
     kind: Literal["tube"]
     radius_m: Positive = 0.40
@@ -213,8 +244,9 @@ class Tube(TerrainSpec):
 
 
 class Bars(TerrainSpec):
-    """Level bars across the way, flat on top or round, as of a grating or a ladder that lies; one is under the start.
-    bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from borders of flat bars and from ends."""
+    """Level bars across the way, flat on top or round, as of a grating or a ladder that lies; one
+    is under the start. bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from
+    borders of flat bars and from ends."""
 
     kind: Literal["bars"]
     apart_m: Positive = 0.12
@@ -227,7 +259,9 @@ class Bars(TerrainSpec):
         """Their tops at z = 0: of round ones the lines that feet stand on, and their sides."""
         low, high = _span(path_m[:, 0])
         _check_size(7 * int(min((high - low) / self.apart_m, MOST_PATCHES)))
-        first, last = np.ceil((np.array([low, -high]) - path_m[0, 0] * np.array([1.0, -1.0])) / self.apart_m)
+        first, last = np.ceil(
+            (np.array([low, -high]) - path_m[0, 0] * np.array([1.0, -1.0])) / self.apart_m
+        )
         places = path_m[0, 0] + self.apart_m * np.arange(first, 1.0 - last)
         if self.round:
             return self._round(places)
@@ -236,7 +270,10 @@ class Bars(TerrainSpec):
             raise InvalidInput(
                 f"terrain.bar_m: expected more than {2.0 * self.margin_m:g} m, twice margin_m, got {self.bar_m:g}"
             )
-        bars = tuple(_level(x - half, x + half, -self.width_m, self.width_m, 0.0, self.friction) for x in places)
+        bars = tuple(
+            _level(x - half, x + half, -self.width_m, self.width_m, 0.0, self.friction)
+            for x in places
+        )
         inner, end = half - self.margin_m, self.width_m - self.margin_m
         tops = tuple(_level(x - inner, x + inner, -end, end, 0.0, self.friction) for x in places)
         return Terrain(bars, (False,) * len(bars), tops, INSIDE_M)
@@ -246,7 +283,11 @@ class Bars(TerrainSpec):
         ends = np.array([[0.0, -self.width_m, -radius], [0.0, self.width_m, -radius]])
         rungs = [Rung.between(ends + np.array([x, 0.0, 0.0]), radius) for x in places]
         lines = tuple(rung.line(-end, end, self.friction) for rung in rungs)
-        sides = tuple(side for rung in rungs for side in rung.sides(-self.width_m, self.width_m, self.friction))
+        sides = tuple(
+            side
+            for rung in rungs
+            for side in rung.sides(-self.width_m, self.width_m, self.friction)
+        )
         return Terrain((*lines, *sides), (False,) * (len(lines) + len(sides)), lines, INSIDE_M)
 
 
@@ -266,13 +307,26 @@ class GroundToWall(Walls):
 
 
 AnyTerrain = Annotated[
-    Polygons | FileTerrain | Flat | Stairs | Walls | IcyWalls | Tube | Bars | GroundToWall | FamilyScene,
+    Polygons
+    | FileTerrain
+    | Flat
+    | Stairs
+    | Walls
+    | IcyWalls
+    | Tube
+    | Bars
+    | GroundToWall
+    | FamilyScene,
     Field(discriminator="kind"),
 ]
 
 
-def _level(low: float, high: float, right: float, left: float, height: float, friction: float) -> Patch:
-    corners = np.array([(low, right, height), (high, right, height), (high, left, height), (low, left, height)])
+def _level(
+    low: float, high: float, right: float, left: float, height: float, friction: float
+) -> Patch:
+    corners = np.array(
+        [(low, right, height), (high, right, height), (high, left, height), (low, left, height)]
+    )
     return surface_patch(corners, friction)
 
 
@@ -281,7 +335,8 @@ def _span(values: Array) -> tuple[float, float]:
 
 
 def _grid(values: Array, through: float, spacing: float) -> Array:
-    """Lines a spacing apart, one of them half a spacing off ``through``, from below the values to above them."""
+    """Lines a spacing apart, one of them half a spacing off ``through``, from below the values to
+    above them."""
     low, high = _span(values)
     first = np.floor((low - through) / spacing - 0.5)
     last = np.ceil((high - through) / spacing - 0.5)
@@ -296,4 +351,6 @@ def _count(values: Array, spacing: float) -> int:
 
 def _check_size(patches: int) -> None:
     if patches > MOST_PATCHES:
-        raise InvalidInput(f"terrain: expected at most {MOST_PATCHES} patches along the path, got more")
+        raise InvalidInput(
+            f"terrain: expected at most {MOST_PATCHES} patches along the path, got more"
+        )

@@ -1,4 +1,5 @@
-"""Terrains of courses that are drawn from a family at a level, and the course that goes with each."""
+"""Terrains of courses that are drawn from a family at a level, and the course that goes with
+each."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
 
 
 class FamilyScene(TerrainSpec):
-    """A scene of a family, see ``terrain.families``, about the origin. friction: a factor on what is drawn."""
+    """A scene of a family, see ``terrain.families``, about the origin. friction: a factor on what
+    is drawn."""
 
     kind: Literal["family"] = "family"
     family: str
@@ -31,8 +33,13 @@ class FamilyScene(TerrainSpec):
     @field_validator("family")
     @classmethod
     def _is_family(cls, family: str) -> str:
-        if family not in (*TERRAIN_FAMILIES.names(), *OLD):  # none of a FILE.py: reading a course runs nothing
-            raise InvalidInput(f"expected one of {', '.join(TERRAIN_FAMILIES.names())}, got {family!r}")
+        if family not in (
+            *TERRAIN_FAMILIES.names(),
+            *OLD,
+        ):  # none of a FILE.py: reading a course runs nothing
+            raise InvalidInput(
+                f"expected one of {', '.join(TERRAIN_FAMILIES.names())}, got {family!r}"
+            )
         return family
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
@@ -41,10 +48,12 @@ class FamilyScene(TerrainSpec):
 
 
 def family_keys(name: str) -> dict[str, Any]:
-    """The course of a name FAMILY:LEVEL or FAMILY:LEVEL:SEED, in keys as YAML has them. Raises InvalidInput.
+    """The course of a name FAMILY:LEVEL or FAMILY:LEVEL:SEED, in keys as YAML has them. Raises
+    InvalidInput.
 
-    The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean HEIGHT_M above the ground
-    and along it; between walls it climbs. A toe is offered all that it could reach.
+    The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean
+    HEIGHT_M above the ground and along it; between walls it climbs. A toe is offered all that it
+    could reach.
     """
     family, level, seed = read_draw(name, "course")
     scene = family_terrain(family, level, seed)
@@ -53,26 +62,39 @@ def family_keys(name: str) -> dict[str, Any]:
     along = 1.0 if rise is None else float((1.0 + rise**2) ** 0.5)
     x, y, z = scene.begin_m
     start = [x, y, z + HEIGHT_M]
-    goal = [x, y, start[2] + far] if rise is None else [x + far / along, y, start[2] + far * rise / along]
+    goal = (
+        [x, y, start[2] + far]
+        if rise is None
+        else [x + far / along, y, start[2] + far * rise / along]
+    )
     stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else HEIGHT_M}
     return {
-        "name": Path(name).name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": start,
-        "goal_m": goal, "stride_m": STRIDE_M, "stance": stance,
+        "name": Path(name).name.replace(":", "-"),
+        "frames": FRAMES,
+        "gait": "tripod",
+        "start_m": start,
+        "goal_m": goal,
+        "stride_m": STRIDE_M,
+        "stance": stance,
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
         "candidates": {"everywhere": True, "margin_m": FOOT_RADIUS_M + ROOM_M},
-        "terrain": polygon_keys(*zip(*scene.surfaces, strict=True)) if ".py:" in family
+        "terrain": polygon_keys(*zip(*scene.surfaces, strict=True))
+        if ".py:" in family
         else {"kind": "family", "family": family, "level": level, "seed": seed},
-    }  # fmt: skip
+    }
 
 
 def polygon_keys(patches: Sequence[Patch], footing: Sequence[bool]) -> dict[str, Any]:
     """A terrain in keys, surface by surface. footing: which of them toes may stand on."""
     polygons = [
         {
-            "vertices_m": patch.vertices_m.tolist(), "normal": patch.normal.tolist(), "friction": patch.friction,
-            "shear_reference": patch.shear_reference.tolist(), "footing": footing,
+            "vertices_m": patch.vertices_m.tolist(),
+            "normal": patch.normal.tolist(),
+            "friction": patch.friction,
+            "shear_reference": patch.shear_reference.tolist(),
+            "footing": footing,
         }
         for patch, footing in zip(patches, footing, strict=True)
-    ]  # fmt: skip
+    ]
     return {"kind": "polygons", "polygons": polygons}

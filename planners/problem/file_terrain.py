@@ -19,10 +19,11 @@ from .terrain_spec import MOST_PATCHES, Length, Point, Positive, TerrainSpec
 
 
 class FileTerrain(TerrainSpec):
-    """A file: a mesh, a grid of heights, or a point cloud, as ``kind`` says, or as its name does (``file``).
+    """A file: a mesh, a grid of heights, or a point cloud, as ``kind`` says, or as its name does
+    (``file``).
 
-    unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers mean, see
-    ``ImportOptions``. footholds: where on it toes may stand.
+    unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers mean,
+    see ``ImportOptions``. footholds: where on it toes may stand.
     """
 
     kind: Literal["mesh", "grid", "cloud", "file"] = "file"
@@ -40,7 +41,8 @@ class FileTerrain(TerrainSpec):
 
     @classmethod
     def of(cls, footholds: Footholds) -> FileTerrain:
-        """A terrain whose footholds were found before. Raises InvalidInput for one of several frictions, or of none."""
+        """A terrain whose footholds were found before. Raises InvalidInput for one of several
+        frictions, or of none."""
         if not footholds.pieces:
             raise InvalidInput(f"{footholds.name}: expected a terrain with footholds, got none")
         flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
@@ -52,28 +54,39 @@ class FileTerrain(TerrainSpec):
             )
         try:
             made = cls(
-                file=footholds.name,
-                friction=patches[0].friction,
-                footholds=footholds.limits,
+                file=footholds.name, friction=patches[0].friction, footholds=footholds.limits
             )
         except ValidationError as error:
-            raise InvalidInput(f"{footholds.name}: {'; '.join(validation_errors(error, cls))}") from None
+            raise InvalidInput(
+                f"{footholds.name}: {'; '.join(validation_errors(error, cls))}"
+            ) from None
         made._found = made._counted(footholds)
         return made
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """All of the file, wherever the path goes; read once."""
-        found = self._found
-        if found is None:
-            found = self._found = self.read(folder)
-        pieces = tuple(piece.on(self.friction) for piece in found.pieces)
-        lines = [patch for patch, piece in zip(pieces, found.pieces, strict=True) if piece.turn_rad]
-        each = [*(patch.with_friction(self.friction) for patch in found.surfaces), *lines]
+        footholds = self._found
+        if footholds is None:
+            footholds = self._found = self.read(folder)
+        pieces = tuple(piece.on(self.friction) for piece in footholds.pieces)
+        lines = [
+            patch for patch, piece in zip(pieces, footholds.pieces, strict=True) if piece.turn_rad
+        ]
+        each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
         return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.margin_m)
 
     def read(self, folder: Path) -> Footholds:
         """The footholds of the file, and its surfaces. Raises InvalidInput."""
-        keys = ("unit_m", "up", "offset_m", "crop_m", "spacing_m", "height_m", "holes", "most_triangles")
+        keys = (
+            "unit_m",
+            "up",
+            "offset_m",
+            "crop_m",
+            "spacing_m",
+            "height_m",
+            "holes",
+            "most_triangles",
+        )
         kind = None if self.kind == "file" else self.kind
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
         return self._counted(read_footholds(folder / self.file, options, self.footholds))

@@ -16,10 +16,11 @@ from ..terrain.patch import Patch
 class Foothold:
     """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
 
-    toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates: at least one; a toe
-    that already stands has exactly one, the surface under it. yaws_rad: of a sole on each candidate [rad]; () for 0.
-    The same patch with several yaws is several candidates. toe_m of a sole is its centre. force_min, force_max: bounds
-    on (f_n, f_y, f_z) there, in units of the problem's force scale, shape (3,); None for those of the problem.
+    toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates:
+    at least one; a toe that already stands has exactly one, the surface under it. yaws_rad: of a
+    sole on each candidate [rad]; () for 0. The same patch with several yaws is several candidates.
+    toe_m of a sole is its centre. force_min, force_max: bounds on (f_n, f_y, f_z) there, in units
+    of the problem's force scale, shape (3,); None for those of the problem.
     """
 
     limb: str
@@ -40,19 +41,30 @@ class Foothold:
                 )
             object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
         if not self.candidates:
-            raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
+            raise InvalidInput(
+                f"{where}: expected one or more candidate patches, got none within reach"
+            )
         object.__setattr__(self, "candidates", tuple(self.candidates))
         if self.toe_m is not None:
             object.__setattr__(self, "toe_m", read_only(self.toe_m, (3,), f"{where}: toe_m"))
             if len(self.candidates) != 1:
-                raise InvalidInput(f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}")
+                raise InvalidInput(
+                    f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}"
+                )
         if self.force_min is None and self.force_max is None:
             return
         if self.force_min is None or self.force_max is None:
-            raise InvalidInput(f"{where}: force_min, force_max: expected both or none, got one of them")
-        low, high = (read_only(getattr(self, each), (3,), f"{where}: {each}") for each in ("force_min", "force_max"))
+            raise InvalidInput(
+                f"{where}: force_min, force_max: expected both or none, got one of them"
+            )
+        low, high = (
+            read_only(getattr(self, each), (3,), f"{where}: {each}")
+            for each in ("force_min", "force_max")
+        )
         if np.any(low > high):
-            raise InvalidInput(f"{where}: force_min: expected at most force_max {high.tolist()}, got {low.tolist()}")
+            raise InvalidInput(
+                f"{where}: force_min: expected at most force_max {high.tolist()}, got {low.tolist()}"
+            )
         object.__setattr__(self, "force_min", low)
         object.__setattr__(self, "force_max", high)
 

@@ -1,8 +1,9 @@
-"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (Pan et al. §III-A).
+"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (Pan et al.
+§III-A).
 
-A robot on fewer than three feet falls over them as an inverted pendulum does: what it is off grows by e^(t/√(h/g)). A
-lower one has to take shorter steps, or no tracker holds it: cycles go with √h (dynamic similarity, R. McN. Alexander
-and A. S. Jayes, J. Zool. 201, 1983).
+A robot on fewer than three feet falls over them as an inverted pendulum does: what it is off grows
+by e^(t/√(h/g)). A lower one has to take shorter steps, or no tracker holds it: cycles go with √h
+(dynamic similarity, R. McN. Alexander and A. S. Jayes, J. Zool. 201, 1983).
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from ..files.arrays import Array, checked_choice, read_only
 
 @dataclass(frozen=True, kw_only=True)
 class Gait:
-    """A periodic gait. cycle_s: of a robot whose centre of mass is at HEIGHT_M; duty: share of the cycle that a foot
-    stands; offsets: when in the cycle each foot lifts off."""
+    """A periodic gait. cycle_s: of a robot whose centre of mass is at HEIGHT_M; duty: share of the
+    cycle that a foot stands; offsets: when in the cycle each foot lifts off."""
 
     name: str
     cycle_s: float
@@ -44,7 +45,9 @@ class Gait:
         it on the grid of step_s, no longer than this one. Gaits on three feet stay as they are."""
         if not self.balances:
             return self
-        halves = max(0.5 * SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s))
+        halves = max(
+            0.5 * SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s)
+        )
         return replace(self, cycle_s=min(self.cycle_s, 2.0 * float(halves) * step_s))
 
 
@@ -66,8 +69,9 @@ GAITS = {
         Gait(name="tripod", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.0, 0.5, 0.0, 0.5)),
     )
 }
-"""Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn, and in the gallop one
-foot after the other; they are slow ones, whose pairs hand over the weight in .2 s, without a flight."""
+"""Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn,
+and in the gallop one foot after the other; they are slow ones, whose pairs hand over the weight in
+.2 s, without a flight."""
 SHORTEST_STAND_S = 0.2
 """At the beginning and at the end all feet stand for this long at least [s]."""
 
@@ -87,7 +91,9 @@ class FootPhases:
         object.__setattr__(self, "switches_s", switches)
         edges = np.concatenate([[0.0], switches, [self.duration_s]])
         if len(switches) % 2 or not np.all(np.diff(edges) > 0.0):
-            raise InvalidInput(f"switches_s: expected pairs of increasing times within 0 … {self.duration_s:g} s")
+            raise InvalidInput(
+                f"switches_s: expected pairs of increasing times within 0 … {self.duration_s:g} s"
+            )
 
     @property
     def swings(self) -> int:
@@ -108,9 +114,12 @@ class FootPhases:
         return float(self.edges_s[2 * index + 1]), float(self.edges_s[2 * index + 2])
 
     def phase_at(self, times_s: Array) -> Array:
-        """Number of the phase at each time, even for stances; a foot stands at lift-off and at touchdown."""
+        """Number of the phase at each time, even for stances; a foot stands at lift-off and at
+        touchdown."""
         edges = self.edges_s
-        phase = np.clip(np.searchsorted(edges, np.asarray(times_s) + 1e-9, side="right") - 1, 0, len(edges) - 2)
+        phase = np.clip(
+            np.searchsorted(edges, np.asarray(times_s) + 1e-9, side="right") - 1, 0, len(edges) - 2
+        )
         begins = np.abs(np.asarray(times_s) - edges[phase]) <= 1e-9
         return np.asarray(np.where((phase % 2 == 1) & begins, phase - 1, phase))
 
@@ -125,20 +134,27 @@ def gait_named(name: str) -> Gait:
     return GAITS[name]
 
 
-def schedule(gait: Gait, feet: Sequence[str], duration_s: float, step_s: float) -> tuple[FootPhases, ...]:
-    """Phases of all feet: as many whole cycles as fit between two stands of all feet, switches on the grid of step_s.
+def schedule(
+    gait: Gait, feet: Sequence[str], duration_s: float, step_s: float
+) -> tuple[FootPhases, ...]:
+    """Phases of all feet: as many whole cycles as fit between two stands of all feet, switches on
+    the grid of step_s.
 
-    Raises InvalidInput where the gait is for another number of feet, its cycle is too short for the grid, or none fits
-    into the duration.
+    Raises InvalidInput where the gait is for another number of feet, its cycle is too short for the
+    grid, or none fits into the duration.
     """
     if len(gait.offsets) != len(feet):
         raise InvalidInput(
             f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for {len(gait.offsets)}"
         )
     if gait.cycle_s < SHORTEST * step_s - 1e-9:
-        raise InvalidInput(f"cycle_s: expected {SHORTEST * step_s:g} s or more, got {gait.cycle_s:g} s")
+        raise InvalidInput(
+            f"cycle_s: expected {SHORTEST * step_s:g} s or more, got {gait.cycle_s:g} s"
+        )
     lifts = [offset * gait.cycle_s for offset in gait.offsets]
-    tail = max(lifts) + gait.swing_s - gait.cycle_s  # how far the last swing reaches over its cycle's end
+    tail = (
+        max(lifts) + gait.swing_s - gait.cycle_s
+    )  # how far the last swing reaches over its cycle's end
     cycles = int(np.floor((duration_s - 2.0 * SHORTEST_STAND_S - tail) / gait.cycle_s + 1e-9))
     if cycles < 1:
         needed = gait.cycle_s + tail + 2.0 * SHORTEST_STAND_S

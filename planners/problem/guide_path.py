@@ -1,10 +1,11 @@
-"""The guide path: where a robot's body can go over a terrain, from one place to another, and what is in the way.
+"""The guide path: where a robot's body can go over a terrain, from one place to another, and what
+is in the way.
 
-Places of the centre of mass are the nodes of a lattice. At a node every toe, as the robot stands, needs a foothold
-close by, all at about one height, and no surface may be where the standing robot is: its footprint, the hull of its
-joints, feet and base seen from above, is kept clear of everything between its belly and its top (the Minkowski sum of a
-surface and the mirrored footprint, Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are
-near.
+Places of the centre of mass are the nodes of a lattice. At a node every toe, as the robot stands,
+needs a foothold close by, all at about one height, and no surface may be where the standing robot
+is: its footprint, the hull of its joints, feet and base seen from above, is kept clear of
+everything between its belly and its top (the Minkowski sum of a surface and the mirrored footprint,
+Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are near.
 """
 
 from __future__ import annotations
@@ -38,35 +39,40 @@ MOST_NODES = 150_000
 ASIDE = 0.35
 """How far a toe's foothold may be from where it likes to be, in reaches."""
 APART = (0.3, 0.5)
-"""How far a foothold may be above or below the mean of all, in reaches: the second where the first leaves no way."""
+"""How far a foothold may be above or below the mean of all, in reaches: the second where the first
+leaves no way."""
 STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
 RARE = 3.0
 """A way costs so many times its length where every toe is as far aside as it may be."""
 ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
-"""How much room there is between footprint and solids [m], and what a way with less costs by its length."""
+"""How much room there is between footprint and solids [m], and what a way with less costs by its
+length."""
 _ROOMS_M = tuple(distance for distance, _ in ROOMS)
 AVOIDED_M, AVOIDED = 0.5, 6.0
-"""About a place where a plan failed before a way costs so many times its length, so far around [m]."""
+"""About a place where a plan failed before a way costs so many times its length, so far around
+[m]."""
 UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
 BELLY, TOP = 0.4, 0.5
-"""Solids are in the way from so far below the centre of mass on, in heights of the body over its toes, and up to so far
-above it, where nobody knows the robot's links."""
+"""Solids are in the way from so far below the centre of mass on, in heights of the body over its
+toes, and up to so far above it, where nobody knows the robot's links."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 TRIES = 32
 """So many straight parts are tried from a node of a way on."""
 NEAR, TURN_RAD = 6, np.pi / 4.0
-"""The direction of a way at a node is that between nodes so far before and after it, to an eighth of a turn."""
+"""The direction of a way at a node is that between nodes so far before and after it, to an eighth
+of a turn."""
 GAPS = 12
 """So often is the widest gap halved."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footprint:
-    """A standing robot from above. toes_m: from the centre of mass, shape (N, 3) [m]; hull_m: of all that it is made
-    of, about the centre of mass, shape (K, 2) [m]; low_m, high_m: between which heights over the centre of mass solids
-    are in its way [m]; names: of the limbs; reach_m: mean of the limbs' [m]."""
+    """A standing robot from above. toes_m: from the centre of mass, shape (N, 3) [m]; hull_m: of
+    all that it is made of, about the centre of mass, shape (K, 2) [m]; low_m, high_m: between which
+    heights over the centre of mass solids are in its way [m]; names: of the limbs; reach_m: mean of
+    the limbs' [m]."""
 
     toes_m: Array
     hull_m: Array
@@ -77,7 +83,8 @@ class Footprint:
 
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
-        """The footprint of a robot that stands on these toes; of its toes alone where its legs are not known."""
+        """The footprint of a robot that stands on these toes; of its toes alone where its legs are
+        not known."""
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
         points, high = [toes_m], TOP * down
@@ -87,21 +94,25 @@ class Footprint:
 
             known = Kinematics(robot)
             angles = known.solve(np.zeros(3), np.zeros(3), toes_m).angles
-            own = known.chains(angles).reshape(-1, 3)
+            chains = known.chains(angles).reshape(-1, 3)
             for shape, corners in link_shapes(known.model)[0]:
                 if known.model.mounts[shape.link].leg is None:
                     mount = known.model.mounts[shape.link]
                     at = corners @ shape.rotation.T + shape.origin_m
-                    own = np.vstack([own, at @ mount.rotation.T + mount.origin_m])
-            points.append(own - robot.source.origin_m)
+                    chains = np.vstack([chains, at @ mount.rotation.T + mount.origin_m])
+            points.append(chains - robot.source.origin_m)
             high = float(points[1][:, 2].max())
         except InvalidInput:  # nobody knows its legs, or pinocchio is not there
             pass
         flat = np.concatenate(points)[:, :2]
         return cls(
-            toes_m=toes_m, hull_m=_hull(flat), low_m=-BELLY * down, high_m=high,
-            names=tuple(limb.name for limb in robot.limbs), reach_m=reach,
-        )  # fmt: skip
+            toes_m=toes_m,
+            hull_m=_hull(flat),
+            low_m=-BELLY * down,
+            high_m=high,
+            names=tuple(limb.name for limb in robot.limbs),
+            reach_m=reach,
+        )
 
     @classmethod
     def of_walker(cls, robot: GaitRobot, yaw_rad: float) -> Footprint:
@@ -109,12 +120,22 @@ class Footprint:
         toes = np.array([foot.nominal_m for foot in robot.feet])
         half = robot.trunk_half_m
         trunk = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
-        turn = np.array([[np.cos(yaw_rad), np.sin(yaw_rad), 0.0], [-np.sin(yaw_rad), np.cos(yaw_rad), 0.0], [0, 0, 1]])
+        turn = np.array(
+            [
+                [np.cos(yaw_rad), np.sin(yaw_rad), 0.0],
+                [-np.sin(yaw_rad), np.cos(yaw_rad), 0.0],
+                [0, 0, 1],
+            ]
+        )
         high = robot.stand_height_m
         return cls(
-            toes_m=toes @ turn, hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]), low_m=-BELLY * high,
-            high_m=TOP * high, names=tuple(foot.name for foot in robot.feet), reach_m=high,
-        )  # fmt: skip
+            toes_m=toes @ turn,
+            hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]),
+            low_m=-BELLY * high,
+            high_m=TOP * high,
+            names=tuple(foot.name for foot in robot.feet),
+            reach_m=high,
+        )
 
     @property
     def radius_m(self) -> float:
@@ -136,8 +157,8 @@ class Footprint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GuidePath:
-    """A way of the body. points_m: straight between them, shape (L, 3) [m]; room_m: the least room between solids and
-    footprint that it was asked for along it [m]."""
+    """A way of the body. points_m: straight between them, shape (L, 3) [m]; room_m: the least room
+    between solids and footprint that it was asked for along it [m]."""
 
     points_m: Array
     room_m: float
@@ -148,12 +169,14 @@ class GuidePath:
         return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
 
 
-def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()) -> GuidePath:
+def guide_path(
+    terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()
+) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
-    avoid_m: places (x, y) where a plan along another way failed.
-    Raises NoPlace for a start or goal in a solid, off the terrain, or without footholds for all toes, and
-    PlanningFailed where no way is found, which names what is in the way and proves nothing.
+    avoid_m: places (x, y) where a plan along another way failed. Raises NoPlace for a start or goal
+    in a solid, off the terrain, or without footholds for all toes, and PlanningFailed where no way
+    is found, which names what is in the way and proves nothing.
     """
     start, goal = ends_m
     standing = [patch for _, patch in terrain.standing]
@@ -164,7 +187,9 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
             try:
                 return lattice.way(start, goal, avoid_m)
             except (NoPlace, PlanningFailed) as error:
-                known = first is None or (isinstance(first, NoPlace) and isinstance(error, PlanningFailed))
+                known = first is None or (
+                    isinstance(first, NoPlace) and isinstance(error, PlanningFailed)
+                )
                 first = error if known else first
             if not lattice.layered:
                 break
@@ -173,7 +198,11 @@ def guide_path(terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: S
 
 
 def guide_over(
-    heights: HeightField, footprint: Footprint, ends_m: Array, friction: float, avoid_m: Sequence[Array] = ()
+    heights: HeightField,
+    footprint: Footprint,
+    ends_m: Array,
+    friction: float,
+    avoid_m: Sequence[Array] = (),
 ) -> tuple[GuidePath, bool]:
     """Guide path over heights, and whether the straight way is as good. Ground that is steeper than
     friction holds is no foothold; what is higher than the robot's belly is a wall, as bars overhead
@@ -182,22 +211,23 @@ def guide_over(
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
-            found = lattice.way(ends_m[0], ends_m[1], avoid_m)
+            path = lattice.way(ends_m[0], ends_m[1], avoid_m)
         except (NoPlace, PlanningFailed) as error:
             first = first or error
             continue
-        return found, lattice.clear(ends_m)
+        return path, lattice.clear(ends_m)
     assert first is not None
     raise first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lattice:
-    """Nodes on an even grid from a corner, shape (2,) [m]; z_m: height of the body there, NaN where it cannot stand,
-    shape (n, m); worth: cost of a way there by its length; missing: which toe lacks a foothold, −1 for none; apart:
-    where footholds are too far above or below each other; room: number of the first of ``ROOMS`` that there is not, by
-    which surface, −1 for none; layered: whether footholds are above each other; heights_m: of the ground at the nodes,
-    where it is one of heights."""
+    """Nodes on an even grid from a corner, shape (2,) [m]; z_m: height of the body there, NaN where
+    it cannot stand, shape (n, m); worth: cost of a way there by its length; missing: which toe
+    lacks a foothold, −1 for none; apart: where footholds are too far above or below each other;
+    room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none;
+    layered: whether footholds are above each other; heights_m: of the ground at the nodes, where it
+    is one of heights."""
 
     corner_m: Array
     spacing_m: float
@@ -214,10 +244,17 @@ class _Lattice:
 
     @classmethod
     def over(
-        cls, surfaces: Sequence[Patch], standing: Sequence[Patch], footprint: Footprint, apart: float, *, lowest: bool
+        cls,
+        surfaces: Sequence[Patch],
+        standing: Sequence[Patch],
+        footprint: Footprint,
+        apart: float,
+        *,
+        lowest: bool,
     ) -> _Lattice:
-        """The lattice over footholds. apart: how far one may be above or below the mean of all toes', in reaches;
-        lowest: of footholds above each other the lowest counts, not the highest."""
+        """The lattice over footholds. apart: how far one may be above or below the mean of all
+        toes', in reaches; lowest: of footholds above each other the lowest counts, not the
+        highest."""
         reach, toes = footprint.reach_m, footprint.toes_m
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
         room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
@@ -228,14 +265,20 @@ class _Lattice:
         layered = bool(np.nanmax(top - bottom, initial=0.0) > apart * reach)
         stood = cls._stood(bottom if lowest else top, low, spacing, footprint, apart)
         blocked, by = _room(surfaces, footprint, stood["z_m"], low, spacing)
-        return cls(**stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces)
+        return cls(
+            **stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces
+        )
 
     @classmethod
-    def on(cls, heights: HeightField, footprint: Footprint, apart: float, friction: float) -> _Lattice:
+    def on(
+        cls, heights: HeightField, footprint: Footprint, apart: float, friction: float
+    ) -> _Lattice:
         """The lattice over heights."""
         low, high = np.array(heights.domain_m).T
         spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
-        lines = [low[k] + spacing * np.arange(int((high[k] - low[k]) / spacing) + 1) for k in range(2)]
+        lines = [
+            low[k] + spacing * np.arange(int((high[k] - low[k]) / spacing) + 1) for k in range(2)
+        ]
         xy = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
         ground, slope = heights.height_and_gradient(xy.reshape(-1, 2))
         ground = ground.reshape(xy.shape[:2])
@@ -246,10 +289,18 @@ class _Lattice:
             highest = _highest(ground, footprint.grown(ROOMS[number][0]), spacing)
             blocked[highest > stood["z_m"] + footprint.low_m] = number
         none = np.full(ground.shape, -1)
-        return cls(**stood | _worth(stood["worth"], blocked), by=none, layered=False, surfaces=(), heights_m=ground)
+        return cls(
+            **stood | _worth(stood["worth"], blocked),
+            by=none,
+            layered=False,
+            surfaces=(),
+            heights_m=ground,
+        )
 
     @staticmethod
-    def _stood(heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float) -> dict[str, Any]:
+    def _stood(
+        heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float
+    ) -> dict[str, Any]:
         """Places where the robot can stand, of footholds' heights at the nodes."""
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
@@ -267,9 +318,14 @@ class _Lattice:
         z[uneven] = np.nan
         worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
         return {
-            "corner_m": low, "spacing_m": spacing, "z_m": z, "worth": worth, "missing": lacking, "apart": uneven,
+            "corner_m": low,
+            "spacing_m": spacing,
+            "z_m": z,
+            "worth": worth,
+            "missing": lacking,
+            "apart": uneven,
             "footprint": footprint,
-        }  # fmt: skip
+        }
 
     def clear(self, ends_m: Array) -> bool:
         """Tell whether the robot can stand, clear of solids, all along a straight way."""
@@ -288,15 +344,17 @@ class _Lattice:
         ends = [self._node(place, name) for place, name in ((start, "start"), (goal, "goal"))]
         if ends[0] == ends[1]:
             gap = float(np.linalg.norm(goal - start))
-            raise InvalidInput(f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got {gap:.2g} m")
+            raise InvalidInput(
+                f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got {gap:.2g} m"
+            )
         worth = self.worth
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
             worth = np.where(off < AVOIDED_M, AVOIDED * worth, worth)
-        found = self._cheapest(ends, self.free, worth)
-        if found is None:
+        path = self._cheapest(ends, self.free, worth)
+        if path is None:
             raise PlanningFailed(self._refusal(start, goal, ends))
-        points, rooms = self._shortened(found, worth)
+        points, rooms = self._shortened(path, worth)
         points[0, :2], points[-1, :2] = start, goal
         least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
         return GuidePath(points_m=_straightened(points), room_m=least)
@@ -322,12 +380,18 @@ class _Lattice:
         return nodes[::-1]
 
     def _shortened(self, nodes: list[int], worth: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their ``room``."""
+        """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their
+        ``room``."""
         places = np.array(np.unravel_index(nodes, self.z_m.shape)).T
         steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
         costs = worth.ravel()[nodes]
         spent = np.concatenate([[0.0], np.cumsum(0.5 * steps * (costs[1:] + costs[:-1]))])
-        parts, rooms, at, last = [self._point(nodes[0])[None]], [self.room.ravel()[nodes[:1]]], 0, len(nodes) - 1
+        parts, rooms, at, last = (
+            [self._point(nodes[0])[None]],
+            [self.room.ravel()[nodes[:1]]],
+            0,
+            len(nodes) - 1,
+        )
         while at < last:
             for end in np.unique(np.geomspace(last, at + 1, TRIES).astype(int))[::-1]:
                 count = 2 if end == at + 1 else int(np.abs(places[end] - places[at]).max()) + 1
@@ -364,23 +428,33 @@ class _Lattice:
         low, high = self._border
         beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
         if beyond > 0.0:
-            raise NoPlace(f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
-                          "beyond its border")  # fmt: skip
+            raise NoPlace(
+                f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
+                "beyond its border"
+            )
         if inside and self.free[tuple(at)]:
             return int(np.ravel_multi_index(tuple(at), self.z_m.shape))
         gaps = self.corner_m + self.spacing_m * np.argwhere(self.free) - place
         gap = float(np.linalg.norm(gaps, axis=1).min(initial=np.inf))
         nearest = f"the nearest place to stand is {gap:.3g} m away"
         if (solid := self._solid_at(place)) is not None:
-            raise NoPlace(f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
-                          f"{solid}; {nearest}")  # fmt: skip
+            raise NoPlace(
+                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
+                f"{solid}; {nearest}"
+            )
         if inside and np.isfinite(self.z_m[tuple(at)]):
             number = int(self.by[tuple(at)])
-            raise NoPlace(f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g}), got a "
-                          f"{self._named(number, place, float(self.z_m[tuple(at)]))}; {nearest}")  # fmt: skip
+            raise NoPlace(
+                f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g}), got a "
+                f"{self._named(number, place, float(self.z_m[tuple(at)]))}; {nearest}"
+            )
         lacking = int(self.missing[tuple(at)]) if inside else 0
         names = self.footprint.names
-        reason = f"none near that of {names[lacking]}" if lacking >= 0 else "some too far above or below the others"
+        reason = (
+            f"none near that of {names[lacking]}"
+            if lacking >= 0
+            else "some too far above or below the others"
+        )
         raise NoPlace(f"{where}, got {reason}; {nearest}")
 
     def _solid_at(self, place: Array) -> str | None:
@@ -389,7 +463,11 @@ class _Lattice:
         over = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
             flat = patch.vertices_m[:, :2]
-            if patch.normal[2] < UPRIGHT or np.any(place < flat.min(axis=0)) or np.any(place > flat.max(axis=0)):
+            if (
+                patch.normal[2] < UPRIGHT
+                or np.any(place < flat.min(axis=0))
+                or np.any(place > flat.max(axis=0))
+            ):
                 continue
             normals, offsets = half_planes(flat)
             top = float(patch.vertices_m[:, 2].max())
@@ -400,14 +478,19 @@ class _Lattice:
         top, number = max(over)
         for other in self.surfaces:  # a bar's underside: one may stand below it
             flat = other.vertices_m[:, :2]
-            if other.normal[2] > -UPRIGHT or np.any(place < flat.min(axis=0)) or np.any(place > flat.max(axis=0)):
+            if (
+                other.normal[2] > -UPRIGHT
+                or np.any(place < flat.min(axis=0))
+                or np.any(place > flat.max(axis=0))
+            ):
                 continue
             if ground + 1e-3 < float(other.vertices_m[:, 2].min()) < top:
                 return None
         return f"solid that is {top - ground:.3g} m high"
 
     def _ground(self, place: Array) -> float:
-        """Height of the lowest ground that faces up about a place, as most of the terrain has it [m]."""
+        """Height of the lowest ground that faces up about a place, as most of the terrain has it
+        [m]."""
         down = float(np.abs(self.footprint.toes_m[:, 2]).mean())
         known = np.isfinite(self.z_m)
         gaps = np.linalg.norm(self._places() - place, axis=-1)
@@ -439,7 +522,7 @@ class _Lattice:
         through = barred._cheapest(ends, np.ones_like(free), np.where(free, 1.0, 30.0))
         head = f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g})"
         reached = np.asarray(label(free, structure=np.ones((3, 3)))[0])
-        own = reached == reached.ravel()[ends[0]]
+        region = reached == reached.ravel()[ends[0]]
         if through is None:
             return head
         node = next((each for each in through if not free.ravel()[each]), None)
@@ -451,18 +534,23 @@ class _Lattice:
         i, j = np.unravel_index(node, free.shape)
         place = self.corner_m + self.spacing_m * np.array([i, j])
         at = through.index(node)
-        near = [self._point(through[k])[:2] for k in (max(at - NEAR, 0), min(at + NEAR, len(through) - 1))]
-        width = self.footprint.width_m(round(float(np.arctan2(*(near[1] - near[0])[::-1])) / TURN_RAD) * TURN_RAD)
-        around = float(np.linalg.norm(self._places()[own] - place, axis=-1).max(initial=0.0))
+        near = [
+            self._point(through[k])[:2]
+            for k in (max(at - NEAR, 0), min(at + NEAR, len(through) - 1))
+        ]
+        width = self.footprint.width_m(
+            round(float(np.arctan2(*(near[1] - near[0])[::-1])) / TURN_RAD) * TURN_RAD
+        )
+        around = float(np.linalg.norm(self._places()[region] - place, axis=-1).max(initial=0.0))
         beyond = f"no way round within {around:.2g} m"
         if np.isfinite(self.z_m[i, j]):
             what = self._named(int(self.by[i, j]), place, float(self.z_m[i, j]))
             return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
-            said = f"no footholds within {ASIDE * self.footprint.reach_m:.2g} m of ({toe[0]:.2g}, {toe[1]:.2g})"
+            message = f"no footholds within {ASIDE * self.footprint.reach_m:.2g} m of ({toe[0]:.2g}, {toe[1]:.2g})"
             wall = self._wall_near(toe, float(known[i, j]))
-            return f"{head}: {wall or 'hole or border: ' + said}: {beyond}{self._widest(ends, width) if wall else ''}"
+            return f"{head}: {wall or 'hole or border: ' + message}: {beyond}{self._widest(ends, width) if wall else ''}"
         wall = self._wall_near(place, float(known[i, j]))
         step = f"step at ({place[0]:.2g}, {place[1]:.2g}) that is higher than the legs can take"
         return f"{head}: {wall or step}: {beyond}{self._widest(ends, width) if wall else ''}"
@@ -474,15 +562,19 @@ class _Lattice:
             off = np.linalg.norm(self._places() - place, axis=-1)
             highest = self.heights_m[off < self.footprint.radius_m].max(initial=-np.inf)
             return self._named(-1, place, body_z) if highest > ground - self.footprint.low_m else ""
-        found = list[tuple[float, int]]()
+        result = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
             low, high = patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()
-            if high < ground - self.footprint.low_m or low > body_z + self.footprint.high_m or patch.normal[2] > 0.99:
+            if (
+                high < ground - self.footprint.low_m
+                or low > body_z + self.footprint.high_m
+                or patch.normal[2] > 0.99
+            ):
                 continue
             near = _nearest_on(patch.vertices_m[:, :2], place)
             if np.linalg.norm(near - place) < self.footprint.radius_m:
-                found.append((float(high - low), number))
-        return self._named(max(found)[1], place, body_z) if found else ""
+                result.append((float(high - low), number))
+        return self._named(max(result)[1], place, body_z) if result else ""
 
     def _widest(self, ends: list[int], width: float) -> str:
         """Width of the widest gap, where a narrower robot would have a way; empty where none would.
@@ -496,11 +588,18 @@ class _Lattice:
         def passes(scale: float) -> bool:
             hull = scale * self.footprint.hull_m
             inside = np.all(
-                (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]), axis=-1
+                (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]),
+                axis=-1,
             )
             if self.heights_m is None:
                 blocked, _ = _room(
-                    self.surfaces, self.footprint, heights, self.corner_m, self.spacing_m, rooms=(0.0,), scale=scale
+                    self.surfaces,
+                    self.footprint,
+                    heights,
+                    self.corner_m,
+                    self.spacing_m,
+                    rooms=(0.0,),
+                    scale=scale,
                 )
             else:
                 high_m = _highest(self.heights_m, self.footprint.grown(0.0, scale), self.spacing_m)
@@ -531,7 +630,9 @@ class _Lattice:
             cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
             costs.append(cost[good])
         shape = (z.size, z.size)
-        return coo_array((np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape).tocsr()
+        return coo_array(
+            (np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape
+        ).tocsr()
 
 
 def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
@@ -551,8 +652,9 @@ def _room(
     rooms: Sequence[float] = _ROOMS_M,
     scale: float = 1.0,
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """At every node the number of the first of ``rooms`` [m] that is not there, and which surface takes it, of several
-    the highest; −1 for none. z: height of the body, shape (n, m); scale: of the footprint."""
+    """At every node the number of the first of ``rooms`` [m] that is not there, and which surface
+    takes it, of several the highest; −1 for none. z: height of the body, shape (n, m); scale: of
+    the footprint."""
     blocked, by = np.full(z.shape, -1), np.full(z.shape, -1)
     if not np.isfinite(z).any():
         return blocked, by
@@ -582,7 +684,9 @@ def _highest(heights: Array, hull: Array, spacing: float) -> Array:
     size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
     line = spacing * np.arange(-size, size + 1)
     normals, offsets = half_planes(hull)
-    mask = np.all(np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1)
+    mask = np.all(
+        np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1
+    )
     return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
 
 
@@ -595,7 +699,8 @@ def _covered(
     last = np.clip(np.floor((area.max(axis=0) - low) / spacing).astype(int) + 1, first, shape)
     window = (slice(first[0], last[0]), slice(first[1], last[1]))
     xy = low + spacing * np.stack(
-        np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]), indexing="ij"), axis=-1
+        np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]), indexing="ij"),
+        axis=-1,
     )
     normals, offsets = half_planes(area)
     return window, np.all(xy @ normals.T <= offsets, axis=-1)
@@ -605,7 +710,9 @@ def _plane(patch: Patch, window: tuple[slice, slice], low: Array, spacing: float
     """Heights of a surface's plane over a window of nodes [m]."""
     axes = [np.arange(part.start, part.stop) for part in window]
     xy = low + spacing * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return np.asarray(patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2])
+    return np.asarray(
+        patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+    )
 
 
 def _hull(points: Array) -> Array:
@@ -616,14 +723,18 @@ def _hull(points: Array) -> Array:
 def _nearest_on(polygon: Array, place: Array) -> Array:
     """The point of a polygon's border that is nearest to a place, shape (2,)."""
     ahead = np.roll(polygon, -1, axis=0) - polygon
-    share = np.clip(np.vecdot(place - polygon, ahead) / np.maximum(np.vecdot(ahead, ahead), 1e-12), 0.0, 1.0)
+    share = np.clip(
+        np.vecdot(place - polygon, ahead) / np.maximum(np.vecdot(ahead, ahead), 1e-12), 0.0, 1.0
+    )
     points = polygon + share[:, None] * ahead
     return np.asarray(points[int(np.linalg.norm(points - place, axis=1).argmin())])
 
 
-def _rastered(patches: Sequence[Patch], low: Array, spacing: float, shape: Array) -> tuple[Array, Array]:
-    """The height of the highest and of the lowest of patches at every node, NaN where there is none, shape (n, m)
-    [m]."""
+def _rastered(
+    patches: Sequence[Patch], low: Array, spacing: float, shape: Array
+) -> tuple[Array, Array]:
+    """The height of the highest and of the lowest of patches at every node, NaN where there is
+    none, shape (n, m) [m]."""
     top, bottom = np.full(tuple(shape), -np.inf), np.full(tuple(shape), np.inf)
     for patch in patches:
         if patch.normal[2] < 1e-3:
@@ -647,13 +758,15 @@ def _rastered(patches: Sequence[Patch], low: Array, spacing: float, shape: Array
 
 def _moved(values: Array, shift: NDArray[np.int_], beyond: float) -> Array:
     """values at (i, j) + shift, and ``beyond`` where that is none."""
-    found = np.full(values.shape, beyond)
+    values_moved = np.full(values.shape, beyond)
     here, there = _pair(values.shape, (int(shift[0]), int(shift[1])))
-    found[here] = values[there]
-    return found
+    values_moved[here] = values[there]
+    return values_moved
 
 
-def _pair(shape: tuple[int, ...], step: tuple[int, int]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+def _pair(
+    shape: tuple[int, ...], step: tuple[int, int]
+) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
     """Slices of nodes, and of those a step away."""
     here = tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, shape, strict=True))
     there = tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, shape, strict=True))
@@ -661,7 +774,8 @@ def _pair(shape: tuple[int, ...], step: tuple[int, int]) -> tuple[tuple[slice, .
 
 
 def _straightened(points: Array) -> Array:
-    """The way without points that are close to straight lines between the others (Douglas and Peucker)."""
+    """The way without points that are close to straight lines between the others (Douglas and
+    Peucker)."""
     if len(points) < 3:
         return points
     line = points[-1] - points[0]
@@ -671,4 +785,6 @@ def _straightened(points: Array) -> Array:
     farthest = int(off.argmax())
     if off[farthest] <= STRAIGHT_M:
         return points[[0, -1]]
-    return np.concatenate([_straightened(points[: farthest + 1])[:-1], _straightened(points[farthest:])])
+    return np.concatenate(
+        [_straightened(points[: farthest + 1])[:-1], _straightened(points[farthest:])]
+    )

@@ -1,4 +1,5 @@
-"""A leap: phases of stance and flight, from one state of the body to another, over candidate patches per toe."""
+"""A leap: phases of stance and flight, from one state of the body to another, over candidate
+patches per toe."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ STILL = 1e-9
 class Phase:
     """A span of time in which the same limbs stand.
 
-    limbs: names of those that stand; () in flight. intervals: equal parts in each of which forces are constant; a
-    flight needs only one.
+    limbs: names of those that stand; () in flight. intervals: equal parts in each of which forces
+    are constant; a flight needs only one.
     """
 
     limbs: tuple[str, ...]
@@ -43,8 +44,9 @@ class Phase:
 class BodyState:
     """State of a body: where it is and how it moves.
 
-    com_m: centre of mass c, shape (3,) [m]; velocity_m_s: v, shape (3,) [m/s]; momentum_m2_s: L, angular momentum about
-    the centre of mass per mass, shape (3,) [m²/s]; rotation_rad: small rotation Θ, shape (3,) [rad].
+    com_m: centre of mass c, shape (3,) [m]; velocity_m_s: v, shape (3,) [m/s]; momentum_m2_s: L,
+    angular momentum about the centre of mass per mass, shape (3,) [m²/s]; rotation_rad: small
+    rotation Θ, shape (3,) [rad].
     """
 
     com_m: Array
@@ -66,10 +68,11 @@ class BodyState:
 class LeapLimits:
     """Limits of a leap's body and forces.
 
-    momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s]. tilt_rad, goal_tilt_rad: of each
-    component of Θ, always and at the end [rad]. height_m: least height of the centre of mass over every toe that
-    stands [m]. force_share: largest normal force of a toe in units of the weight. ramp: share of that in the interval
-    after a toe lands and in the one before it lifts.
+    momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s]. tilt_rad,
+    goal_tilt_rad: of each component of Θ, always and at the end [rad]. height_m: least height of
+    the centre of mass over every toe that stands [m]. force_share: largest normal force of a toe in
+    units of the weight. ramp: share of that in the interval after a toe lands and in the one before
+    it lifts.
     """
 
     momentum_m2_s: float = 0.02
@@ -86,27 +89,32 @@ class LeapLimits:
             object.__setattr__(self, name, checked(getattr(self, name), name, least=0.0))
         object.__setattr__(self, "ramp", checked(self.ramp, "ramp", above=0.0, most=1.0))
         if self.tilt_rad > 0.5:
-            raise InvalidInput(f"tilt_rad: expected at most 0.5, where rotations are small, got {self.tilt_rad:g}")
+            raise InvalidInput(
+                f"tilt_rad: expected at most 0.5, where rotations are small, got {self.tilt_rad:g}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leap:
-    """A leap over chosen patches: is there a motion of the body, with forces at the toes, from start to goal?
+    """A leap over chosen patches: is there a motion of the body, with forces at the toes, from
+    start to goal?
 
     Arguments:
         name: a word.
         robot: with an inertia; every limb may have ``LegLimits``.
-        phases: of stance and flight, in order; the first, where the body rests, and the last have contacts.
+        phases: of stance and flight, in order; the first, where the body rests, and the last have
+            contacts.
         timings_s: durations of the phases, one of these is to be chosen [s].
-        footholds: one for every time that a limb begins to stand, with its candidates, or with the toe that stands
-            already; ``frame`` is the phase in which it begins.
+        footholds: one for every time that a limb begins to stand, with its candidates, or with the
+            toe that stands already; ``frame`` is the phase in which it begins.
         start, goal: of the body; the goal's c is the centre of a ball.
         goal_radius_m: radius of that ball [m].
         limits: of body and forces.
         duration_s: what the durations of every timing add up to; None where nobody says [s].
     Raises:
-        InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that do not belong to
-            the phases, footholds that are missing, that nobody stands on or that have no candidate.
+        InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that
+            do not belong to the phases, footholds that are missing, that nobody stands on or that
+            have no candidate.
     Source:
         Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
     Example:
@@ -131,15 +139,21 @@ class Leap:
         checked_name(self.name, "name")
         where = f"leap {self.name}: "
         if self.robot.inertia is None:
-            raise InvalidInput(f"{where}robot.inertia_kgm2: expected the inertia of {self.robot.name}, got none")
+            raise InvalidInput(
+                f"{where}robot.inertia_kgm2: expected the inertia of {self.robot.name}, got none"
+            )
         if any(limb.sole_m is not None for limb in self.robot.limbs):
             raise InvalidInput(f"{where}robot: expected point feet, got soles")
-        put = object.__setattr__
-        put(self, "phases", checked_members(self.phases, Phase, f"{where}phases"))
-        put(self, "footholds", checked_members(self.footholds, Foothold, f"{where}footholds"))
-        put(self, "goal_radius_m", checked(self.goal_radius_m, f"{where}goal_radius_m", above=0.0))
+        set_field = object.__setattr__
+        set_field(self, "phases", checked_members(self.phases, Phase, f"{where}phases"))
+        set_field(self, "footholds", checked_members(self.footholds, Foothold, f"{where}footholds"))
+        set_field(
+            self, "goal_radius_m", checked(self.goal_radius_m, f"{where}goal_radius_m", above=0.0)
+        )
         self._check_phases(where)
-        put(self, "timings_s", tuple(tuple(float(s) for s in timing) for timing in self.timings_s))
+        set_field(
+            self, "timings_s", tuple(tuple(float(s) for s in timing) for timing in self.timings_s)
+        )
         self._check_timings(where)
         self._check_footholds(where)
 
@@ -160,7 +174,8 @@ class Leap:
 
     @cached_property
     def holds(self) -> NDArray[np.int_]:
-        """The foothold under every limb in every phase, −1 where it is lifted, shape (phases, N)."""
+        """The foothold under every limb in every phase, −1 where it is lifted, shape (phases,
+        N)."""
         table = np.full((len(self.phases), len(self.robot.limbs)), -1)
         number = {(foothold.limb, foothold.frame): j for j, foothold in enumerate(self.footholds)}
         for i, name in enumerate(self.robot.limb_names):
@@ -182,13 +197,17 @@ class Leap:
         return int(np.prod([len(foothold.candidates) for foothold in self.footholds], dtype=object))
 
     def leg(self, limb: Limb) -> LegLimits:
-        """Limits of a limb's leg; where nobody says, its shoulder is the hip and nothing is limited."""
+        """Limits of a limb's leg; where nobody says, its shoulder is the hip and nothing is
+        limited."""
         return limb.leg or LegLimits(hip_m=limb.shoulder_m)
 
     def times_s(self, timing: int) -> Array:
         """Ends of the intervals for one of the timings, from 0, shape (M + 1,) [s]."""
         lasts = np.repeat(
-            [s / phase.intervals for s, phase in zip(self.timings_s[timing], self.phases, strict=True)],
+            [
+                s / phase.intervals
+                for s, phase in zip(self.timings_s[timing], self.phases, strict=True)
+            ],
             [phase.intervals for phase in self.phases],
         )
         return np.concatenate([[0.0], np.cumsum(lasts)])
@@ -206,11 +225,17 @@ class Leap:
         if not self.start.rests:
             ends = ends[1:]  # which may begin in the air
         if not self.phases or not all(phase.limbs for phase in ends):
-            raise InvalidInput(f"{where}phases: expected contacts in the first and in the last phase, got a flight")
+            raise InvalidInput(
+                f"{where}phases: expected contacts in the first and in the last phase, got a flight"
+            )
         if self.intervals > MOST_INTERVALS:
-            raise InvalidInput(f"{where}phases: expected at most {MOST_INTERVALS} intervals, got {self.intervals}")
+            raise InvalidInput(
+                f"{where}phases: expected at most {MOST_INTERVALS} intervals, got {self.intervals}"
+            )
         for q, phase in enumerate(self.phases):
-            if len(set(phase.limbs)) < len(phase.limbs) or not set(phase.limbs) <= set(self.robot.limb_names):
+            if len(set(phase.limbs)) < len(phase.limbs) or not set(phase.limbs) <= set(
+                self.robot.limb_names
+            ):
                 known = ", ".join(self.robot.limb_names)
                 raise InvalidInput(
                     f"{where}phases[{q}].limbs: expected some of {known}, each once, got {', '.join(phase.limbs)}"
@@ -241,11 +266,13 @@ class Leap:
             for name in phase.limbs
             if q == 0 or name not in self.phases[q - 1].limbs
         }
-        given = [(foothold.limb, foothold.frame) for foothold in self.footholds]
-        for name, q in sorted(wanted - set(given), key=lambda one: (one[1], one[0])):
-            raise InvalidInput(f"{where}footholds: expected one of {name} in phase {q}, where it begins to stand")
-        for j, one in enumerate(given):
-            if one not in wanted or given.index(one) != j:
+        pairs = [(foothold.limb, foothold.frame) for foothold in self.footholds]
+        for name, q in sorted(wanted - set(pairs), key=lambda one: (one[1], one[0])):
+            raise InvalidInput(
+                f"{where}footholds: expected one of {name} in phase {q}, where it begins to stand"
+            )
+        for j, one in enumerate(pairs):
+            if one not in wanted or pairs.index(one) != j:
                 raise InvalidInput(
                     f"{where}footholds[{j}]: expected one per limb and phase in which it begins to stand, got another "
                     f"of {one[0]} in phase {one[1]}"

@@ -1,4 +1,5 @@
-"""Classes of leaps that are drawn at random: one numbers page per class, in ``configs/leaps.yaml``."""
+"""Classes of leaps that are drawn at random: one numbers page per class, in
+``configs/leaps.yaml``."""
 
 from __future__ import annotations
 
@@ -35,13 +36,15 @@ MIDDLE_M = float(SCENE[:, 0].mean())
 class LeapClass(BaseModel):
     """The numbers of a class of leaps; pairs are the ends of what is drawn evenly.
 
-    robot: "nameless", or a robot's name or file. height_m: of the body over its toes at both ends. jump_m: ahead;
-    aside_m, rise_m: of the goal. toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
-    spread_m: how far candidates lie from it, along each axis, and drop_m up and down. radius_m: of the triangular
-    patches; steep_deg: their inclination. terrain: a family of terrain in place of such patches, at a level in
-    ``level``: candidates are pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and the
-    ground says how high the goal is. candidates: per toe; given: whether the toes of the first stance stand already, on
-    level ground of friction stands. intervals, timings_s: of stance, flight, stance.
+    robot: "nameless", or a robot's name or file. height_m: of the body over its toes at both ends.
+    jump_m: ahead; aside_m, rise_m: of the goal. toes_m: nominal place of the first limb's toe
+    (ahead, aside), mirrored for the others. spread_m: how far candidates lie from it, along each
+    axis, and drop_m up and down. radius_m: of the triangular patches; steep_deg: their inclination.
+    terrain: a family of terrain in place of such patches, at a level in ``level``: candidates are
+    pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and the ground
+    says how high the goal is. candidates: per toe; given: whether the toes of the first stance
+    stand already, on level ground of friction stands. intervals, timings_s: of stance, flight,
+    stance.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -73,7 +76,9 @@ class LeapClass(BaseModel):
             return self._on_terrain(rng, name)
         robot = _robot(self.robot)
         start = np.array([0.0, 0.0, self.height_m])
-        ahead, aside, rise = (rng.uniform(*ends) for ends in (self.jump_m, self.aside_m, self.rise_m))
+        ahead, aside, rise = (
+            rng.uniform(*ends) for ends in (self.jump_m, self.aside_m, self.rise_m)
+        )
         goal = start + np.array([ahead, aside, rise])
         footholds = []
         for phase, com in ((0, start), (2, goal)):
@@ -102,8 +107,8 @@ class LeapClass(BaseModel):
             if first is not None and last is not None:
                 footholds = [
                     Foothold(limb=limb.name, frame=phase, candidates=pieces)
-                    for phase, (_, found) in ((0, first), (2, last))
-                    for limb, pieces in zip(robot.limbs, found, strict=True)
+                    for phase, (_, candidates) in ((0, first), (2, last))
+                    for limb, pieces in zip(robot.limbs, candidates, strict=True)
                 ]
                 return self._leap(name, robot, footholds, first[0], last[0])
         raise InvalidInput(
@@ -122,16 +127,20 @@ class LeapClass(BaseModel):
             return None
         com = np.array([*xy_m, float(np.mean(ground)) + self.height_m])
         surfaces = CandidatePatches(scene, 0.0)
-        found = []
+        candidates = []
         for limb in robot.limbs:
             toe = com + self._toe(limb, -self.height_m)
-            pieces = surfaces.candidates(limb, com + limb.shoulder_m, toe, self.candidates, self.window_m)
+            pieces = surfaces.candidates(
+                limb, com + limb.shoulder_m, toe, self.candidates, self.window_m
+            )
             if not pieces:
                 return None
-            found.append(tuple(piece for _, piece in pieces))
-        return com, found
+            candidates.append(tuple(piece for _, piece in pieces))
+        return com, candidates
 
-    def _leap(self, name: str, robot: Robot, footholds: list[Foothold], start: Array, goal: Array) -> Leap:
+    def _leap(
+        self, name: str, robot: Robot, footholds: list[Foothold], start: Array, goal: Array
+    ) -> Leap:
         """The leap from one place to another."""
         limbs = robot.limb_names
         stance = [Phase(limbs=limbs, intervals=self.intervals[k]) for k in (0, 2)]
@@ -153,7 +162,9 @@ class LeapClass(BaseModel):
         spread = np.array([self.spread_m, self.spread_m, self.drop_m])
         centre = nominal + rng.uniform(-spread, spread)
         steep, azimuth = np.deg2rad(rng.uniform(0.0, self.steep_deg)), rng.uniform(0.0, 2.0 * np.pi)
-        normal = np.array([np.sin(steep) * np.cos(azimuth), np.sin(steep) * np.sin(azimuth), np.cos(steep)])
+        normal = np.array(
+            [np.sin(steep) * np.cos(azimuth), np.sin(steep) * np.sin(azimuth), np.cos(steep)]
+        )
         across = np.cross(normal, [0.0, 1.0, 0.0])
         across /= np.linalg.norm(across)
         beside = np.cross(normal, across)
@@ -169,7 +180,8 @@ class LeapClass(BaseModel):
 
 
 def leap_class(name: str) -> LeapClass:
-    """The class of a name in ``configs/leaps.yaml``, or the one that a YAML file describes, whose name ends so.
+    """The class of a name in ``configs/leaps.yaml``, or the one that a YAML file describes, whose
+    name ends so.
 
     Raises InvalidInput for another name, and for a file that describes none.
     """
@@ -196,7 +208,9 @@ def _classes() -> dict[str, LeapClass]:
 
     path = config_path("leaps.yaml")
     data = read_yaml(path)
-    return {name: validated(LeapClass, keys or {}, f"{path}: {name}") for name, keys in data.items()}
+    return {
+        name: validated(LeapClass, keys or {}, f"{path}: {name}") for name, keys in data.items()
+    }
 
 
 @lru_cache(maxsize=8)
@@ -207,7 +221,12 @@ def _robot(name: str) -> Robot:
 def nameless() -> Robot:
     """The four-legged robot of the first leaps: 10 kg, hips at ±.15 and ±.12 m, legs of .34 m."""
     limbs = []
-    for name, x, y in (("LF", 0.15, 0.12), ("RF", 0.15, -0.12), ("LH", -0.15, 0.12), ("RH", -0.15, -0.12)):
+    for name, x, y in (
+        ("LF", 0.15, 0.12),
+        ("RF", 0.15, -0.12),
+        ("LH", -0.15, 0.12),
+        ("RH", -0.15, -0.12),
+    ):
         hip = np.array([x, y, 0.0])
         leg = LegLimits(hip_m=hip, speed_m_s=3.0, power_w=200.0, fold_m=0.1)
         limbs.append(Limb(name=name, shoulder_m=hip, reach_m=0.34, leg=leg))
@@ -219,7 +238,9 @@ def _standing(limb: str, toe_m: Array, friction: float) -> Foothold:
     """A toe that stands on level ground already."""
     if friction < 0.0:
         raise InvalidInput(f"stands: expected a friction of 0 or more, got {friction:g}")
-    corners = np.array([[0.05, 0.05, 0.0], [-0.05, 0.05, 0.0], [-0.05, -0.05, 0.0], [0.05, -0.05, 0.0]])
+    corners = np.array(
+        [[0.05, 0.05, 0.0], [-0.05, 0.05, 0.0], [-0.05, -0.05, 0.0], [0.05, -0.05, 0.0]]
+    )
     patch = Patch(
         vertices_m=toe_m + corners,
         normal=np.array([0.0, 0.0, 1.0]),

@@ -26,7 +26,8 @@ FORMAT = "stancekit/leap/1"
 
 @dataclass(frozen=True, kw_only=True)
 class _DrawKeys:
-    """The keys of a leap that is drawn: distribution, a class of ``configs/leaps.yaml``, and a seed."""
+    """The keys of a leap that is drawn: distribution, a class of ``configs/leaps.yaml``, and a
+    seed."""
 
     distribution: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -66,20 +67,24 @@ def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
     where: the file, which messages begin with. Raises InvalidInput, in one line.
     """
     if "distribution" in data:
-        drawn = from_json(_DrawKeys, data, whole=False, where=where)
+        draw = from_json(_DrawKeys, data, whole=False, where=where)
         try:
-            kind = leap_class(drawn.distribution)
+            kind = leap_class(draw.distribution)
         except InvalidInput as error:
             raise InvalidInput(f"{where}: {error}") from None
-        return kind.draw(np.random.default_rng(drawn.seed), f"{drawn.distribution}-{drawn.seed}")
+        return kind.draw(np.random.default_rng(draw.seed), f"{draw.distribution}-{draw.seed}")
     if not isinstance(data.get("robot", ""), str | Mapping):
-        raise InvalidInput(f"{where}: robot: expected a name, a file, or a robot's keys, got {shown(data['robot'])}")
+        raise InvalidInput(
+            f"{where}: robot: expected a name, a file, or a robot's keys, got {shown(data['robot'])}"
+        )
     if isinstance(data.get("robot"), Mapping):  # or a message names what the union is of
         validated(keys_of(Robot, whole=False), data["robot"], where, key="robot.")
     try:
         keys = from_json(_LeapKeys, {"format": FORMAT, **data}, whole=False)
         robot = _named(keys.robot) if isinstance(keys.robot, str) else keys.robot
-        footholds = tuple(_foothold(one, f"footholds[{j}]: ") for j, one in enumerate(keys.footholds))
+        footholds = tuple(
+            _foothold(one, f"footholds[{j}]: ") for j, one in enumerate(keys.footholds)
+        )
         return Leap(**{**vars(keys), "robot": robot, "footholds": footholds})
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
@@ -104,11 +109,17 @@ def leap_to_json(leap: Leap) -> dict[str, Any]:
 
 
 def _named(name: str) -> Robot:
-    return nameless() if name == "nameless" else leaping_robot(Path(name) if Path(name).suffix else name)
+    return (
+        nameless()
+        if name == "nameless"
+        else leaping_robot(Path(name) if Path(name).suffix else name)
+    )
 
 
 def _foothold(keys: _FootholdKeys, where: str) -> Foothold:
     try:
-        return Foothold(limb=keys.limb, frame=keys.phase, candidates=keys.candidates, toe_m=keys.toe_m)
+        return Foothold(
+            limb=keys.limb, frame=keys.phase, candidates=keys.candidates, toe_m=keys.toe_m
+        )
     except InvalidInput as error:
         raise InvalidInput(f"{where}{error}") from None

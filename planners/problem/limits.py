@@ -14,11 +14,18 @@ from ..files.arrays import Array
 from ..files.codec import LATER, Within, check_limits
 
 LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType(
-    {"yaw_rad": ("yaw_step", "rad", ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)))}
+    {
+        "yaw_rad": (
+            "yaw_step",
+            "rad",
+            ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)),
+        )
+    }
 )
-"""Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None where there is none: a
-name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six numbers, with a·step ≤ limit. Planners, their
-reference, the verifier, proofs and explanations read them here."""
+"""Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None
+where there is none: a name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six
+numbers, with a·step ≤ limit. Planners, their reference, the verifier, proofs and explanations read
+them here."""
 
 
 NotNegative = Annotated[float, Within(least=0.0)]
@@ -28,9 +35,10 @@ NotNegative = Annotated[float, Within(least=0.0)]
 class StepLimits:
     """Largest steps between neighbouring key frames (E11), and the least progress.
 
-    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
-    convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
-    yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
+    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's
+    least step is not convex; in its place the COM moves at least this far along the straight line
+    of its nominal path, where that moves. yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|;
+    None for no such limit.
     """
 
     com_m: Annotated[float, Within(above=0.0)] = 0.15
@@ -68,7 +76,8 @@ class Weights:
     the nominal path, squared steps, squared tilt, squared distance of every toe from where it is as
     the robot stands; lengths in m.
 
-    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
+    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes
+    the step size".
     """
 
     goal: NotNegative = 1.0

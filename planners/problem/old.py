@@ -1,4 +1,5 @@
-"""``PostureProblem`` and ``Course``, the names of before for problems of one frame and of several: for one release."""
+"""``PostureProblem`` and ``Course``, the names of before for problems of one frame and of several:
+for one release."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ from .problem import Problem
 
 
 class OldName(type):
-    """A name of before that makes values (``made``), and that some values are instances of (``known``)."""
+    """A name of before that makes values (``made``), and that some values are instances of
+    (``known``)."""
 
     def __instancecheck__(cls, instance: object) -> bool:
         return bool(cls.known(instance))  # type: ignore[attr-defined]
@@ -51,6 +53,7 @@ NEW = {"PostureProblem": "Problem.posture(contacts, ...)", "Course": "Problem"}
 
 
 def renamed(name: str, where: str) -> Any:
-    """One of these names, after a ``DeprecationWarning``. where: the module that was asked for it."""
+    """One of these names, after a ``DeprecationWarning``. where: the module that was asked for
+    it."""
     warnings.warn(f"{where}.{name} is old: {NEW[name]}", DeprecationWarning, stacklevel=3)
     return {"PostureProblem": PostureProblem, "Course": Course}[name]

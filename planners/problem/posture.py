@@ -1,4 +1,5 @@
-"""Posture problems (Lin et al. §II), the currency of contact planning: their numbers, and the keys of their files."""
+"""Posture problems (Lin et al. §II), the currency of contact planning: their numbers, and the keys
+of their files."""
 
 from __future__ import annotations
 
@@ -17,10 +18,17 @@ TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (Lin et al
 UP = (0.0, 0.0, 1.0)
 THREE_LEGS = ("RF", "RR", "LM")
 MAX_TILT_RAD = float(np.deg2rad(30.0))
-"""Of the problem classes of Lin et al. §IV-A: a tripod of the hexapod's legs; how far a patch leans at most."""
+"""Of the problem classes of Lin et al. §IV-A: a tripod of the hexapod's legs; how far a patch leans
+at most."""
 BODY = (
-    "mass_kg", "gravity_m_s2", "force_scale_n", "length_scale_m", "com_nominal_m", "com_radius_m", "tilt_limit_rad"
-)  # fmt: skip
+    "mass_kg",
+    "gravity_m_s2",
+    "force_scale_n",
+    "length_scale_m",
+    "com_nominal_m",
+    "com_radius_m",
+    "tilt_limit_rad",
+)
 """The numbers of a posture problem beside its contacts."""
 
 
@@ -46,27 +54,32 @@ class PostureKeys:
 
 
 def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
-    """The numbers of a problem without its contacts. Raises InvalidInput with everything that is wrong with them."""
-    found: dict[str, Any] = {"wrench": None}
+    """The numbers of a problem without its contacts. Raises InvalidInput with everything that is
+    wrong with them."""
+    fields_of_body: dict[str, Any] = {"wrench": None}
 
     def number(name: str, **limits: float) -> None:
-        found[name] = checked(values[name], name, **limits)
+        fields_of_body[name] = checked(values[name], name, **limits)
 
     collect_errors(
         lambda: number("mass_kg", above=0.0),
         lambda: number("gravity_m_s2", above=0.0),
         lambda: number("length_scale_m", above=0.0),
-        lambda: found.update(com_nominal_m=read_only(values["com_nominal_m"], (3,), "com_nominal_m")),
+        lambda: fields_of_body.update(
+            com_nominal_m=read_only(values["com_nominal_m"], (3,), "com_nominal_m")
+        ),
         lambda: number("com_radius_m", least=0.0),
         lambda: number("tilt_limit_rad", least=0.0, most=0.5 * np.pi),
         lambda: None if values["force_scale_n"] is None else number("force_scale_n", above=0.0),
     )
     if values["force_scale_n"] is None:
-        found["force_scale_n"] = found["mass_kg"] * found["gravity_m_s2"]
+        fields_of_body["force_scale_n"] = fields_of_body["mass_kg"] * fields_of_body["gravity_m_s2"]
     if wrench is not None:
-        weight_n = found["mass_kg"] * found["gravity_m_s2"]
-        found["wrench"] = checked_wrench(wrench, (6,), weight_n=weight_n, length_m=found["length_scale_m"])[None]
-    return found
+        weight_n = fields_of_body["mass_kg"] * fields_of_body["gravity_m_s2"]
+        fields_of_body["wrench"] = checked_wrench(
+            wrench, (6,), weight_n=weight_n, length_m=fields_of_body["length_scale_m"]
+        )[None]
+    return fields_of_body
 
 
 if not TYPE_CHECKING:  # or a checker would take any name for one that there is

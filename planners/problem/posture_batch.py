@@ -1,4 +1,5 @@
-"""Posture problems from a sampler, and in batches: one robot on B sets of patches, as arrays, validated at once."""
+"""Posture problems from a sampler, and in batches: one robot on B sets of patches, as arrays,
+validated at once."""
 
 from __future__ import annotations
 
@@ -32,10 +33,11 @@ class Sampler(Protocol):
 class PostureBatch:
     """B problems that differ from ``like`` in their patches alone; ``problem`` gives one of them.
 
-    like: body, limbs, limits, and the shear references of the patches, N contacts.
-    vertices_m: v_u in the world, shape (B, N, U, 3) [m]; normals: unit, shape (B, N, 3); friction: μ ≥ 0, shape (B, N).
-    convex: whether the borders are known to be those of flat convex polygons, and are not looked at again.
-    Raises InvalidInput, under the rules of ``Patch``, for the first patch that is none.
+    like: body, limbs, limits, and the shear references of the patches, N contacts. vertices_m: v_u
+    in the world, shape (B, N, U, 3) [m]; normals: unit, shape (B, N, 3); friction: μ ≥ 0, shape (B,
+    N). convex: whether the borders are known to be those of flat convex polygons, and are not
+    looked at again. Raises InvalidInput, under the rules of ``Patch``, for the first patch that is
+    none.
     """
 
     like: Problem
@@ -47,16 +49,25 @@ class PostureBatch:
     def __post_init__(self, convex: bool) -> None:
         count = len(self.like.contacts)
         if any(contact.sole_m is not None for contact in self.like.contacts):
-            raise InvalidInput("like: expected point feet in a batch of posture problems, got soles")
-        put = object.__setattr__
-        put(self, "vertices_m", read_only(self.vertices_m, (None, count, None, 3), "vertices_m"))
-        put(self, "normals", read_only(self.normals, (len(self), count, 3), "normals"))
-        put(self, "friction", read_only(self.friction, (len(self), count), "friction"))
+            raise InvalidInput(
+                "like: expected point feet in a batch of posture problems, got soles"
+            )
+        set_field = object.__setattr__
+        set_field(
+            self, "vertices_m", read_only(self.vertices_m, (None, count, None, 3), "vertices_m")
+        )
+        set_field(self, "normals", read_only(self.normals, (len(self), count, 3), "normals"))
+        set_field(self, "friction", read_only(self.friction, (len(self), count), "friction"))
         if self.vertices_m.shape[2] < 3:
-            raise InvalidInput(f"vertices_m: expected 3 or more vertices a patch, got {self.vertices_m.shape[2]}")
+            raise InvalidInput(
+                f"vertices_m: expected 3 or more vertices a patch, got {self.vertices_m.shape[2]}"
+            )
         along = np.abs(np.vecdot(self.normals, self.shear_references)) > 1.0 - 5e-7
         for wrong, text in (
-            (np.abs(np.vecdot(self.normals, self.normals) - 1.0) > 1e-12, "normal: expected a unit vector"),
+            (
+                np.abs(np.vecdot(self.normals, self.normals) - 1.0) > 1e-12,
+                "normal: expected a unit vector",
+            ),
             (along, "shear_reference: expected a direction not along the normal"),
             (self.friction < 0.0, "friction: expected 0 or more"),
         ):
@@ -66,7 +77,8 @@ class PostureBatch:
             return
         size = len(self) * count
         defect = polygon_defect(
-            self.vertices_m.reshape(size, *self.vertices_m.shape[2:]), self.frames.reshape(size, 3, 3)
+            self.vertices_m.reshape(size, *self.vertices_m.shape[2:]),
+            self.frames.reshape(size, 3, 3),
         )
         if defect:
             raise InvalidInput(f"{self._where(defect[0])}.{defect[1]}")
@@ -75,18 +87,25 @@ class PostureBatch:
     def stacked(cls, problems: Sequence[Problem]) -> PostureBatch:
         """Problems that were drawn one by one, as a batch.
 
-        Raises InvalidInput unless they differ in vertices, normals and friction of their patches alone, which all have
-        as many corners.
+        Raises InvalidInput unless they differ in vertices, normals and friction of their patches
+        alone, which all have as many corners.
         """
         if not problems:
             raise InvalidInput("problems: expected one or more, got none")
-        first, patches = problems[0], [[contact.patch for contact in problem.contacts] for problem in problems]
+        first, patches = (
+            problems[0],
+            [[contact.patch for contact in problem.contacts] for problem in problems],
+        )
         for index, problem in enumerate(problems):
             if _without_patches(problem) != _without_patches(first):
-                raise InvalidInput(f"problems[{index}]: expected body, limbs, limits and shear references of the first")
+                raise InvalidInput(
+                    f"problems[{index}]: expected body, limbs, limits and shear references of the first"
+                )
         corners = {len(patch.vertices_m) for row in patches for patch in row}
         if len(corners) != 1:
-            raise InvalidInput(f"problems: expected patches of as many corners each, got {sorted(corners)}")
+            raise InvalidInput(
+                f"problems: expected patches of as many corners each, got {sorted(corners)}"
+            )
         return cls(
             like=first,
             vertices_m=np.array([[patch.vertices_m for patch in row] for row in patches]),
@@ -105,14 +124,19 @@ class PostureBatch:
     @cached_property
     def frames(self) -> Array:
         """R_WC of every patch, columns n, y = z × n, z (E3), shape (B, N, 3, 3)."""
-        frames = contact_frames(self.normals, np.broadcast_to(self.shear_references, self.normals.shape))
+        frames = contact_frames(
+            self.normals, np.broadcast_to(self.shear_references, self.normals.shape)
+        )
         frames.setflags(write=False)
         return frames
 
     def problem(self, index: int) -> Problem:
-        """One of the problems. It is not validated again, and its arrays are views into the batch's."""
+        """One of the problems. It is not validated again, and its arrays are views into the
+        batch's."""
         contacts, footholds, terrain = [], [], []
-        for i, (contact, put) in enumerate(zip(self.like.contacts, self.like.footholds, strict=True)):
+        for i, (contact, foothold) in enumerate(
+            zip(self.like.contacts, self.like.footholds, strict=True)
+        ):
             patch = _with(
                 contact.patch,
                 vertices_m=self.vertices_m[index, i],
@@ -121,9 +145,14 @@ class PostureBatch:
                 frame=self.frames[index, i],
             )
             contacts.append(_with(contact, patch=patch))
-            footholds.append(_with(put, candidates=(patch,)))
+            footholds.append(_with(foothold, candidates=(patch,)))
             terrain.append(patch)
-        return _with(self._plain, contacts=tuple(contacts), footholds=tuple(footholds), terrain=tuple(terrain))
+        return _with(
+            self._plain,
+            contacts=tuple(contacts),
+            footholds=tuple(footholds),
+            terrain=tuple(terrain),
+        )
 
     @cached_property
     def _plain(self) -> Problem:
@@ -139,11 +168,15 @@ class PostureBatch:
         return tuple(self.problem(index) for index in range(len(self)))
 
     def select(self, chosen: NDArray[np.intp]) -> PostureBatch:
-        """These problems as a batch, not validated again, and the same objects where there are ``problems``.
+        """These problems as a batch, not validated again, and the same objects where there are
+        ``problems``.
 
         chosen: shape (K,).
         """
-        parts = {name: getattr(self, name)[chosen] for name in ("vertices_m", "normals", "friction", "frames")}
+        parts = {
+            name: getattr(self, name)[chosen]
+            for name in ("vertices_m", "normals", "friction", "frames")
+        }
         for part in parts.values():
             part.setflags(write=False)
         shared = {}

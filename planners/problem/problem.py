@@ -1,12 +1,14 @@
-"""A problem: what a robot is asked, at one key frame or over several (E1-E11), with the candidate patches of every toe.
+"""A problem: what a robot is asked, at one key frame or over several (E1-E11), with the candidate
+patches of every toe.
 
-A *foothold* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
-next foothold. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
-limbs of the schedule lift; the others must hold the robot both before and after the body has moved. Since their toes
-stay and the balances are linear in (c, f) once toes are held, two such stances hold everywhere between them.
+A *foothold* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it
+stays until the limb's next foothold. A *stance* is a set of limbs that must carry the robot alone
+at a key frame. Between two key frames the limbs of the schedule lift; the others must hold the
+robot both before and after the body has moved. Since their toes stay and the balances are linear in
+(c, f) once toes are held, two such stances hold everywhere between them.
 
-A *posture problem* is a problem of one frame and one stance without an objective: can the robot hold still on these
-patches, and how? A *course* has an objective, and usually several frames.
+A *posture problem* is a problem of one frame and one stance without an objective: can the robot
+hold still on these patches, and how? A *course* has an objective, and usually several frames.
 """
 
 from __future__ import annotations
@@ -51,16 +53,18 @@ MOST_FRAMES = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """M key frames of one robot over one terrain, M ≥ 1. Usually laid out from YAML: ``load("my-course.yaml")``; or of
-    one frame, ``Problem.posture(contacts, ...)``.
+    """M key frames of one robot over one terrain, M ≥ 1. Usually laid out from YAML:
+    ``load("my-course.yaml")``; or of one frame, ``Problem.posture(contacts, ...)``.
 
     Arguments:
         name: of the problem.
         robot: whose limbs are placed.
-        terrain: every surface there is; footholds have to be pieces of it, or no plan on them is accepted.
+        terrain: every surface there is; footholds have to be pieces of it, or no plan on them is
+            accepted.
         footholds: toes put down, in order of frame, then limb; every limb has one at frame 0.
         lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
-        next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
+        next_lift: the limbs that would move after the last frame; what they leave behind must hold
+            there, too.
         com_nominal_m: shape (M, 3) [m].
         com_radius_m: how far the COM may be from it, shape (M,) [m].
         goal_m: where the last COM should be, shape (3,) [m].
@@ -70,16 +74,20 @@ class Problem:
         gravity_m_s2: g [m/s²].
         length_scale_m: unit of non-dimensional lengths (E4) [m].
         force_scale_n: unit of non-dimensional forces (E3) [N]; the weight where None.
-        force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the force scale, shape (3,), where
-            a foothold has none of its own.
-        modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
-        push_n: horizontal push at the centre of mass, in any direction, that every stance has to bear [N].
-        standing_m: from the centre of mass to each toe as the robot stands at each frame, to which ``weights.stance``
-            draws toes, shape (M, N, 3) [m].
-        wrench: on the body beside its weight at each frame, as of a payload, wind or a rope: force [N] and moment about
-            the centre of mass [Nm] in world axes, shape (M, 6) (``problem.wrench``); None for none.
+        force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the force
+            scale, shape (3,), where a foothold has none of its own.
+        modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,):
+            for reports only.
+        push_n: horizontal push at the centre of mass, in any direction, that every stance has to
+            bear [N].
+        standing_m: from the centre of mass to each toe as the robot stands at each frame, to which
+            ``weights.stance`` draws toes, shape (M, N, 3) [m].
+        wrench: on the body beside its weight at each frame, as of a payload, wind or a rope: force
+            [N] and moment about the centre of mass [Nm] in world axes, shape (M, 6)
+            (``problem.wrench``); None for none.
     Raises:
-        InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
+        InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers
+            out of range.
     Source:
         Lin et al. §II and §IV-B, E1-E11.
     Example:
@@ -119,49 +127,69 @@ class Problem:
     modes: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
+        set_field = object.__setattr__
         collect_errors(
-            lambda: put(self, "name", _text(self.name, "name")),
+            lambda: set_field(self, "name", _text(self.name, "name")),
             lambda: checked_members((self.robot,), Robot, "robot"),
-            lambda: put(self, "terrain", checked_members(self.terrain, Patch, "terrain")),
-            lambda: put(self, "footholds", checked_members(self.footholds, Foothold, "placements")),
-            lambda: put(self, "lifts", _limb_sets(self.lifts)),
-            lambda: put(self, "next_lift", checked_members(self.next_lift, str, "next_lift")),
+            lambda: set_field(self, "terrain", checked_members(self.terrain, Patch, "terrain")),
+            lambda: set_field(
+                self, "footholds", checked_members(self.footholds, Foothold, "placements")
+            ),
+            lambda: set_field(self, "lifts", _limb_sets(self.lifts)),
+            lambda: set_field(self, "next_lift", checked_members(self.next_lift, str, "next_lift")),
             lambda: checked_members((self.steps,), StepLimits, "steps"),
             lambda: self.weights is None or checked_members((self.weights,), Weights, "weights"),
-            lambda: self.modes is None or put(self, "modes", _modes(self.modes)),
+            lambda: self.modes is None or set_field(self, "modes", _modes(self.modes)),
         )
         frames = len(self.lifts)
         tilted = 0.5 * np.pi if self.weights is None else 0.5
         if not 1 <= frames <= MOST_FRAMES:
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
         collect_errors(
-            lambda: put(self, "com_nominal_m", read_only(self.com_nominal_m, (frames, 3), "com_nominal_m")),
-            lambda: put(self, "com_radius_m", read_only(self.com_radius_m, (frames,), "com_radius_m")),
-            lambda: put(self, "goal_m", read_only(self.goal_m, (3,), "goal_m")),
-            lambda: put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=tilted)),
-            lambda: put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)),
-            lambda: put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)),
-            lambda: put(self, "push_n", checked(self.push_n, "push_n", least=0.0)),
-            lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
-            lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
+            lambda: set_field(
+                self, "com_nominal_m", read_only(self.com_nominal_m, (frames, 3), "com_nominal_m")
+            ),
+            lambda: set_field(
+                self, "com_radius_m", read_only(self.com_radius_m, (frames,), "com_radius_m")
+            ),
+            lambda: set_field(self, "goal_m", read_only(self.goal_m, (3,), "goal_m")),
+            lambda: set_field(
+                self,
+                "tilt_limit_rad",
+                checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=tilted),
+            ),
+            lambda: set_field(
+                self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)
+            ),
+            lambda: set_field(
+                self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)
+            ),
+            lambda: set_field(self, "push_n", checked(self.push_n, "push_n", least=0.0)),
+            lambda: set_field(self, "force_min", read_only(self.force_min, (3,), "force_min")),
+            lambda: set_field(self, "force_max", read_only(self.force_max, (3,), "force_max")),
             self._check_schedule,
         )
         if self.standing_m is not None:
             shape = (frames, len(self.robot.limbs), 3)
-            put(self, "standing_m", read_only(self.standing_m, shape, "standing_m"))
+            set_field(self, "standing_m", read_only(self.standing_m, shape, "standing_m"))
         elif self.weights is not None and self.weights.stance > 0.0:
-            raise InvalidInput("standing_m: expected where toes are as the robot stands, with weights.stance, got none")
+            raise InvalidInput(
+                "standing_m: expected where toes are as the robot stands, with weights.stance, got none"
+            )
         if self.force_scale_n is None:
-            put(self, "force_scale_n", self.weight_n)
-        put(self, "force_scale_n", checked(self.force_scale_n, "force_scale_n", above=0.0))
+            set_field(self, "force_scale_n", self.weight_n)
+        set_field(self, "force_scale_n", checked(self.force_scale_n, "force_scale_n", above=0.0))
         if np.any(self.com_radius_m < 0.0):
-            raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
+            raise InvalidInput(
+                f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}"
+            )
         if self.wrench is not None:
             scales = {"weight_n": self.weight_n, "length_m": self.length_scale_m}
-            put(self, "wrench", checked_wrench(self.wrench, (frames, 6), **scales))
+            set_field(self, "wrench", checked_wrench(self.wrench, (frames, 6), **scales))
         _check_bounds(self.force_min, self.force_max, "")
-        for index, put_down in enumerate(self.footholds) if frames > 1 else ():  # of one frame, nobody is in the air
+        for index, put_down in (
+            enumerate(self.footholds) if frames > 1 else ()
+        ):  # of one frame, nobody is in the air
             if put_down.force_min is not None and put_down.force_max is not None:
                 _check_bounds(put_down.force_min, put_down.force_max, f"placements[{index}]: ")
         if self.weights is None:
@@ -184,9 +212,11 @@ class Problem:
         robot: str = "",
         wrench: Array | Sequence[float] | None = None,
     ) -> Problem:
-        """Can the robot hold still with these limbs on these patches, and how? One frame, without an objective.
+        """Can the robot hold still with these limbs on these patches, and how? One frame, without
+        an objective.
 
-        Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
+        Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force
+        at every toe.
 
         Arguments:
             contacts: one or more, each of another limb.
@@ -194,8 +224,10 @@ class Problem:
             com_nominal_m: where the centre of mass should be, shape (3,) [m].
             com_radius_m: how far from there it may be [m].
             gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as of ``Problem``.
-            robot: identity of the model that the limbs are of, see ``Robot``; empty where there is none.
-            wrench: on the body beside its weight, force [N] and moment about the centre of mass [Nm], shape (6,).
+            robot: identity of the model that the limbs are of, see ``Robot``; empty where there is
+                none.
+            wrench: on the body beside its weight, force [N] and moment about the centre of mass
+                [Nm], shape (6,).
         Raises:
             InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
         """
@@ -212,18 +244,29 @@ class Problem:
                 except InvalidInput as error:
                     raise InvalidInput(f"contacts[{index}].sole_m: {error}") from None
         body = checked_body(
-            mass_kg=mass_kg, gravity_m_s2=gravity_m_s2, force_scale_n=force_scale_n, length_scale_m=length_scale_m,
-            com_nominal_m=com_nominal_m, com_radius_m=com_radius_m, tilt_limit_rad=tilt_limit_rad,
+            mass_kg=mass_kg,
+            gravity_m_s2=gravity_m_s2,
+            force_scale_n=force_scale_n,
+            length_scale_m=length_scale_m,
+            com_nominal_m=com_nominal_m,
+            com_radius_m=com_radius_m,
+            tilt_limit_rad=tilt_limit_rad,
             wrench=wrench,
-        )  # fmt: skip
+        )
         return _posture(contacts, robot, **body)
 
     def posture_with(self, **changes: Any) -> Problem:
-        """The posture problem with other arguments of ``Problem.posture``. Raises InvalidInput likewise."""
+        """The posture problem with other arguments of ``Problem.posture``. Raises InvalidInput
+        likewise."""
         same: dict[str, Any] = {name: getattr(self, name) for name in BODY}
-        same |= {"com_nominal_m": self.com_nominal_m[0], "com_radius_m": float(self.com_radius_m[0])}
+        same |= {
+            "com_nominal_m": self.com_nominal_m[0],
+            "com_radius_m": float(self.com_radius_m[0]),
+        }
         same["wrench"] = None if self.wrench is None else self.wrench[0]
-        return Problem.posture(**{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes})
+        return Problem.posture(
+            **{"contacts": self.contacts, "robot": self.robot.identity, **same, **changes}
+        )
 
     def course(self, name: str = "posture", robot: Robot | None = None) -> Problem:
         """A posture problem as a course of one frame, any plan of which is as good as another.
@@ -232,8 +275,9 @@ class Problem:
 
         Arguments:
             name: of the course.
-            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans are then known, of
-                these limbs (``robot.some_legs``). None where the reach of the limbs is all that is to be known.
+            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans
+                are then known, of these limbs (``robot.some_legs``). None where the reach of the
+                limbs is all that is to be known.
         Raises:
             InvalidInput: for a robot that has not these limbs, or whose legs are not known.
         """
@@ -244,26 +288,35 @@ class Problem:
         footholds = self.footholds
         if max(np.ptp(low, axis=0).max(), np.ptp(high, axis=0).max()) > 0.0:
             footholds = tuple(
-                replace(put, force_min=least, force_max=most)
-                for put, least, most in zip(footholds, low, high, strict=True)
+                replace(foothold, force_min=least, force_max=most)
+                for foothold, least, most in zip(footholds, low, high, strict=True)
             )
             low, high = low * 0.0 + [0.0, -1.0, -1.0], high * 0.0 + 1.0
         else:
-            footholds = tuple(replace(put, force_min=None, force_max=None) for put in footholds)
+            footholds = tuple(
+                replace(foothold, force_min=None, force_max=None) for foothold in footholds
+            )
         nothing = Weights(goal=0.0, com_step=0.0, toe_step=0.0, tilt=0.0)
         return replace(
-            self, name=name, footholds=footholds, force_scale_n=None, force_min=low[0], force_max=high[0],
+            self,
+            name=name,
+            footholds=footholds,
+            force_scale_n=None,
+            force_min=low[0],
+            force_max=high[0],
             weights=nothing,
-        )  # fmt: skip
+        )
 
     def _on(self, robot: Robot, name: str) -> Problem:
         """``course`` of this robot."""
         from ..robot.some_legs import on_limbs  # loads pinocchio
 
-        own = self.robot.identity
-        if own != robot.identity:
-            wanted, came = own or "the default hexapod", robot.identity or robot.name
-            raise InvalidInput(f"robot: expected {wanted}, whose limbs the posture is of, got {came}")
+        identity = self.robot.identity
+        if identity != robot.identity:
+            wanted, came = identity or "the default hexapod", robot.identity or robot.name
+            raise InvalidInput(
+                f"robot: expected {wanted}, whose limbs the posture is of, got {came}"
+            )
         robot.select(self.legs)
         contacts = sorted(self.contacts, key=lambda contact: robot.limb_names.index(contact.leg))
         course = self.posture_with(contacts=contacts).course(name)
@@ -290,12 +343,15 @@ class Problem:
     def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
         """Read the JSON form of a problem.
 
-        robot: of a posture problem, whose limbs the legs must be; None for the robot that it names, or the hexapod.
-        Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
+        robot: of a posture problem, whose limbs the legs must be; None for the robot that it names,
+        or the hexapod. Raises InvalidInput whose message lists every key that is wrong, separated
+        by "; ".
         """
         if not isinstance(data, Mapping):
             forms = f"{PostureKeys.FORMAT!r} or {cls.FORMAT!r}"
-            raise InvalidInput(f"expected a JSON object with format {forms}, got {type(data).__name__}")
+            raise InvalidInput(
+                f"expected a JSON object with format {forms}, got {type(data).__name__}"
+            )
         if str(data.get("format")).startswith("stancekit/course/"):
             course = from_json(cls, data)
             if course.weights is None:
@@ -304,24 +360,32 @@ class Problem:
         keys = from_json(PostureKeys, data)
         known = robot or (None if keys.robot else hexapod())
         if known is not None:
-            legs = [(contact.leg, f"contacts[{index}].leg") for index, contact in enumerate(keys.contacts)]
-            collect_errors(*(partial(checked_choice, leg, where, known.limb_names) for leg, where in legs))
+            legs = [
+                (contact.leg, f"contacts[{index}].leg")
+                for index, contact in enumerate(keys.contacts)
+            ]
+            collect_errors(
+                *(partial(checked_choice, leg, where, known.limb_names) for leg, where in legs)
+            )
         return cls.posture(**vars(keys))
 
     @property
     def is_posture(self) -> bool:
         """Tell whether it is a posture problem: one frame, one stance, and no objective.
 
-        Its solution is a ``Posture``, a certificate of it has to leave room, and planners decide it in place of looking
-        for the best plan.
+        Its solution is a ``Posture``, a certificate of it has to leave room, and planners decide it
+        in place of looking for the best plan.
         """
         return self.weights is None
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
-        """The limbs of a posture problem, each on its patch. Raises InvalidInput for other problems."""
+        """The limbs of a posture problem, each on its patch. Raises InvalidInput for other
+        problems."""
         if not self.is_posture:
-            raise InvalidInput(f"contacts: expected a posture problem, got a course of {self.frames} frames")
+            raise InvalidInput(
+                f"contacts: expected a posture problem, got a course of {self.frames} frames"
+            )
         return self._contacts(self.stances[0], [0] * len(self.footholds))
 
     @property
@@ -343,27 +407,38 @@ class Problem:
     def aim(self) -> Weights:
         """The weights of the objective. Raises InvalidInput where there is none."""
         if self.weights is None:
-            raise InvalidInput("weights: expected a course with an objective, got a posture problem")
+            raise InvalidInput(
+                "weights: expected a course with an objective, got a posture problem"
+            )
         return self.weights
 
     @property
     def force_n(self) -> float:
-        """Unit of the non-dimensional force: the force scale, the weight where nobody says another [N]."""
+        """Unit of the non-dimensional force: the force scale, the weight where nobody says another
+        [N]."""
         assert self.force_scale_n is not None
         return self.force_scale_n
 
     @cached_property
     def common_bounds(self) -> tuple[Array, Array]:
-        """The forces (f_n, f_y, f_z) that every foothold admits, least and largest, in units of the weight, (3,)."""
+        """The forces (f_n, f_y, f_z) that every foothold admits, least and largest, in units of the
+        weight, (3,)."""
         low, high = self.force_bounds
         share = self.force_n / self.weight_n
         return share * low.max(axis=0), share * high.min(axis=0)
 
     @cached_property
     def force_bounds(self) -> tuple[Array, Array]:
-        """Least and largest (f_n, f_y, f_z) on every foothold, in units of the force scale, shape (P, 3) each."""
-        low = [self.force_min if put.force_min is None else put.force_min for put in self.footholds]
-        high = [self.force_max if put.force_max is None else put.force_max for put in self.footholds]
+        """Least and largest (f_n, f_y, f_z) on every foothold, in units of the force scale, shape
+        (P, 3) each."""
+        low = [
+            self.force_min if foothold.force_min is None else foothold.force_min
+            for foothold in self.footholds
+        ]
+        high = [
+            self.force_max if foothold.force_max is None else foothold.force_max
+            for foothold in self.footholds
+        ]
         return np.array(low), np.array(high)
 
     @property
@@ -385,21 +460,28 @@ class Problem:
             table[foothold.frame :, names.index(foothold.limb)] = index
         if np.any(table < 0):
             limb = names[int(np.argwhere(table < 0)[0, 1])]
-            raise InvalidInput(f"placements: expected one at frame 0 for every limb, got none for {limb}")
+            raise InvalidInput(
+                f"placements: expected one at frame 0 for every limb, got none for {limb}"
+            )
         table.setflags(write=False)
         return table
 
     @cached_property
     def offsets_m(self) -> tuple[tuple[Array, ...], ...]:
-        """From the toe of each foothold to the points that bear forces, on each candidate, shape (K, 3) [m]."""
+        """From the toe of each foothold to the points that bear forces, on each candidate, shape
+        (K, 3) [m]."""
         soles = {limb.name: limb.sole_m for limb in self.robot.limbs}
         point = np.zeros((1, 3))
         return tuple(
             tuple(
-                point if (sole := soles[put.limb]) is None else sole_offsets(sole, patch, yaw)
-                for patch, yaw in zip(put.candidates, put.yaws_rad or (0.0,) * len(put.candidates), strict=True)
+                point if (sole := soles[foothold.limb]) is None else sole_offsets(sole, patch, yaw)
+                for patch, yaw in zip(
+                    foothold.candidates,
+                    foothold.yaws_rad or (0.0,) * len(foothold.candidates),
+                    strict=True,
+                )
             )
-            for put in self.footholds
+            for foothold in self.footholds
         )
 
     @cached_property
@@ -410,17 +492,24 @@ class Problem:
         Raises InvalidInput where a sole has no room.
         """
         if not self.has_soles:
-            return tuple(put.candidates for put in self.footholds)
-        found = []
-        for index, (put, offsets) in enumerate(zip(self.footholds, self.offsets_m, strict=True)):
-            regions = put.candidates
+            return tuple(foothold.candidates for foothold in self.footholds)
+        result = []
+        for index, (foothold, offsets) in enumerate(
+            zip(self.footholds, self.offsets_m, strict=True)
+        ):
+            regions = foothold.candidates
             if len(offsets[0]) > 1:
                 try:
-                    regions = tuple(sole_region(*pair) for pair in zip(put.candidates, offsets, strict=True))
+                    regions = tuple(
+                        sole_region(*pair)
+                        for pair in zip(foothold.candidates, offsets, strict=True)
+                    )
                 except InvalidInput as error:
-                    raise InvalidInput(f"placements[{index}]: frame {put.frame}, limb {put.limb}: {error}") from None
-            found.append(regions)
-        return tuple(found)
+                    raise InvalidInput(
+                        f"placements[{index}]: frame {foothold.frame}, limb {foothold.limb}: {error}"
+                    ) from None
+            result.append(regions)
+        return tuple(result)
 
     @property
     def has_soles(self) -> bool:
@@ -429,34 +518,47 @@ class Problem:
 
     @cached_property
     def stances(self) -> tuple[Stance, ...]:
-        """Every set of limbs that must carry the robot alone, by frame: after the move to the frame, before the next.
+        """Every set of limbs that must carry the robot alone, by frame: after the move to the
+        frame, before the next.
 
-        Where all limbs move at once there is nobody left to carry, and all of them must at the frame itself.
+        Where all limbs move at once there is nobody left to carry, and all of them must at the
+        frame itself.
         """
         names = self.robot.limb_names
         everybody = tuple(range(len(names)))
-        found = []
+        result = []
         for k in range(self.frames):
-            moved, moving = self.lifts[k], self.lifts[k + 1] if k + 1 < self.frames else self.next_lift
-            sets = [tuple(i for i in everybody if names[i] not in lifted) for lifted in (moved, moving) if lifted]
-            kept = [limbs for limbs in dict.fromkeys(sets) if limbs]
-            found += [Stance(k, limbs) for limbs in kept or [everybody]]
-        return tuple(found)
+            moved, moving = (
+                self.lifts[k],
+                self.lifts[k + 1] if k + 1 < self.frames else self.next_lift,
+            )
+            sets = [
+                tuple(i for i in everybody if names[i] not in lifted)
+                for lifted in (moved, moving)
+                if lifted
+            ]
+            groups = [limbs for limbs in dict.fromkeys(sets) if limbs]
+            result += [Stance(k, limbs) for limbs in groups or [everybody]]
+        return tuple(result)
 
     @cached_property
     def uncarried(self) -> tuple[int, ...]:
-        """The frames before which all limbs lift at once, so that nobody carries the robot there: such a course asks
-        for the frames alone, and no plan of it can be executed."""
-        return tuple(k for k, lifted in enumerate(self.lifts) if len(lifted) == len(self.robot.limbs))
+        """The frames before which all limbs lift at once, so that nobody carries the robot there:
+        such a course asks for the frames alone, and no plan of it can be executed."""
+        return tuple(
+            k for k, lifted in enumerate(self.lifts) if len(lifted) == len(self.robot.limbs)
+        )
 
     def direction(self, frame: int) -> Array:
-        """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where it does not move."""
+        """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where
+        it does not move."""
         step = self.com_nominal_m[frame] - self.com_nominal_m[frame - 1]
         length = float(np.linalg.norm(step))
         return step / length if length > 1e-9 else np.zeros(3)
 
     def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
-        """The patch that was chosen for a foothold; choice: candidate's index a foothold, shape (P,)."""
+        """The patch that was chosen for a foothold; choice: candidate's index a foothold, shape
+        (P,)."""
         return self.footholds[foothold].candidates[int(choice[foothold])]
 
     def posture_problem(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
@@ -474,7 +576,9 @@ class Problem:
             wrench=None if self.wrench is None else self.wrench[stance.frame],
         )
 
-    def _contacts(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> tuple[Contact, ...]:
+    def _contacts(
+        self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]
+    ) -> tuple[Contact, ...]:
         """The limbs of a stance on the chosen patches."""
         contacts, (low, high) = [], self.force_bounds
         for limb in stance.limbs:
@@ -483,17 +587,22 @@ class Problem:
             yaws = self.footholds[foothold].yaws_rad
             contacts.append(
                 Contact(
-                    leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m,
-                    patch=self.patch(foothold, choice), force_min=low[foothold], force_max=high[foothold],
-                    reach_rows=owner.reach_rows, sole_m=owner.sole_m,
+                    leg=owner.name,
+                    shoulder_m=owner.shoulder_m,
+                    reach_m=owner.reach_m,
+                    patch=self.patch(foothold, choice),
+                    force_min=low[foothold],
+                    force_max=high[foothold],
+                    reach_rows=owner.reach_rows,
+                    sole_m=owner.sole_m,
                     yaw_rad=yaws[int(choice[foothold])] if yaws else 0.0,
                 )
-            )  # fmt: skip
+            )
         return tuple(contacts)
 
     def wrench_at(self, frame: float) -> Array | None:
-        """The wrench at a key frame or between two, where it goes over from one to the other, shape (6,); None for
-        none."""
+        """The wrench at a key frame or between two, where it goes over from one to the other, shape
+        (6,); None for none."""
         if self.wrench is None:
             return None
         before = min(int(frame), self.frames - 1)
@@ -507,8 +616,8 @@ class Problem:
         """
         if wrench is None or not wrench.any():
             return self
-        own = np.zeros((self.frames, 6)) if self.wrench is None else self.wrench
-        return replace(self, wrench=own + wrench)
+        before = np.zeros((self.frames, 6)) if self.wrench is None else self.wrench
+        return replace(self, wrench=before + wrench)
 
     def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
         """The course with one candidate a foothold."""
@@ -526,7 +635,9 @@ class Problem:
 
     def _check_posture(self) -> None:
         """Raise InvalidInput unless it can be asked without an objective, as a posture problem."""
-        plain = all(len(put.candidates) == 1 and put.toe_m is None for put in self.footholds)
+        plain = all(
+            len(foothold.candidates) == 1 and foothold.toe_m is None for foothold in self.footholds
+        )
         if len(self.lifts) > 1 or self.next_lift or not plain:
             raise InvalidInput(
                 "weights: expected those of an objective, got none: a posture problem has one frame, after which "
@@ -537,15 +648,25 @@ class Problem:
         """Raise InvalidInput unless the schedule and the footholds say the same."""
         names = self.robot.limb_names
         if self.lifts[0]:
-            raise InvalidInput(f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}")
+            raise InvalidInput(
+                f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}"
+            )
         placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}
         if len(placed) != len(self.footholds):
             raise InvalidInput("placements: expected each limb at most once a frame")
-        wanted = {(0, name) for name in names} | {(k, name) for k, lifted in enumerate(self.lifts) for name in lifted}
-        self.robot.select([name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})])
+        wanted = {(0, name) for name in names} | {
+            (k, name) for k, lifted in enumerate(self.lifts) for name in lifted
+        }
+        self.robot.select(
+            [name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})]
+        )
         if placed != wanted:
             frame, limb = sorted(placed ^ wanted)[0]
-            message = "a foothold, since it moves there" if (frame, limb) in wanted else "no foothold: it stays there"
+            message = (
+                "a foothold, since it moves there"
+                if (frame, limb) in wanted
+                else "no foothold: it stays there"
+            )
             raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {message}")
         order = [(foothold.frame, names.index(foothold.limb)) for foothold in self.footholds]
         if order != sorted(order):
@@ -563,7 +684,9 @@ def _text(value: Any, where: str) -> str:
 def _limb_sets(value: Any) -> tuple[tuple[str, ...], ...]:
     """Names of limbs for every frame, as tuples."""
     if not isinstance(value, list | tuple):
-        raise InvalidInput(f"lifts: expected a list of lists of limbs, one a frame, got {shown(value)}")
+        raise InvalidInput(
+            f"lifts: expected a list of lists of limbs, one a frame, got {shown(value)}"
+        )
     return tuple(checked_members(names, str, f"lifts[{k}]") for k, names in enumerate(value))
 
 
@@ -575,9 +698,12 @@ def _modes(value: Any) -> tuple[int, ...]:
 
 
 def _check_bounds(low: Array, high: Array, where: str) -> None:
-    """Raise InvalidInput for bounds that a limb in the air breaks, or one that presses along its normal alone."""
+    """Raise InvalidInput for bounds that a limb in the air breaks, or one that presses along its
+    normal alone."""
     if np.any(low[1:] > 0.0) or np.any(high < np.maximum(low, 0.0)):
-        raise InvalidInput(f"{where}force_min, force_max: expected bounds that admit forces along the normals alone")
+        raise InvalidInput(
+            f"{where}force_min, force_max: expected bounds that admit forces along the normals alone"
+        )
 
 
 def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
@@ -586,44 +712,83 @@ def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
     for contact in contacts:
         limbs.append(
             made(
-                Limb, name=contact.leg, shoulder_m=contact.shoulder_m, reach_m=contact.reach_m,
-                reach_rows=contact.reach_rows, sole_m=contact.sole_m, leg=None, hip_m=None,
+                Limb,
+                name=contact.leg,
+                shoulder_m=contact.shoulder_m,
+                reach_m=contact.reach_m,
+                reach_rows=contact.reach_rows,
+                sole_m=contact.sole_m,
+                leg=None,
+                hip_m=None,
             )
-        )  # fmt: skip
+        )
         footholds.append(
             made(
-                Foothold, limb=contact.leg, frame=0, candidates=(contact.patch,), toe_m=None,
+                Foothold,
+                limb=contact.leg,
+                frame=0,
+                candidates=(contact.patch,),
+                toe_m=None,
                 yaws_rad=() if contact.sole_m is None else (contact.yaw_rad,),
-                force_min=contact.force_min, force_max=contact.force_max,
+                force_min=contact.force_min,
+                force_max=contact.force_max,
             )
-        )  # fmt: skip
+        )
     com, radius = body.pop("com_nominal_m"), np.array([body.pop("com_radius_m")])
     radius.setflags(write=False)
     holds, stances = _all_standing(len(contacts))
     return made(
-        Problem, name="posture", terrain=tuple(contact.patch for contact in contacts), footholds=tuple(footholds),
+        Problem,
+        name="posture",
+        terrain=tuple(contact.patch for contact in contacts),
+        footholds=tuple(footholds),
         robot=made(
-            Robot, name="posture", mass_kg=body.pop("mass_kg"), limbs=tuple(limbs), model=None, identity=robot,
-            relative_reach=(), inertia_kgm2=None, drawn=None, absent=(),
+            Robot,
+            name="posture",
+            mass_kg=body.pop("mass_kg"),
+            limbs=tuple(limbs),
+            model=None,
+            identity=robot,
+            relative_reach=(),
+            inertia_kgm2=None,
+            drawn=None,
+            absent=(),
         ),
-        lifts=((),), next_lift=(), com_nominal_m=com[None], com_radius_m=radius, goal_m=com, steps=_STEPS, weights=None,
-        force_min=_LOW, force_max=_HIGH, modes=None, push_n=0.0, standing_m=None,
-        contacts=contacts, holds=holds, stances=stances, **body,
-    )  # fmt: skip
+        lifts=((),),
+        next_lift=(),
+        com_nominal_m=com[None],
+        com_radius_m=radius,
+        goal_m=com,
+        steps=_STEPS,
+        weights=None,
+        force_min=_LOW,
+        force_max=_HIGH,
+        modes=None,
+        push_n=0.0,
+        standing_m=None,
+        contacts=contacts,
+        holds=holds,
+        stances=stances,
+        **body,
+    )
 
 
 @lru_cache(maxsize=16)
 def _all_standing(count: int) -> tuple[NDArray[np.int_], tuple[Stance, ...]]:
-    """``holds`` and ``stances`` where each of so many limbs has a foothold, and all of them carry."""
+    """``holds`` and ``stances`` where each of so many limbs has a foothold, and all of them
+    carry."""
     return locked(np.arange(count)[None]), (Stance(0, tuple(range(count))),)
 
 
 def made(kind: type[Value], **values: Any) -> Value:
     """A value of a class whose fields, or cached properties, have been checked."""
-    found = object.__new__(kind)
-    vars(found).update(values)
-    return found
+    value = object.__new__(kind)
+    vars(value).update(values)
+    return value
 
 
 _STEPS = StepLimits()
-_LOW, _HIGH = read_only((0.0, -1.0, -1.0), (3,), "force_min"), read_only((1.0, 1.0, 1.0), (3,), "force_max")
+_LOW, _HIGH = (
+    read_only((0.0, -1.0, -1.0), (3,), "force_min"),
+    read_only((1.0, 1.0, 1.0), (3,), "force_max"),
+)

@@ -26,12 +26,15 @@ def read_scene(
     sets: Sets = "inner",
     reach: str | Path | None = None,
 ) -> Problem:
-    """The course of a scene, from the keys of its file; arguments as of ``course_file.read_course``.
+    """The course of a scene, from the keys of its file; arguments as of
+    ``course_file.read_course``.
 
     Raises InvalidInput with every key that is wrong, or with what in its data contradicts itself.
     """
     if frames is not None:
-        raise InvalidInput(f"{scene}: expected no number of frames for a scene, whose phases say it, got {frames}")
+        raise InvalidInput(
+            f"{scene}: expected no number of frames for a scene, whose phases say it, got {frames}"
+        )
     if robot is not None and reach is not None:
         raise InvalidInput(f"{scene}: expected a robot or a folder of reach polytopes, got both")
     spec = validated(SceneSpec, data, str(scene))

@@ -1,4 +1,5 @@
-"""The keys of a scene's file: what a kinematic planner publishes of a scene, and beside it what we add to it."""
+"""The keys of a scene's file: what a kinematic planner publishes of a scene, and beside it what we
+add to it."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ class _Keys(BaseModel):
 
 
 class ReachSpec(_Keys):
-    """Reach polytopes: a folder of the package (``anymal``, ``talos``) or a path from the file; see ``reach_file``."""
+    """Reach polytopes: a folder of the package (``anymal``, ``talos``) or a path from the file; see
+    ``reach_file``."""
 
     folder: str
     com_stretch: Positive = 1.0
@@ -35,10 +37,11 @@ class PhaseSpec(_Keys):
 class OursSpec(_Keys):
     """Keys that no kinematic scene has, from which a course is made of it.
 
-    order: the limbs that move, one after the other, where the scene leaves that open. start: ``published``, ``free``
-    (anywhere on the surfaces of the first phase) or ``nearest`` (moved to the nearest point of a surface). path_m: the
-    nominal path of the centre of mass; the last point is the goal. near: how many of the allowed surfaces a toe is
-    offered, the nearest to its nominal place; all where there is none. sole_m, yaws_rad: of flat feet. why: in words.
+    order: the limbs that move, one after the other, where the scene leaves that open. start:
+    ``published``, ``free`` (anywhere on the surfaces of the first phase) or ``nearest`` (moved to
+    the nearest point of a surface). path_m: the nominal path of the centre of mass; the last point
+    is the goal. near: how many of the allowed surfaces a toe is offered, the nearest to its nominal
+    place; all where there is none. sole_m, yaws_rad: of flat feet. why: in words.
     """
 
     mass_kg: Positive
@@ -60,9 +63,11 @@ class OursSpec(_Keys):
 
 
 class SceneSpec(_Keys):
-    """A scene as published: surfaces by their corners [m], who moves to which of them, where it starts.
+    """A scene as published: surfaces by their corners [m], who moves to which of them, where it
+    starts.
 
-    rounds: how often the phases after the first are gone through. initial_contacts: toes at the start, by limb.
+    rounds: how often the phases after the first are gone through. initial_contacts: toes at the
+    start, by limb.
     """
 
     name: str
@@ -90,32 +95,51 @@ class SceneSpec(_Keys):
     @model_validator(mode="after")
     def _agree(self) -> SceneSpec:
         names = set(self.limbs)
-        for place, used in (("initial_contacts", self.initial_contacts or {}), ("ours.order", self.ours.order)):
+        for place, used in (
+            ("initial_contacts", self.initial_contacts or {}),
+            ("ours.order", self.ours.order),
+        ):
             if not set(used) <= names:
-                raise InvalidInput(f"{place}: expected limbs among {', '.join(self.limbs)}, got {', '.join(used)}")
+                raise InvalidInput(
+                    f"{place}: expected limbs among {', '.join(self.limbs)}, got {', '.join(used)}"
+                )
         if self.initial_contacts is not None and set(self.initial_contacts) != names:
-            raise InvalidInput(f"initial_contacts: expected one a limb, got {', '.join(self.initial_contacts)}")
+            raise InvalidInput(
+                f"initial_contacts: expected one a limb, got {', '.join(self.initial_contacts)}"
+            )
         if (self.initial_contacts is None) != (self.ours.start == "free"):
-            raise InvalidInput("ours.start: expected free where there are no initial_contacts, and only there")
+            raise InvalidInput(
+                "ours.start: expected free where there are no initial_contacts, and only there"
+            )
         for index, phase in enumerate(self.phases):
             self._check_phase(f"phases[{index}]", phase)
         return self
 
     def _check_phase(self, where: str, phase: PhaseSpec) -> None:
         lists = [each for each in phase.allowed if isinstance(each, list)]
-        flat = [number for each in lists for number in each] or [n for n in phase.allowed if isinstance(n, int)]
+        flat = [number for each in lists for number in each] or [
+            n for n in phase.allowed if isinstance(n, int)
+        ]
         if any(not 0 <= number < len(self.surfaces) for number in flat):
-            raise InvalidInput(f"{where}.allowed: expected numbers of {len(self.surfaces)} surfaces, got {flat}")
+            raise InvalidInput(
+                f"{where}.allowed: expected numbers of {len(self.surfaces)} surfaces, got {flat}"
+            )
         if isinstance(phase.moving, str):
             if lists or not self.ours.order:
-                raise InvalidInput(f"{where}: expected ours.order and one list of surfaces where any one limb moves")
+                raise InvalidInput(
+                    f"{where}: expected ours.order and one list of surfaces where any one limb moves"
+                )
         elif not set(phase.moving) <= set(self.limbs) or len(lists) != len(phase.moving):
-            raise InvalidInput(f"{where}: expected limbs, and a list of surfaces for each, got {phase.moving}")
+            raise InvalidInput(
+                f"{where}: expected limbs, and a list of surfaces for each, got {phase.moving}"
+            )
 
     def moves(self) -> list[list[tuple[str, tuple[int, ...]]]]:
         """The limbs put down, step after step, each with the surfaces that it may be put on."""
         if not isinstance(self.phases[0].moving, str):
-            steps: list[Any] = [zip(phase.moving, phase.allowed, strict=True) for phase in self.phases]
+            steps: list[Any] = [
+                zip(phase.moving, phase.allowed, strict=True) for phase in self.phases
+            ]
             return [[(limb, tuple(allowed)) for limb, allowed in step] for step in steps]
         each = [phase for _ in range(self.rounds) for phase in self.phases[1:]]
         order = self.ours.order
@@ -124,4 +148,6 @@ class SceneSpec(_Keys):
     def first_surfaces(self) -> tuple[int, ...]:
         """Surfaces on which a start that is free may be."""
         allowed = self.phases[0].allowed
-        return tuple(number for each in allowed for number in (each if isinstance(each, list) else [each]))
+        return tuple(
+            number for each in allowed for number in (each if isinstance(each, list) else [each])
+        )

@@ -1,4 +1,5 @@
-"""The robot of a published scene: with its own polytopes, with those of a folder, or another robot in its place."""
+"""The robot of a published scene: with its own polytopes, with those of a folder, or another robot
+in its place."""
 
 from __future__ import annotations
 
@@ -25,12 +26,13 @@ BOXES = "anymal"
 
 
 def published_robot(spec: SceneSpec, folder: Path, reach: str | Path | None = None) -> Robot:
-    """The robot of a scene with its published reach, or with that of another folder. Raises InvalidInput."""
+    """The robot of a scene with its published reach, or with that of another folder. Raises
+    InvalidInput."""
     if reach is not None:
         return _of_sets(spec, read_reach(reach, spec.limbs))
     packaged = Path(str(resources.files("stancekit.configs.reach"))) / spec.reach.folder
-    own = packaged if packaged.is_dir() else folder / spec.reach.folder
-    return _of_sets(spec, read_reach(own, spec.limbs, com_stretch=spec.reach.com_stretch))
+    data_folder = packaged if packaged.is_dir() else folder / spec.reach.folder
+    return _of_sets(spec, read_reach(data_folder, spec.limbs, com_stretch=spec.reach.com_stretch))
 
 
 def other_robot(
@@ -38,10 +40,10 @@ def other_robot(
 ) -> tuple[SceneSpec, Robot, float]:
     """The scene with the names of another robot's legs, the robot, and its tilt limit.
 
-    robot: ``anymal``, the boxes that walks have, what ``named_robot`` takes, or a ``Robot``. Legs are matched by how
-    their names begin. A robot's soles are the scene's; it has no joints then, which are for point feet. Plans keep the
-    body level, as the published do, since that costs inner sets nothing; proofs are of one that tilts. Raises
-    InvalidInput.
+    robot: ``anymal``, the boxes that walks have, what ``named_robot`` takes, or a ``Robot``. Legs
+    are matched by how their names begin. A robot's soles are the scene's; it has no joints then,
+    which are for point feet. Plans keep the body level, as the published do, since that costs inner
+    sets nothing; proofs are of one that tilts. Raises InvalidInput.
     """
     if isinstance(robot, str) and robot == BOXES:
         made = _of_boxes(anymal())
@@ -60,7 +62,13 @@ def other_robot(
         if spec.ours.sole_m is not None:
             sole = np.array(spec.ours.sole_m)
             limbs = tuple(
-                Limb(name=e.name, shoulder_m=e.shoulder_m, reach_m=e.reach_m, reach_rows=e.reach_rows, sole_m=sole)
+                Limb(
+                    name=e.name,
+                    shoulder_m=e.shoulder_m,
+                    reach_m=e.reach_m,
+                    reach_rows=e.reach_rows,
+                    sole_m=sole,
+                )
                 for e in made.limbs
             )
             made = Robot(name=made.name, mass_kg=made.mass_kg, limbs=limbs)
@@ -80,25 +88,33 @@ def renamed(spec: SceneSpec, names: Mapping[str, str]) -> SceneSpec:
         update={
             "limbs": [names[limb] for limb in spec.limbs],
             "phases": phases,
-            "initial_contacts": None if contacts is None else {names[limb]: toe for limb, toe in contacts.items()},
-            "ours": spec.ours.model_copy(update={"order": [names[limb] for limb in spec.ours.order]}),
+            "initial_contacts": None
+            if contacts is None
+            else {names[limb]: toe for limb, toe in contacts.items()},
+            "ours": spec.ours.model_copy(
+                update={"order": [names[limb] for limb in spec.ours.order]}
+            ),
         }
     )
 
 
 def _matched(spec: SceneSpec, robot: Robot) -> dict[str, str]:
     """The robot's leg of every limb of the scene."""
-    found = {limb: [leg for leg in robot.limb_names if same_limb(limb, leg)] for limb in spec.limbs}
-    if any(len(legs) != 1 for legs in found.values()) or len(robot.limbs) != len(spec.limbs):
+    matches = {
+        limb: [leg for leg in robot.limb_names if same_limb(limb, leg)] for limb in spec.limbs
+    }
+    if any(len(legs) != 1 for legs in matches.values()) or len(robot.limbs) != len(spec.limbs):
         raise InvalidInput(
             f"robot: expected legs whose names begin as {', '.join(spec.limbs)}, got {', '.join(robot.limb_names)}"
         )
-    return {limb: legs[0] for limb, legs in found.items()}
+    return {limb: legs[0] for limb, legs in matches.items()}
 
 
 def _of_sets(spec: SceneSpec, sets: ReachSets) -> Robot:
     sole = None if spec.ours.sole_m is None else np.array(spec.ours.sole_m)
-    limbs = tuple(Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0, sole_m=sole) for name in spec.limbs)
+    limbs = tuple(
+        Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0, sole_m=sole) for name in spec.limbs
+    )
     return sets.applied(Robot(name=spec.robot, mass_kg=spec.ours.mass_kg, limbs=limbs))
 
 
@@ -107,10 +123,13 @@ def _of_boxes(robot: GaitRobot) -> Robot:
     sides = np.vstack([np.eye(3), -np.eye(3)])
     limbs = tuple(
         Limb(
-            name=foot.name, shoulder_m=0.5 * (foot.reach_min_m + foot.reach_max_m),
+            name=foot.name,
+            shoulder_m=0.5 * (foot.reach_min_m + foot.reach_max_m),
             reach_m=0.5 * float(np.linalg.norm(foot.reach_max_m - foot.reach_min_m)),
-            reach_rows=ReachRows(normals=sides, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m])),
+            reach_rows=ReachRows(
+                normals=sides, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m])
+            ),
         )
         for foot in robot.feet
-    )  # fmt: skip
+    )
     return Robot(name=robot.name, mass_kg=robot.mass_kg, limbs=limbs)

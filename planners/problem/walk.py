@@ -21,9 +21,11 @@ from .gaits import FootPhases, gait_named, schedule
 
 Timings = Literal["fixed", "optimised"]
 SUCTION = 2.0
-"""What an adhesive foot may pull with where a task does not say, in units of m·g; walks out of steep pits take 1.5."""
+"""What an adhesive foot may pull with where a task does not say, in units of m·g; walks out of
+steep pits take 1.5."""
 STEEPEST = 1.0
-"""Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal there."""
+"""Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal
+there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,16 +37,19 @@ class Walk:
         terrain: a height field.
         start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m].
         start_yaw_rad: heading at the start [rad].
-        end_yaw_rad: heading at the end, that of the start where it is None; from one to the other the robot turns by
-            their difference as it is, by more than a half turn where that is more [rad].
+        end_yaw_rad: heading at the end, that of the start where it is None; from one to the other
+            the robot turns by their difference as it is, by more than a half turn where that is
+            more [rad].
         duration_s: T [s], up to 120.
         friction: ν of W5; less makes walks slower to find, and gentler.
         adhesive: feet that stick, one truth value for each foot or none at all.
-        suction_n: what such a foot may pull with [N], s in ‖f_t‖ ≤ ν (f_n + s); SUCTION times the weight if missing.
+        suction_n: what such a foot may pull with [N], s in ‖f_t‖ ≤ ν (f_n + s); SUCTION times the
+            weight if missing.
         gait: a name of ``problem.gaits.GAITS``, for as many feet as the robot has.
-        cycle_s: of the gait [s]; the gait's own if missing, shorter for a low robot that balances on fewer than three
-            feet.
-        timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are variables.
+        cycle_s: of the gait [s]; the gait's own if missing, shorter for a low robot that balances
+            on fewer than three feet.
+        timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are
+            variables.
     Raises:
         InvalidInput: for a place off the terrain or where the robot cannot stand.
     Source:
@@ -73,7 +78,9 @@ class Walk:
 
     def __post_init__(self) -> None:
         feet = len(self.robot.feet)
-        object.__setattr__(self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet)
+        object.__setattr__(
+            self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet
+        )
         if len(self.adhesive) != feet:
             raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
         checked_choice(self.timings, "timings", get_args(Timings))
@@ -86,9 +93,12 @@ class Walk:
             lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
             lambda: self._set(
-                "end_yaw_rad", None if self.end_yaw_rad is None else checked(self.end_yaw_rad, "end_yaw_rad")
+                "end_yaw_rad",
+                None if self.end_yaw_rad is None else checked(self.end_yaw_rad, "end_yaw_rad"),
             ),
-            lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
+            lambda: self._set(
+                "duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)
+            ),
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
         )
@@ -135,10 +145,11 @@ class Walk:
         )
 
     def phases(self, step_s: float) -> tuple[FootPhases, ...]:
-        """When every foot stands and swings, on the grid of step_s. Raises InvalidInput where no cycle fits."""
+        """When every foot stands and swings, on the grid of step_s. Raises InvalidInput where no
+        cycle fits."""
         gait = gait_named(self.gait)
-        own = gait.at(self.robot.stand_height_m, step_s)
-        timed = own if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
+        scaled_gait = gait.at(self.robot.stand_height_m, step_s)
+        timed = scaled_gait if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
         return schedule(timed, self.robot.foot_names, self.duration_s, step_s)
 
     def _set(self, name: str, value: Any) -> None:
@@ -146,7 +157,10 @@ class Walk:
 
     def yaws(self) -> tuple[float, float]:
         """Headings at the start and at the end [rad]."""
-        return self.start_yaw_rad, self.start_yaw_rad if self.end_yaw_rad is None else self.end_yaw_rad
+        return (
+            self.start_yaw_rad,
+            self.start_yaw_rad if self.end_yaw_rad is None else self.end_yaw_rad,
+        )
 
     def stance_m(self, xy_m: Array, yaw_rad: float | None = None) -> Array:
         """Places of the feet of the nominal stance on the terrain, with the torso over ``xy_m``,
@@ -159,7 +173,8 @@ class Walk:
         return np.column_stack([xy, self.terrain.height(xy)])
 
     def _check_place(self, which: str) -> None:
-        """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot reach the ground."""
+        """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot
+        reach the ground."""
         xy, yaw = getattr(self, f"{which}_xy_m"), self.yaws()[which == "goal"]
         feet = self.stance_m(xy, yaw)
         if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
@@ -180,23 +195,32 @@ class Walk:
         """Tell whether a torso over ``xy_m`` with this heading, inclined by ``slope``, has a height
         at which every box holds some ground.
 
-        Boxes stay upright here: on a slope of 45° that is off by a fifth of their sides, and no proof is needed.
+        Boxes stay upright here: on a slope of 45° that is off by a fifth of their sides, and no
+        proof is needed.
         """
         lowest, highest = -np.inf, np.inf
         for foot in self.robot.feet:
             lines = (np.linspace(foot.reach_min_m[k], foot.reach_max_m[k], 9) for k in range(2))
-            away = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2) @ _turn(yaw_rad).T
+            away = (
+                np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
+                @ _turn(yaw_rad).T
+            )
             ground = self.terrain.height(xy_m + away) - away @ slope
             lowest = max(lowest, float(ground.min() - foot.reach_max_m[2]))
             highest = min(highest, float(ground.max() - foot.reach_min_m[2]))
         return lowest <= highest
 
     def _check_reach(self, which: str, feet: Array, yaw_rad: float) -> None:
-        """Some height of the torso, level or along the ground, must bring all feet to ground within their boxes."""
+        """Some height of the torso, level or along the ground, must bring all feet to ground within
+        their boxes."""
         xy = getattr(self, f"{which}_xy_m")
         away = feet[:, :2] - xy
-        plane, *_ = np.linalg.lstsq(np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None)
-        slope = plane[:2] * min(1.0, max(STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12))
+        plane, *_ = np.linalg.lstsq(
+            np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None
+        )
+        slope = plane[:2] * min(
+            1.0, max(STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12)
+        )
         if not any(self._stands(xy, yaw_rad, share * slope) for share in (0.0, 0.5, 1.0)):
             raise InvalidInput(
                 f"{which}_xy_m: expected ground that all feet reach, got heights from {feet[:, 2].min():.2f} to "

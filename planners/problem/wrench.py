@@ -1,9 +1,10 @@
-"""External wrenches: forces and moments that act on the body beside its weight, as a payload, wind and a rope do.
+"""External wrenches: forces and moments that act on the body beside its weight, as a payload, wind
+and a rope do.
 
-They are F and M of E5 and E6 without gravity: the contacts' forces add up to w e_z − F, their moments about the centre
-of mass to −M. Both are given on every key frame, in world axes. Between two frames the force and its moment about the
-origin of the world go over from the one to the other linearly, as the contacts' forces do, so that what holds at both
-frames holds all the way between.
+They are F and M of E5 and E6 without gravity: the contacts' forces add up to w e_z − F, their
+moments about the centre of mass to −M. Both are given on every key frame, in world axes. Between
+two frames the force and its moment about the origin of the world go over from the one to the other
+linearly, as the contacts' forces do, so that what holds at both frames holds all the way between.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ from ..files.arrays import Array, cross, read_only
 from ..files.validation import shown
 
 MOST_WEIGHTS = 100.0
-"""No posture bears a force of so many times the weight, nor such a moment at an arm of the length scale."""
+"""No posture bears a force of so many times the weight, nor such a moment at an arm of the length
+scale."""
 
 
-def checked_wrench(value: ArrayLike, shape: tuple[int, ...], *, weight_n: float, length_m: float) -> Array:
+def checked_wrench(
+    value: ArrayLike, shape: tuple[int, ...], *, weight_n: float, length_m: float
+) -> Array:
     """A read-only copy of wrenches, the last axis of ``shape`` being 6: force [N] and moment [Nm].
 
     Arguments:
@@ -32,10 +36,10 @@ def checked_wrench(value: ArrayLike, shape: tuple[int, ...], *, weight_n: float,
     Raises:
         InvalidInput: for what is no such array, and for magnitudes beyond any posture.
     """
-    found = read_only(value, shape, "wrench")
+    wrench = read_only(value, shape, "wrench")
     for part, what, unit, most in (
-        (found[..., :3], "force", "N", MOST_WEIGHTS * weight_n),
-        (found[..., 3:], "moment", "Nm", MOST_WEIGHTS * weight_n * length_m),
+        (wrench[..., :3], "force", "N", MOST_WEIGHTS * weight_n),
+        (wrench[..., 3:], "moment", "Nm", MOST_WEIGHTS * weight_n * length_m),
     ):
         largest = float(np.linalg.norm(part, axis=-1).max())
         if largest > most:
@@ -43,23 +47,31 @@ def checked_wrench(value: ArrayLike, shape: tuple[int, ...], *, weight_n: float,
                 f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times the weight and beyond "
                 f"any posture, got {largest:.4g} {unit}"
             )
-    return found
+    return wrench
 
 
 def wrench_of(value: ArrayLike) -> Array:
-    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,). Raises InvalidInput."""
-    size = np.shape(value) if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, Sequence) else ()
+    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,). Raises
+    InvalidInput."""
+    size = (
+        np.shape(value)
+        if isinstance(value, np.ndarray)
+        else (len(value),)
+        if isinstance(value, Sequence)
+        else ()
+    )
     if size not in ((3,), (6,)) or isinstance(value, str):
         raise InvalidInput(
             f"wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
             f"got {shown(value)}"
         )
-    found = read_only(value, size, "wrench")
-    return np.concatenate([found, np.zeros(6 - len(found))])
+    part = read_only(value, size, "wrench")
+    return np.concatenate([part, np.zeros(6 - len(part))])
 
 
 def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array:
-    """The wrench about the centre of mass of a force at a point of the body and a moment, shape (6,).
+    """The wrench about the centre of mass of a force at a point of the body and a moment, shape
+    (6,).
 
     Arguments:
         force_n: shape (3,) [N].
@@ -67,5 +79,7 @@ def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array
         at_m: from the centre of mass to the point where the force acts, shape (3,) [m].
     """
     force = np.asarray(force_n, dtype=np.float64)
-    moment = np.asarray(moment_nm, dtype=np.float64) + cross(np.asarray(at_m, dtype=np.float64), force)
+    moment = np.asarray(moment_nm, dtype=np.float64) + cross(
+        np.asarray(at_m, dtype=np.float64), force
+    )
     return np.concatenate([force, moment])

@@ -1,12 +1,14 @@
-"""The middle of what a posture may do with its toes held: one strictly convex program, for a batch at once.
+"""The middle of what a posture may do with its toes held: one strictly convex program, for a batch
+at once.
 
 With the toes held c, Θ and f form a convex set (``terms.Moments``). Its analytic centre
 
     minimise  −Σ log(ρ_i² − ‖u_i‖²) − log(r² − ‖c − c_0‖²) − Σ log(tilt² − Θ_k²)
-              −Σ log(μ_i² f_n² − f_y² − f_z²) − Σ log(f − f_min) − Σ log(f_max − f)    subject to (E5), (E6)
+              −Σ log(μ_i² f_n² − f_y² − f_z²) − Σ log(f − f_min) − Σ log(f_max − f)    subject to
+              (E5), (E6)
 
-is unique and depends on the toes and the problem alone, not on the point that it is sought from. Newton's method finds
-it to rounding, in numpy, problem by problem the same whatever the batch.
+is unique and depends on the toes and the problem alone, not on the point that it is sought from.
+Newton's method finds it to rounding, in numpy, problem by problem the same whatever the batch.
 """
 
 from __future__ import annotations
@@ -31,8 +33,9 @@ LESS = 0.1
 def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) -> PointBatch:
     """The analytic centres of these problems with the toes held.
 
-    points: one a problem, on the balances and strictly inside of everything else. moments: False where moments need not
-    balance. Where Newton's method has not come to an end, which only rounding can keep it from, it is its last point.
+    points: one a problem, on the balances and strictly inside of everything else. moments: False
+    where moments need not balance. Where Newton's method has not come to an end, which only
+    rounding can keep it from, it is its last point.
     """
     if not len(points):
         return points
@@ -51,8 +54,16 @@ def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) ->
         done_body[index], done_forces[index] = body, forces
         if last.any():
             left = ~last
-            at, index, body, forces, value = at.select(left), index[left], body[left], forces[left], value[left]
-    return PointBatch(com=done_body[:, :3], rotation=done_body[:, 3:], toes=points.toes, forces=done_forces)
+            at, index, body, forces, value = (
+                at.select(left),
+                index[left],
+                body[left],
+                forces[left],
+                value[left],
+            )
+    return PointBatch(
+        com=done_body[:, :3], rotation=done_body[:, 3:], toes=points.toes, forces=done_forces
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,9 +91,13 @@ class _Held:
             rows = np.concatenate([rows, np.matmul(skew(points.toes), rows)], axis=2)
             of_body[3:, :3] = skew(like.borne[0])  # −c × (w e_z − F)
         return cls(
-            like=like, friction=scaled.friction, legs=points.toes - like.shoulders, of_forces=rows, to_legs=to_legs,
+            like=like,
+            friction=scaled.friction,
+            legs=points.toes - like.shoulders,
+            of_forces=rows,
+            to_legs=to_legs,
             of_body=of_body,
-        )  # fmt: skip
+        )
 
     def select(self, chosen: NDArray[np.bool_]) -> _Held:
         """Some of them."""
@@ -108,16 +123,27 @@ class _Held:
         return step, force, -(by_body * step).sum(axis=1) - (by_forces * force).sum(axis=(1, 2))
 
     def shortened(
-        self, body: Array, forces: Array, by_body: Array, by_forces: Array, decrement: Array, value: Array
+        self,
+        body: Array,
+        forces: Array,
+        by_body: Array,
+        by_forces: Array,
+        decrement: Array,
+        value: Array,
     ) -> tuple[Array, Array]:
-        """The share of each step, halved until it stays inside and gains enough, and the objective there; shape (B,).
+        """The share of each step, halved until it stays inside and gains enough, and the objective
+        there; shape (B,).
 
         value: of the objective, before the step.
         """
         share = np.ones(len(body))
         for _ in range(HALVINGS):
-            there = self.value(body + share[:, None] * by_body, forces + share[:, None, None] * by_forces)
-            short = np.flatnonzero(~(there <= value - LESS * share * decrement + 1e-13 * np.abs(value)))
+            there = self.value(
+                body + share[:, None] * by_body, forces + share[:, None, None] * by_forces
+            )
+            short = np.flatnonzero(
+                ~(there <= value - LESS * share * decrement + 1e-13 * np.abs(value))
+            )
             if not len(short):
                 return share, there
             share[short] *= 0.5
@@ -137,7 +163,11 @@ class _Held:
         squared."""
         legs, away = self._leg(body), body[:, :3] - self.like.com
         reach = self.like.reach**2 - (legs * legs).sum(axis=-1)
-        return reach, self.like.com_radius**2 - (away * away).sum(axis=-1), self.like.tilt**2 - body[:, 3:] ** 2
+        return (
+            reach,
+            self.like.com_radius**2 - (away * away).sum(axis=-1),
+            self.like.tilt**2 - body[:, 3:] ** 2,
+        )
 
     def _grip(self, forces: Array) -> tuple[Array, Array, Array]:
         """Slack of cones, (B, N), squared less squared, and of either side of the force boxes, (B,
@@ -157,15 +187,21 @@ class _Held:
         gradient = np.matmul(self.to_legs.transpose(0, 2, 1), legs[..., None])[..., 0].sum(axis=1)
         gradient += np.concatenate([away, turn], axis=1)
         of_legs = _outer(legs) + 2.0 * np.eye(3) / reach[..., None, None]
-        hessian = np.matmul(np.matmul(self.to_legs.transpose(0, 2, 1), of_legs), self.to_legs).sum(axis=1)
+        hessian = np.matmul(np.matmul(self.to_legs.transpose(0, 2, 1), of_legs), self.to_legs).sum(
+            axis=1
+        )
         hessian[:, :3, :3] += _outer(away) + 2.0 * np.eye(3) / ball[:, None, None]
         _diagonal(hessian[:, 3:, 3:])[...] += 2.0 / tilt + turn**2
         return gradient, hessian
 
     def _forces(self, forces: Array) -> tuple[Array, Array]:
-        """Gradient and Hessian of the objective in every force, shape (B, N, 3) and (B, N, 3, 3)."""
+        """Gradient and Hessian of the objective in every force, shape (B, N, 3) and (B, N, 3,
+        3)."""
         cone, above, below = self._grip(forces)
-        bend = np.stack([-2.0 * self.friction**2, *(np.full_like(cone, 2.0),) * 2], axis=-1) / cone[..., None]
+        bend = (
+            np.stack([-2.0 * self.friction**2, *(np.full_like(cone, 2.0),) * 2], axis=-1)
+            / cone[..., None]
+        )
         gradient = bend * forces
         hessian = _outer(gradient)
         gradient += 1.0 / above - 1.0 / below

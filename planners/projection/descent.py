@@ -1,6 +1,8 @@
-"""Better plans from a plan: steps along the linearised surface, each of which ends with the toes held.
+"""Better plans from a plan: steps along the linearised surface, each of which ends with the toes
+held.
 
-With the toes held the rest is convex and solved to its optimum; so every accepted step is a plan, and a better one.
+With the toes held the rest is convex and solved to its optimum; so every accepted step is a plan,
+and a better one.
 """
 
 from __future__ import annotations
@@ -28,14 +30,25 @@ class Counter(Protocol):
 
 
 def improved(
-    programs: Programs, scaled: Scaled, point: Point, clock: Counter, *, steps: int = 8, least: float = 1e-9
+    programs: Programs,
+    scaled: Scaled,
+    point: Point,
+    clock: Counter,
+    *,
+    steps: int = 8,
+    least: float = 1e-9,
 ) -> Point:
-    """A plan at least as good, by linearised steps on the bilinear surface, each with the toes held afterwards.
+    """A plan at least as good, by linearised steps on the bilinear surface, each with the toes held
+    afterwards.
 
-    point: on the surface, one candidate a foothold. clock: counts solves and their seconds. steps: the most. least: an
-    improvement of the objective, in units of the length scale squared, worth another step.
+    point: on the surface, one candidate a foothold. clock: counts solves and their seconds. steps:
+    the most. least: an improvement of the objective, in units of the length scale squared, worth
+    another step.
     """
-    step, held = programs.get(Linearised, scaled.layout, False), programs.get(FixToes, scaled.layout, False, False)
+    step, held = (
+        programs.get(Linearised, scaled.layout, False),
+        programs.get(FixToes, scaled.layout, False, False),
+    )
     best, value = point, cost(scaled, point)
     for _ in range(steps):
         stepped = step.solve(scaled, best)
@@ -44,10 +57,12 @@ def improved(
             return best
         before = value
         for share in SHARES:
-            found = held.solve(scaled, replace(best, toes=best.toes + share * (stepped.toes - best.toes)))
-            clock.count(1, found.seconds)
-            if found.residual <= SURFACE and cost(scaled, found) < value:
-                best, value = found, cost(scaled, found)
+            result = held.solve(
+                scaled, replace(best, toes=best.toes + share * (stepped.toes - best.toes))
+            )
+            clock.count(1, result.seconds)
+            if result.residual <= SURFACE and cost(scaled, result) < value:
+                best, value = result, cost(scaled, result)
                 break
         if before - value < least:
             return best
@@ -57,8 +72,8 @@ def improved(
 def cost(scaled: Scaled, point: Point) -> float:
     """The objective of Lin et al. §IV-B at a point, in units of the length scale squared.
 
-    Goal, nominal path, tilt, steps of the COM and of the toes, with the weights of the course (``Weights``); of one
-    candidate a foothold.
+    Goal, nominal path, tilt, steps of the COM and of the toes, with the weights of the course
+    (``Weights``); of one candidate a foothold.
     """
     weights, moves = scaled.aim, scaled.layout.moves
     value = weights.goal * float(np.sum((point.com[-1] - scaled.goal) ** 2))
@@ -67,5 +82,9 @@ def cost(scaled: Scaled, point: Point) -> float:
     value += weights.com_step * float(np.sum(np.diff(point.com, axis=0) ** 2))
     if scaled.layout.stands:
         frame, _, foothold = scaled.layout.standing
-        value += weights.stance * float(np.sum((point.toes[foothold] - point.com[frame] - scaled.standing) ** 2))
-    return value + weights.toe_step * float(np.sum((point.toes[moves[:, 1]] - point.toes[moves[:, 0]]) ** 2))
+        value += weights.stance * float(
+            np.sum((point.toes[foothold] - point.com[frame] - scaled.standing) ** 2)
+        )
+    return value + weights.toe_step * float(
+        np.sum((point.toes[moves[:, 1]] - point.toes[moves[:, 0]]) ** 2)
+    )

@@ -1,8 +1,9 @@
-"""Forces for a robot that stands on given toes: the smallest ones that keep a reserve of friction, or of torque.
+"""Forces for a robot that stands on given toes: the smallest ones that keep a reserve of friction,
+or of torque.
 
-A planner's forces may lie on the border of their cones, where a simulated or a real foot slips, or ask more of a joint
-than it has. With toes and body held the balances are linear, and so are the torques at rest with the joints held, so
-this is one small second-order cone program.
+A planner's forces may lie on the border of their cones, where a simulated or a real foot slips, or
+ask more of a joint than it has. With toes and body held the balances are linear, and so are the
+torques at rest with the joints held, so this is one small second-order cone program.
 """
 
 from __future__ import annotations
@@ -34,14 +35,16 @@ EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
 WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 LEAST = 0.02
-"""Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
+"""Every limb that carries presses on its patch with this share of the weight or more, so that it
+stays there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3).
-    borne: their sum and its moment about the centre of mass, (6,). rest, levers: torques as shares of their limits are
-    rest − levers · f, (J,), (J, 3); none where nobody asks."""
+    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the
+    forces, (N, 3). borne: their sum and its moment about the centre of mass, (6,). rest, levers:
+    torques as shares of their limits are rest − levers · f, (J,), (J, 3); none where nobody
+    asks."""
 
     arms: Array
     friction: Array
@@ -56,8 +59,9 @@ class _Stance:
 class Loads:
     """Parts of the torques of a robot at rest; J joints.
 
-    weight_nm: of the limbs' own masses, shape (J,). levers_m: τ = weight_nm − levers_m · f, f on the joint's own foot
-    in the world frame, shape (J, 3). limit_nm: of every joint, inf for none, shape (J,).
+    weight_nm: of the limbs' own masses, shape (J,). levers_m: τ = weight_nm − levers_m · f, f on
+    the joint's own foot in the world frame, shape (J, 3). limit_nm: of every joint, inf for none,
+    shape (J,).
     """
 
     weight_nm: Array
@@ -69,11 +73,12 @@ NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros
 
 
 class ForceDistribution:
-    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts; with joints the least largest torque."""
+    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts; with joints the least
+    largest torque."""
 
     def __init__(self, contacts: int, foot_of: Sequence[int] = ()) -> None:
-        """foot_of: the contact that every joint leads to, shape (J,): the largest torque as a share of its limit is
-        then minimised, and forces only break ties."""
+        """foot_of: the contact that every joint leads to, shape (J,): the largest torque as a share
+        of its limit is then minimised, and forces only break ties."""
         self._contacts, self._foot_of = contacts, np.array(foot_of, dtype=int)
         self._rows = rows = Rows[_Stance](keep=True)
         forces = rows.variable("forces", contacts, 3)
@@ -102,7 +107,8 @@ class ForceDistribution:
     def solve(
         self, plan: Plan, stance: int, *, reserves: Sequence[float] = RESERVES, least: float = LEAST
     ) -> Array | None:
-        """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room.
+        """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones
+        leave no room.
 
         reserves, least: as ``forces``.
         """
@@ -110,7 +116,9 @@ class ForceDistribution:
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
         bears = np.isin(np.arange(self._contacts), of.limbs)
         arms_m, wrench = plan.toes_at(of.frame) - plan.com_m[of.frame], wrench_at(course, of.frame)
-        return self.forces(course, arms_m, patches, bears, reserves=reserves, least=least, wrench=wrench)
+        return self.forces(
+            course, arms_m, patches, bears, reserves=reserves, least=least, wrench=wrench
+        )
 
     def forces(
         self,
@@ -127,17 +135,20 @@ class ForceDistribution:
         """Forces for toes that are this far from the centre of mass, shape (N, 3) [m], on these
         patches.
 
-        bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
-        shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
-        every limb that carries presses at least. wrench: on the body beside its weight, force and moment about the
-        centre of mass in units of the weight and the length scale, shape (6,) (``wrench_at``).
+        bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of
+        the joints. reserves: shares of μ that are tried, one after the other, until one has forces.
+        least: share of the weight with which every limb that carries presses at least. wrench: on
+        the body beside its weight, force and moment about the centre of mass in units of the weight
+        and the length scale, shape (6,) (``wrench_at``).
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
         low, high = course.common_bounds
         arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
         stance = _Stance(
-            arms=np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
+            arms=np.concatenate(
+                [frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]
+            ),
             friction=np.array([patch.friction for patch in patches]),
             low=np.where(carries, np.maximum(low, [least, -np.inf, -np.inf]), 0.0),
             high=np.where(carries, high, 0.0),
@@ -155,7 +166,8 @@ class ForceDistribution:
 
 
 def wrench_at(course: Problem, frame: int) -> Array | None:
-    """The wrench on the body at a key frame in units of the weight and the length scale, shape (6,); None for none."""
+    """The wrench on the body at a key frame in units of the weight and the length scale, shape
+    (6,); None for none."""
     if course.wrench is None:
         return None
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
@@ -163,32 +175,44 @@ def wrench_at(course: Problem, frame: int) -> Array | None:
 
 
 def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array:
-    """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N].
+    """Forces of all stances with a reserve of friction, the plan's own where there is none, shape
+    (S, N, 3) [N].
 
-    kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in stances in which others
-    would take more of a joint than the plan does anywhere, and more than ``EASY`` of what the joint has.
+    kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in
+    stances in which others would take more of a joint than the plan does anywhere, and more than
+    ``EASY`` of what the joint has.
     """
     distribution = ForceDistribution(len(plan.problem.robot.limbs))
-    found = [distribution.solve(plan, index) for index in range(len(plan.problem.stances))]
-    forces = np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
+    result = [distribution.solve(plan, index) for index in range(len(plan.problem.stances))]
+    forces = np.array(
+        [plan.forces_n[i] if forces is None else forces for i, forces in enumerate(result)]
+    )
     if kinematics is None or plan.joints_rad is None:
         return forces
-    own, other = (np.array([
-        _largest(plan, kinematics, of.frame, each) for of, each in zip(plan.problem.stances, those, strict=True)
-    ]) for those in (plan.forces_n, forces))  # fmt: skip
-    return np.where((other > max(EASY, own.max()))[:, None, None], plan.forces_n, forces)
+    shares, other = (
+        np.array(
+            [
+                _largest(plan, kinematics, of.frame, each)
+                for of, each in zip(plan.problem.stances, those, strict=True)
+            ]
+        )
+        for those in (plan.forces_n, forces)
+    )
+    return np.where((other > max(EASY, shares.max()))[:, None, None], plan.forces_n, forces)
 
 
 def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
-    """Forces with which all limbs carry where nobody lifts: at the first key frame, and at both ends of a step that the
-    body makes alone; with more of a reserve of friction than while some are lifted. By key frame, shape (N, 3) [N].
+    """Forces with which all limbs carry where nobody lifts: at the first key frame, and at both
+    ends of a step that the body makes alone; with more of a reserve of friction than while some are
+    lifted. By key frame, shape (N, 3) [N].
 
-    Left out are frames at which some limb is drawn up, at which there are none, or at which they would take more of a
-    joint than the plan does there, and more than ``EASY`` of what the joint has.
+    Left out are frames at which some limb is drawn up, at which there are none, or at which they
+    would take more of a joint than the plan does there, and more than ``EASY`` of what the joint
+    has.
     """
     course, count = plan.problem, len(plan.problem.robot.limbs)
     alone = [k for k in range(1, course.frames) if not course.lifts[k]]
-    distribution, found = ForceDistribution(count), dict[int, Array]()
+    distribution, result = ForceDistribution(count), dict[int, Array]()
     for frame in sorted({0, *alone, *(k - 1 for k in alone)}):
         holds = [int(index) for index in course.holds[frame]]
         if min(holds) < 0:
@@ -196,11 +220,15 @@ def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
         patches = [course.patch(index, plan.choice) for index in holds]
         arms_m = plan.toes_at(frame) - plan.com_m[frame]
         every, wrench = np.full(count, True), wrench_at(course, frame)
-        forces = distribution.forces(course, arms_m, patches, every, reserves=STANDING, wrench=wrench)
-        own = next(plan.forces_n[i] for i, stance in enumerate(course.stances) if stance.frame == frame)
-        if forces is not None and _spares(plan, kinematics, frame, forces, own):
-            found[frame] = forces
-    return found
+        forces = distribution.forces(
+            course, arms_m, patches, every, reserves=STANDING, wrench=wrench
+        )
+        plan_forces = next(
+            plan.forces_n[i] for i, stance in enumerate(course.stances) if stance.frame == frame
+        )
+        if forces is not None and _spares(plan, kinematics, frame, forces, plan_forces):
+            result[frame] = forces
+    return result
 
 
 def _spares(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array, own_n: Array) -> bool:
@@ -215,7 +243,9 @@ def _largest(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array) ->
     """Largest torque at a key frame under these forces, as a share of the joint's limit."""
     limit_nm = np.minimum(kinematics.torque_nm, float(plan.provenance.get("torque_nm", np.inf)))
     assert plan.joints_rad is not None
-    torques = kinematics.torques(plan.joints_rad[frame], rotation_of(plan.rotation_rad[frame]), forces_n)
+    torques = kinematics.torques(
+        plan.joints_rad[frame], rotation_of(plan.rotation_rad[frame]), forces_n
+    )
     return float((np.abs(torques) / limit_nm).max())
 
 

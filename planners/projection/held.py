@@ -1,6 +1,8 @@
-"""Programs of P2 that hold one part of a point and solve for the rest: fix-p, fix-f, fix-toes, and a step of SCP.
+"""Programs of P2 that hold one part of a point and solve for the rest: fix-p, fix-f, fix-toes, and
+a step of SCP.
 
-With the toes held the moment balance is linear in (c, f), since Σ f is fixed (``terms.Moments``): exact and convex.
+With the toes held the moment balance is linear in (c, f), since Σ f is fixed (``terms.Moments``):
+exact and convex.
 """
 
 from __future__ import annotations
@@ -17,13 +19,15 @@ from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes
 from ..files.arrays import Array, cross
 
 MOMENT_PRICE = 30.0
-"""Of the moments that a linearised step leaves, in units of the objective: large against its own slopes."""
+"""Of the moments that a linearised step leaves, in units of the objective: large against its own
+slopes."""
 
 
 class FixToes:
     """The toes held; with hold_body c and Θ, too, and so p_b (fix-p). One candidate a foothold.
 
-    least_moment: minimise the residual of the moments; else they are zero, and a course's objective is minimised.
+    least_moment: minimise the residual of the moments; else they are zero, and a course's objective
+    is minimised.
     """
 
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
@@ -50,13 +54,15 @@ class FixToes:
         """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import fix_toes  # cvxpy takes a second to import
 
-        return fix_toes(given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least)
+        return fix_toes(
+            given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least
+        )
 
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the toes of ``start``, with hold_body its c and Θ, too, and solve for the rest.
 
-        Returns a point whose residual is the largest component of the moments, 0.0 where they are hard, and inf where
-        there is no answer.
+        Returns a point whose residual is the largest component of the moments, 0.0 where they are
+        hard, and inf where there is no answer.
         """
         solution = self.rows.solve(Given(scaled, start))
         body = start if self._hold_body else None
@@ -64,11 +70,16 @@ class FixToes:
 
 
 class FixForces:
-    """The contact-frame forces held (fix-f): least moment residual over toes, c and Θ, which is convex."""
+    """The contact-frame forces held (fix-f): least moment residual over toes, c and Θ, which is
+    convex."""
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes, moments = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
+        body, toes, moments = (
+            BodyVariables(rows, layout),
+            FreeToes(rows, layout, explicit=True),
+            Moments(layout),
+        )
         _levers(moments, layout, toes)
         if layout.points:
             moments.shift(_sole_moments)
@@ -87,17 +98,19 @@ class FixForces:
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the forces of ``start`` and solve for toes, c and Θ.
 
-        Returns a point on its patches; its residual is the largest component of the moments, inf where there is no
-        answer.
+        Returns a point on its patches; its residual is the largest component of the moments, inf
+        where there is no answer.
         """
         solution = self.rows.solve(Given(scaled, start))
         return _point(solution, toes=toes_of(solution, scaled), forces=start.forces)
 
 
 class Linearised:
-    """One convex step of SCP: p × F replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every stance.
+    """One convex step of SCP: p × F replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in
+    every stance.
 
-    least_moment: minimise what it leaves of the moments; else the objective with ``MOMENT_PRICE`` on them.
+    least_moment: minimise what it leaves of the moments; else the objective with ``MOMENT_PRICE``
+    on them.
     """
 
     def __init__(self, layout: Layout, least_moment: bool) -> None:
@@ -128,7 +141,8 @@ class Linearised:
     def solve(self, scaled: Scaled, about: Point) -> Point:
         """Step from ``about``, which gives p̄ and F̄; one candidate a foothold.
 
-        Returns a point whose residual is that of the linearised moments, not of the true ones; inf without an answer.
+        Returns a point whose residual is that of the linearised moments, not of the true ones; inf
+        without an answer.
         """
         solution = self.rows.solve(Given(scaled, about))
         return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
@@ -142,7 +156,9 @@ def held_moments(layout: Layout, body: BodyVariables, forces: Forces) -> Moments
     return moments
 
 
-def linearised_moments(layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces) -> Moments:
+def linearised_moments(
+    layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces
+) -> Moments:
     """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance; toes: explicit."""
     moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
     _levers(moments, layout, toes)
@@ -159,7 +175,8 @@ def linearised_moments(layout: Layout, body: BodyVariables, toes: FreeToes, forc
 
 
 def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
-    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p; of a sole F̄ is the sum over its points."""
+    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p; of a sole F̄ is the sum over its
+    points."""
     stance, _, foothold = layout.contacts
     first = np.flatnonzero(layout.contact_points == 0)  # a row a foot
     assert toes.points is not None
@@ -188,7 +205,9 @@ def toes_of(solution: ConicSolution, scaled: Scaled) -> Array:
     return toes / np.maximum(total, 1e-12)[:, None]
 
 
-def _point(solution: ConicSolution, *, toes: Array, forces: Array, body: Point | None = None) -> Point:
+def _point(
+    solution: ConicSolution, *, toes: Array, forces: Array, body: Point | None = None
+) -> Point:
     left = float(solution.value("residual")[0]) if "residual" in solution.columns else 0.0
     return Point(
         com=solution.value("com") if body is None else body.com,

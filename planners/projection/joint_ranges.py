@@ -15,25 +15,27 @@ from ..robot.kinematics import Kinematics
 from ..robot.urdf import JOINTS
 
 TURN_RAD = 0.5
-"""A joint of a leg that stands turns by no more from one key frame to the next: on the way from a posture to its mirror
-image torques are not those of either."""
+"""A joint of a leg that stands turns by no more from one key frame to the next: on the way from a
+posture to its mirror image torques are not those of either."""
 UPRIGHT_RAD = 1.3
-"""A hip of a leg that is drawn up stays below this: near π/2 its yaw and its roll turn one way, and at any speed."""
+"""A hip of a leg that is drawn up stays below this: near π/2 its yaw and its roll turn one way, and
+at any speed."""
 SLACK_RAD = 0.2
 """What is restored may be so far beyond what a step kept to."""
 
 
 @lru_cache(maxsize=16)
 def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
-    """(frame, joint) of every joint of a leg that stands where it stood at the frame before, (K,) each. leg_of: the leg
-    of every joint."""
+    """(frame, joint) of every joint of a leg that stands where it stood at the frame before, (K,)
+    each. leg_of: the leg of every joint."""
     holds = np.array(layout.holds)
     frame, joint = np.nonzero((holds[1:] == holds[:-1])[:, np.array(leg_of)])
     return locked((frame + 1, joint))
 
 
 def keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:
-    """Rows that keep steps of these joints, columns of shape (M, J), within ``turn_room``, which the problem tells."""
+    """Rows that keep steps of these joints, columns of shape (M, J), within ``turn_room``, which
+    the problem tells."""
     frame, joint = of
     for name, sign in (("on", 1.0), ("back", -1.0)):
         turn = rows.at_most(f"turn_{name}", len(frame))
@@ -57,7 +59,9 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
     """Ranges of the joints, shape (M, J) each: within their limits, and legs that are drawn up no
     nearer to the posture in which thigh and axis of yaw are one than ``UPRIGHT_RAD``, or than they
     are. angles: shape (M, J) [rad]."""
-    lower, upper = (np.tile(limit, (len(angles), 1)) for limit in (solver.lowest_rad, solver.highest_rad))
+    lower, upper = (
+        np.tile(limit, (len(angles), 1)) for limit in (solver.lowest_rad, solver.highest_rad)
+    )
     if solver.drawn:
         hips = slice(JOINTS.index("hip"), None, len(JOINTS))
         lower[:, hips] = np.maximum(lower[:, hips], np.minimum(-UPRIGHT_RAD, angles[:, hips]))
@@ -69,7 +73,9 @@ def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) ->
     """Tell whether angles, shape (M, J), are as near to these as a step's joints must be: restored
     ones may have jumped."""
     frame, joint = standing(layout, tuple(solver.legs.tolist()))
-    first, then = (np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after))
+    first, then = (
+        np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after)
+    )
     lower, upper = joint_ranges(solver, before)
     inside = np.all((after >= lower - SLACK_RAD) & (after <= upper + SLACK_RAD))
     return bool(inside and np.all(then <= np.maximum(TURN_RAD, first) + SLACK_RAD))

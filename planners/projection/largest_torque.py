@@ -1,4 +1,5 @@
-"""The largest torque that a plan with joints asks for, as a share of its joint's limit: at key frames and between."""
+"""The largest torque that a plan with joints asks for, as a share of its joint's limit: at key
+frames and between."""
 
 from __future__ import annotations
 
@@ -14,10 +15,14 @@ def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, flo
     """Largest torque of a plan with joints, as a share of its limit: (share, Nm)."""
     assert plan.joints_rad is not None
     rows = zip(plan.problem.stances, plan.forces_n, strict=True)
-    torques = np.abs([
-        solver.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
-        for of, forces in rows
-    ])  # fmt: skip
+    torques = np.abs(
+        [
+            solver.torques(
+                plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces
+            )
+            for of, forces in rows
+        ]
+    )
     at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
     return float((torques / limit_nm)[at]), float(torques[at])
 

@@ -12,8 +12,9 @@ Lin et al. §IV-A, ``nlp`` lift-fix-p nothing, then as fix-p                all,
 the lift of least gap about the point, fix-p ========== =====================================
 ======================= ==============================================
 
-A posture is projected to the least moment residual; a course, whose plans have an objective, to residual zero.
-One of one's own is one function, called as these are; what it says is verified as whatever a planner found.
+A posture is projected to the least moment residual; a course, whose plans have an objective, to
+residual zero. One of one's own is one function, called as these are; what it says is verified as
+whatever a planner found.
 """
 
 from __future__ import annotations
@@ -34,22 +35,26 @@ from .held import FixForces, FixToes, Linearised
 Projection = str
 """A name of ``PROJECTIONS``, or "FILE.py:NAME"."""
 PROJECTIONS: Registry[Callable[[Programs, Scaled, Point, int], Point]] = Registry(
-    "projection", "stancekit.projections",
+    "projection",
+    "stancekit.projections",
     {
         name: f"{__name__}:_{name.replace('-', '_')}"
         for name in ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p")
     },
     expected="something to call with programs, a scaled problem, a point and a number of steps",
     accepts=lambda it: takes(it, 4),
-)  # fmt: skip
-"""All of them: called with the programs of this process, a problem with one candidate a foothold, the point to start
-from and the most linearised steps, a function gives a point, its residual inf where there is none."""
+)
+"""All of them: called with the programs of this process, a problem with one candidate a foothold,
+the point to start from and the most linearised steps, a function gives a point, its residual inf
+where there is none."""
 SURFACE = 1e-7
-"""A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
+"""A point this close to the bilinear surface (non-dimensional moment residual) needs no further
+step."""
 STEPS = 6
 """Most linearised steps of SCP."""
 STALLED = 0.9
-"""A posture's SCP ends where a step leaves more than this share of the moment: one that gets there leaves far less."""
+"""A posture's SCP ends where a step leaves more than this share of the moment: one that gets there
+leaves far less."""
 
 
 def project(
@@ -61,10 +66,11 @@ def project(
     steps: int = STEPS,
     deadline: float = float("inf"),
 ) -> Point:
-    """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
+    """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf
+    without an answer.
 
-    steps, deadline: most linearised steps of "scp", and when they have to end, see ``scp``. Raises InvalidInput for an
-    unknown name, and what one of another package or of a file raises.
+    steps, deadline: most linearised steps of "scp", and when they have to end, see ``scp``. Raises
+    InvalidInput for an unknown name, and what one of another package or of a file raises.
     """
     make = PROJECTIONS.get(projection)
     if make is _scp:
@@ -74,7 +80,9 @@ def project(
     with foreign(f"projection {projection}"):
         point = make(programs, scaled, start, steps)
     if not isinstance(point, Point):
-        raise InvalidInput(f"projection {projection}: expected a Point, got a {type(point).__name__}")
+        raise InvalidInput(
+            f"projection {projection}: expected a Point, got a {type(point).__name__}"
+        )
     return point
 
 
@@ -93,12 +101,16 @@ def _fix_toes(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point
 def _nlp(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
     from .nlp import NlpProgram  # CasADi is slow to import
 
-    return programs.get(NlpProgram, scaled.layout, scaled.weights is None).solve(programs, scaled, start)
+    return programs.get(NlpProgram, scaled.layout, scaled.weights is None).solve(
+        programs, scaled, start
+    )
 
 
 def _lift_fix_p(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
     near = programs.get(LeastGap, scaled.layout).solve(scaled, start)
-    point = programs.get(FixToes, scaled.layout, True, True).solve(scaled, near if near.residual == 0.0 else start)
+    point = programs.get(FixToes, scaled.layout, True, True).solve(
+        scaled, near if near.residual == 0.0 else start
+    )
     return replace(point, solves=2, seconds=near.seconds + point.seconds)
 
 
@@ -115,30 +127,44 @@ def scp(
     worth: float = float("inf"),
     deadline: float = float("inf"),
 ) -> Point:
-    """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
+    """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new
+    toes.
 
-    worth: of a posture, take no step where the first toes leave more than this; none, either, after one that stalled.
-    deadline: begin no step that would end after it (``time.perf_counter()``), by how long the one before took, and of
-    the first by how long the solve before it took.
+    worth: of a posture, take no step where the first toes leave more than this; none, either, after
+    one that stalled. deadline: begin no step that would end after it (``time.perf_counter()``), by
+    how long the one before took, and of the first by how long the solve before it took.
     """
     least = scaled.weights is None
-    held, step, began = programs.get(FixToes, scaled.layout, False, least), None, time.perf_counter()
+    held, step, began = (
+        programs.get(FixToes, scaled.layout, False, least),
+        None,
+        time.perf_counter(),
+    )
     best = point = held.solve(scaled, start)
     solves, seconds, most, each = 1, point.seconds, float("inf"), 2 if least else 3
     for k in range(steps):
         took, began = (1 if k else each) * (time.perf_counter() - began), time.perf_counter()
         if began + took > deadline:
             break
-        vain = least and (not np.isfinite(point.residual) or best.residual > worth or point.residual > most)
+        vain = least and (
+            not np.isfinite(point.residual) or best.residual > worth or point.residual > most
+        )
         if best.residual <= SURFACE or vain:
             break
         most = STALLED * point.residual
-        about = point if least else programs.get(FixToes, scaled.layout, False, True).solve(scaled, point)
+        about = (
+            point
+            if least
+            else programs.get(FixToes, scaled.layout, False, True).solve(scaled, point)
+        )
         if not np.isfinite(about.residual):
             about = replace(start, toes=point.toes)
         step = step or programs.get(Linearised, scaled.layout, least)
         stepped = step.solve(scaled, about)
-        solves, seconds = solves + (1 if least else 2), seconds + stepped.seconds + (0.0 if least else about.seconds)
+        solves, seconds = (
+            solves + (1 if least else 2),
+            seconds + stepped.seconds + (0.0 if least else about.seconds),
+        )
         if not np.isfinite(stepped.residual):
             break
         start, point = stepped, held.solve(scaled, stepped)

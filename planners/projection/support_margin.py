@@ -1,7 +1,9 @@
-"""Plans that do not balance on an edge: found on a course in which every foot that carries bears a part of the weight.
+"""Plans that do not balance on an edge: found on a course in which every foot that carries bears a
+part of the weight.
 
-A foot that a plan lets carry next to nothing is one about whose neighbours the robot tips over: its centre of mass is
-above the line between them. A plan of such a course is one of the course itself, as its forces are fewer.
+A foot that a plan lets carry next to nothing is one about whose neighbours the robot tips over: its
+centre of mass is above the line between them. A plan of such a course is one of the course itself,
+as its forces are fewer.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from ..verify.margins import borne_share
 from .force_distribution import ForceDistribution
 
 PUSHES = (0.05, 0.025)
-"""Shares of the weight: horizontal pushes at the body that every stance bears, the most cautious first."""
+"""Shares of the weight: horizontal pushes at the body that every stance bears, the most cautious
+first."""
 PRESSES = (0.2, 0.1, 0.05)
 """Shares of the weight that every foot that carries bears at least, the most cautious first."""
 
@@ -29,8 +32,10 @@ def pressing(course: Problem, share: float) -> Problem:
     """
     share *= course.weight_n / course.force_n
     footholds = tuple(
-        put if put.force_min is None else replace(put, force_min=_raised(put.force_min, share))
-        for put in course.footholds
+        foothold
+        if foothold.force_min is None
+        else replace(foothold, force_min=_raised(foothold.force_min, share))
+        for foothold in course.footholds
     )
     return replace(course, force_min=_raised(course.force_min, share), footholds=footholds)
 
@@ -41,7 +46,8 @@ def _raised(low: Array, share: float) -> Array:
 
 
 def pushed(course: Problem, share: float) -> Problem:
-    """The course in which every stance bears a push of this share of the weight, or the one it asks for already."""
+    """The course in which every stance bears a push of this share of the weight, or the one it asks
+    for already."""
     return replace(course, push_n=max(course.push_n, share * course.weight_n))
 
 

@@ -1,16 +1,19 @@
-"""From a plan of contacts to one of the whole body: joint angles, no joint asked for more torque than it has, and no
-link through another one or the terrain, at key frames and on the way between them.
+"""From a plan of contacts to one of the whole body: joint angles, no joint asked for more torque
+than it has, and no link through another one or the terrain, at key frames and on the way between
+them.
 
-Three things are tried, each where the one before leaves a torque above its limit, or bodies that collide:
+Three things are tried, each where the one before leaves a torque above its limit, or bodies that
+collide:
 
 * forces that spare the joints, with toes, body and joints held: stance by stance, exact (``restoration``);
 * steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan
   whose path is looked at anew (``clearance``);
 * both again with all of the friction, where the plan keeps a reserve of it.
 
-What is found takes the plan's place only where the verifier accepts it, and it is better: neither its largest torque,
-as a share of what the joint has, nor the deepest collision is worse, as far as they are too much. Nothing is proved
-where it is not: that a torque stays too large says nothing of the course.
+What is found takes the plan's place only where the verifier accepts it, and it is better: neither
+its largest torque, as a share of what the joint has, nor the deepest collision is worse, as far as
+they are too much. Nothing is proved where it is not: that a torque stays too large says nothing of
+the course.
 """
 
 from __future__ import annotations
@@ -41,27 +44,32 @@ from .whole_body_limits import WholeBodyLimits
 from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep
 
 AIM, SPARE = 0.97, 0.02
-"""Steps aim at this share of what is wanted, and leave this share of the friction, and of the weight above what feet
-are to press with, times the radius: what a step is wrong by falls with its square."""
+"""Steps aim at this share of what is wanted, and leave this share of the friction, and of the
+weight above what feet are to press with, times the radius: what a step is wrong by falls with its
+square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
-"""Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
+"""Of the trust region's radius: after a step that was one, after one that was none, and its
+bounds."""
 GAIN = 3e-4
 """A step lowers the price of what is too much by so much, or is none."""
 ENOUGH = 0.5
 """Of the distance that bodies should keep: steps end where all have as much."""
 PATIENCE, HEADWAY = 6, 0.02
-"""So many steps together cover this part of what is left to what is wanted, or no more are tried."""
+"""So many steps together cover this part of what is left to what is wanted, or no more are
+tried."""
 TIGHTER, ROOM = 3, 0.95
-"""So often less torque is allowed at key frames, where between them there is more than this share of the limit."""
+"""So often less torque is allowed at key frames, where between them there is more than this share
+of the limit."""
 ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
-"""How far apart moments are that steps keep clear: none while nothing collides, and more where that does not do."""
+"""How far apart moments are that steps keep clear: none while nothing collides, and more where that
+does not do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m: how deep a link is
-    in something at most, and what is missing to bodies that are clear, by the verifier; nan and 0 where nobody can
-    look."""
+    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m:
+    how deep a link is in something at most, and what is missing to bodies that are clear, by the
+    verifier; nan and 0 where nobody can look."""
 
     share: float
     torque_nm: float
@@ -75,15 +83,19 @@ class Measured:
 
     def better(self, other: Measured) -> bool:
         """Nothing is worse as far as it is too much, and something is better."""
-        mine, its = self.excess, other.excess
-        return mine[0] <= its[0] and mine[1] <= its[1] and (mine != its or self.share < other.share)
+        mine, theirs = self.excess, other.excess
+        return (
+            mine[0] <= theirs[0]
+            and mine[1] <= theirs[1]
+            and (mine != theirs or self.share < other.share)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyPlan:
-    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the plan as it came, and
-    of this one. late: whether the time ended before all was tried. report: the verifier's on this plan; None where it
-    was not asked."""
+    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the
+    plan as it came, and of this one. late: whether the time ended before all was tried. report: the
+    verifier's on this plan; None where it was not asked."""
 
     plan: Plan
     steps: int
@@ -97,18 +109,22 @@ class WholeBodyPlan:
         """Details by name."""
         before, after = self.before, self.after
         return {
-            "torque_steps": float(self.steps), "torque_nm_before": before.torque_nm, "torque_nm": after.torque_nm,
-            "torque_share_before": before.share, "torque_share": after.share,
-            "depth_m_before": before.depth_m, "depth_m": after.depth_m,
-        }  # fmt: skip
+            "torque_steps": float(self.steps),
+            "torque_nm_before": before.torque_nm,
+            "torque_nm": after.torque_nm,
+            "torque_share_before": before.share,
+            "torque_share": after.share,
+            "depth_m_before": before.depth_m,
+            "depth_m": after.depth_m,
+        }
 
 
 def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
     """Add to a plan the joint angles of every key frame, and forces within torque limits where
     there are some.
 
-    Joints and torques may still be beyond what the robot has, and bodies may collide: that is the verifier's to say.
-    Raises InvalidInput without pinocchio.
+    Joints and torques may still be beyond what the robot has, and bodies may collide: that is the
+    verifier's to say. Raises InvalidInput without pinocchio.
     """
     return whole_body(plan, WholeBodyLimits(steps=0), kinematics).plan
 
@@ -121,36 +137,47 @@ def whole_body(
     *,
     deadline: float = math.inf,
 ) -> WholeBodyPlan:
-    """The plan with joint angles, with torques within the limits and bodies apart where such a plan is found; never a
-    worse one.
+    """The plan with joint angles, with torques within the limits and bodies apart where such a plan
+    is found; never a worse one.
 
-    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``. deadline: when the plan
-    has to be found and judged (``time.perf_counter()``), by how long a look along its path takes; the best that was met
-    until then counts. Raises InvalidInput without pinocchio, and for a robot whose legs are not known, and TimeEnded
-    where there was not even time for joint angles.
+    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``.
+    deadline: when the plan has to be found and judged (``time.perf_counter()``), by how long a look
+    along its path takes; the best that was met until then counts. Raises InvalidInput without
+    pinocchio, and for a robot whose legs are not known, and TimeEnded where there was not even time
+    for joint angles.
     """
     solver = kinematics or Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)])
+    angles = np.array(
+        [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
+    )
     plan = replace(plan, joints_rad=angles)
     borne = push_share(plan)
     if borne and plan.problem.robot.source.own:  # whose plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
-    found = _bent(plan, limits, solver, deadline)
-    if found.steps and push_share(found.plan) < borne:
+    bent = _bent(plan, limits, solver, deadline)
+    if bent.steps and push_share(bent.plan) < borne:
         other = _bent(plan, limits, solver, deadline, braced=True)
-        if other.after.excess <= found.after.excess and push_share(other.plan) > push_share(found.plan):
-            return replace(other, steps=found.steps + other.steps)
-    return found
+        if other.after.excess <= bent.after.excess and push_share(other.plan) > push_share(
+            bent.plan
+        ):
+            return replace(other, steps=bent.steps + other.steps)
+    return bent
 
 
 def _bent(
-    plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool = False
+    plan: Plan,
+    limits: WholeBodyLimits,
+    solver: Kinematics,
+    deadline: float,
+    *,
+    braced: bool = False,
 ) -> WholeBodyPlan:
-    """As ``whole_body`` of a plan with joint angles; braced: its stances go on bearing the pushes that they bear."""
-    first = found = _at_key_frames(plan, limits, solver, deadline, braced=braced)
+    """As ``whole_body`` of a plan with joint angles; braced: its stances go on bearing the pushes
+    that they bear."""
+    first = bent = _at_key_frames(plan, limits, solver, deadline, braced=braced)
     if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
-        return found
-    share = most = on_the_way(found.plan, solver, limits.of(solver))
+        return bent
+    share = most = on_the_way(bent.plan, solver, limits.of(solver))
     aim = limits
     for _ in range(TIGHTER):
         if most <= ROOM or time.perf_counter() > deadline:
@@ -158,14 +185,21 @@ def _bent(
         aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
         other = _at_key_frames(plan, aim, solver, deadline, braced=braced)
         share = on_the_way(other.plan, solver, limits.of(solver))
-        its = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
-        reserved = _friction(other.plan) <= _friction(found.plan)  # of which torque is not to cost anything
-        if share < most and reserved and its.excess[1] <= found.after.excess[1] and its.better(first.before):
-            found, most = replace(other, before=first.before, after=its), share
-    if found.plan.provenance["torque_nm"] == limits.torque_nm:
-        return found
-    said = {**found.plan.provenance, "torque_nm": limits.torque_nm}
-    return replace(found, plan=replace(found.plan, provenance=said), report=None)
+        measured = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
+        reserved = _friction(other.plan) <= _friction(
+            bent.plan
+        )  # of which torque is not to cost anything
+        if (
+            share < most
+            and reserved
+            and measured.excess[1] <= bent.after.excess[1]
+            and measured.better(first.before)
+        ):
+            bent, most = replace(other, before=first.before, after=measured), share
+    if bent.plan.provenance["torque_nm"] == limits.torque_nm:
+        return bent
+    provenance = {**bent.plan.provenance, "torque_nm": limits.torque_nm}
+    return replace(bent, plan=replace(bent.plan, provenance=provenance), report=None)
 
 
 def _friction(plan: Plan) -> float:
@@ -177,8 +211,10 @@ def _at_key_frames(
     plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool
 ) -> WholeBodyPlan:
     """As ``whole_body`` of a plan with joint angles, with torques looked at at key frames only."""
-    said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
-    plan = replace(plan, provenance={**plan.provenance, **said})
+    provenance = (
+        {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}
+    )  # what the verifier holds it to
+    plan = replace(plan, provenance={**plan.provenance, **provenance})
     clearance = _clearance(plan, solver, deadline) if limits.steps else None
 
     def judged(one: Plan) -> tuple[Measured, Report[Plan] | None]:
@@ -189,8 +225,12 @@ def _at_key_frames(
         if report.late:
             raise TimeEnded(LATE)
         looks = report.group("bodies").figures, report.group("motion").figures
-        depth_m, too_near_m = (max(float(of.get(name, 0.0)) for of in looks) for name in ("depth_m", "short_m"))
-        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m), report
+        depth_m, too_near_m = (
+            max(float(of.get(name, 0.0)) for of in looks) for name in ("depth_m", "short_m")
+        )
+        return Measured(
+            share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m
+        ), report
 
     began = time.perf_counter()
     try:
@@ -199,7 +239,7 @@ def _at_key_frames(
         unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
         return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
-    best, after, taken, late = plan, before, 0, False
+    best, after, steps_taken, late = plan, before, 0, False
     for apart_m in ATTEMPTS_M:
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
             break
@@ -210,18 +250,20 @@ def _at_key_frames(
             continue
         looks = None if np.isinf(apart_m) else clearance
         stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
-        found, steps = stage.run(collides=after.excess[1] > 0.0)
+        candidate, steps = stage.run(collides=after.excess[1] > 0.0)
         late = late or stage.late
-        if found is None or (clearance is None and not check_plan(found).accepted):
+        if candidate is None or (clearance is None and not check_plan(candidate).accepted):
             continue
         try:
-            its, said_of_it = judged(found)
+            measured, said_of_it = judged(candidate)
         except TimeEnded:
             late = True
             break
-        if its.better(after) and (said_of_it is None or said_of_it.contacts):
-            best, after, taken, report = found, its, taken + steps, said_of_it
-    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after, late=late, report=report)
+        if measured.better(after) and (said_of_it is None or said_of_it.contacts):
+            best, after, steps_taken, report = candidate, measured, steps_taken + steps, said_of_it
+    return WholeBodyPlan(
+        plan=best, steps=steps_taken, before=before, after=after, late=late, report=report
+    )
 
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:
@@ -236,8 +278,8 @@ def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
-    """An exact plan on the way, and what is near to each other in it; price: of what is too much. too_near: something
-    has less than half of the distance that it should keep."""
+    """An exact plan on the way, and what is near to each other in it; price: of what is too much.
+    too_near: something has less than half of the distance that it should keep."""
 
     at: Restored
     near: Nearness | None
@@ -246,9 +288,9 @@ class _State:
 
 
 class _Stage:
-    """One plan on its way. apart_m: how far apart the moments are that it looks at. braced: stances go on bearing the
-    pushes that they bear. deadline: no step is begun that
-    would end after it (``time.perf_counter()``), by how long the one before took."""
+    """One plan on its way. apart_m: how far apart the moments are that it looks at. braced: stances
+    go on bearing the pushes that they bear. deadline: no step is begun that would end after it
+    (``time.perf_counter()``), by how long the one before took."""
 
     def __init__(
         self,
@@ -262,7 +304,12 @@ class _Stage:
         braced: bool,
     ) -> None:
         self._deadline, self.late = deadline, False
-        self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
+        self._plan, self._solver, self._limits, self._limit_nm = (
+            plan,
+            solver,
+            limits,
+            limits.of(solver),
+        )
         self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
         course = pressing(plan.problem, float(plan.provenance.get("press_share", 0.0)))
@@ -271,47 +318,65 @@ class _Stage:
         self._scaled, self._programs = Scaled.of(course).chosen(plan.choice), Programs()
 
     def run(self, *, collides: bool) -> tuple[Plan | None, int]:
-        """The best plan that was met, None where not even the first was one, and how many steps it took."""
-        kept, taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
+        """The best plan that was met, None where not even the first was one, and how many steps it
+        took."""
+        friction, steps_taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
         best, wanted, angles = None, EASY, np.asarray(self._plan.joints_rad)
-        for share in dict.fromkeys((kept, 1.0)):  # a reserve of friction goes only where torque needs it
+        for share in dict.fromkeys(
+            (friction, 1.0)
+        ):  # a reserve of friction goes only where torque needs it
             scaled = replace(self._scaled, friction=share * self._scaled.friction)
-            restoration = Restoration(self._plan, scaled, self._solver, self._limit_nm, friction_share=share)
-            start = (restoration.point(), angles) if best is None else (best[0].at.point, best[0].at.angles)
-            found = restoration.restore(*start, wanted=wanted)
-            if found is None:
+            restoration = Restoration(
+                self._plan, scaled, self._solver, self._limit_nm, friction_share=share
+            )
+            start = (
+                (restoration.point(), angles)
+                if best is None
+                else (best[0].at.point, best[0].at.angles)
+            )
+            restored = restoration.restore(*start, wanted=wanted)
+            if restored is None:
                 continue
-            if found.share > 1.0 or collides:
+            if restored.share > 1.0 or collides:
                 try:
-                    begun = self._state(found, share)
+                    begun = self._state(restored, share)
                 except TimeEnded:
                     self.late = True
                     break
                 state, steps = self._stepped(scaled, restoration, begun)
-                taken += steps
+                steps_taken += steps
             else:
-                state = _State(at=found, near=None, price=0.0)
+                state = _State(at=restored, near=None, price=0.0)
             if best is None or (state.price, state.at.share) < (best[0].price, best[0].at.share):
                 best = state, share
             if state.at.share <= 1.0:
                 break
             wanted = 1.0
-        return (None if best is None else self._as_plan(best[0].at, best[1])), taken
+        return (None if best is None else self._as_plan(best[0].at, best[1])), steps_taken
 
     def _state(self, found: Restored, friction_share: float) -> _State:
         """With what is near to each other along its path."""
-        near, too_near, price = None, False, TORQUE_PRICE * max(found.share - self._limits.share, 0.0)
+        near, too_near, price = (
+            None,
+            False,
+            TORQUE_PRICE * max(found.share - self._limits.share, 0.0),
+        )
         if self._clearance is not None:
             plan = self._as_plan(found, friction_share)
             near = self._clearance.nearness(plan, self._limits.clearance_m, self._apart_m)
             missing_m = near.missing(self._limits.clearance_m).sum() + near.astray_m
             price += CLEAR_PRICE * float(missing_m) / self._scaled.length_m
-            too_near = near.astray_m > STRAY_M or bool(near.missing(ENOUGH * self._limits.clearance_m).any())
+            too_near = near.astray_m > STRAY_M or bool(
+                near.missing(ENOUGH * self._limits.clearance_m).any()
+            )
         return _State(at=found, near=near, price=price, too_near=too_near)
 
-    def _stepped(self, scaled: Scaled, restoration: Restoration, state: _State) -> tuple[_State, int]:
-        """After steps that each lower the price, until nothing is too much, or none does; and how many."""
-        radius, taken, before, began = 1.0, 0, list[float](), time.perf_counter()
+    def _stepped(
+        self, scaled: Scaled, restoration: Restoration, state: _State
+    ) -> tuple[_State, int]:
+        """After steps that each lower the price, until nothing is too much, or none does; and how
+        many."""
+        radius, steps_taken, before, began = 1.0, 0, list[float](), time.perf_counter()
         for _ in range(self._limits.steps):
             now = time.perf_counter()
             began, step_s = now, now - began
@@ -319,45 +384,67 @@ class _Stage:
                 self.late = True
                 break
             before.append(state.price)
-            stalled = len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
+            stalled = (
+                len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
+            )
             enough = state.at.share <= self._limits.share and not state.too_near
             if enough or stalled or radius < NARROWEST:
                 break
-            found = self._step(scaled, restoration, state, radius)
-            if found is not None and not keeps_to(self._solver, scaled.layout, state.at.angles, found.angles):
-                found = None
+            restored = self._step(scaled, restoration, state, radius)
+            if restored is not None and not keeps_to(
+                self._solver, scaled.layout, state.at.angles, restored.angles
+            ):
+                restored = None
             try:
-                other = None if found is None else self._state(found, restoration.friction_share)
+                other = (
+                    None if restored is None else self._state(restored, restoration.friction_share)
+                )
             except TimeEnded:
                 self.late = True
                 break
             if other is not None and other.price < state.price - GAIN:
-                state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1
+                state, radius, steps_taken = other, min(WIDER * radius, WIDEST), steps_taken + 1
             else:
                 radius *= NARROWER
-        return state, taken
+        return state, steps_taken
 
-    def _step(self, scaled: Scaled, restoration: Restoration, state: _State, radius: float) -> Restored | None:
+    def _step(
+        self, scaled: Scaled, restoration: Restoration, state: _State, radius: float
+    ) -> Restored | None:
         """An exact plan after a step; None where there is none.
 
-        Where the forces of the step cannot be mended alone, body and joints are found once more for its toes.
+        Where the forces of the step cannot be mended alone, body and joints are found once more for
+        its toes.
         """
         spare = SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
         inside = replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=firmer)
         at = WholeBodyGiven(
-            inside, state.at.point, solver=self._solver, angles=state.at.angles, limit_nm=self._limit_nm,
-            wanted=AIM * self._limits.share, radius=radius, near=state.near, clearance_m=self._limits.clearance_m,
-        )  # fmt: skip
-        found = self._solved(at, hold_toes=False)
-        if found is None:
+            inside,
+            state.at.point,
+            solver=self._solver,
+            angles=state.at.angles,
+            limit_nm=self._limit_nm,
+            wanted=AIM * self._limits.share,
+            radius=radius,
+            near=state.near,
+            clearance_m=self._limits.clearance_m,
+        )
+        restored = self._solved(at, hold_toes=False)
+        if restored is None:
             return None
-        other = restoration.restore(*found, wanted=self._limits.share)
+        other = restoration.restore(*restored, wanted=self._limits.share)
         if other is None:
-            point, angles = found
-            at = replace(at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds), near=None)
-            found = self._solved(at, hold_toes=True)
-            other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
+            point, angles = restored
+            at = replace(
+                at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds), near=None
+            )
+            restored = self._solved(at, hold_toes=True)
+            other = (
+                None
+                if restored is None
+                else restoration.restore(*restored, wanted=self._limits.share)
+            )
         return other
 
     def _solved(self, at: WholeBodyGiven, *, hold_toes: bool) -> tuple[Point, Array] | None:
@@ -370,9 +457,15 @@ class _Stage:
     def _as_plan(self, state: Restored, friction_share: float) -> Plan:
         """With its units back."""
         point, length_m = state.point, self._scaled.length_m
-        kept = {"friction_share": friction_share} if "friction_share" in self._plan.provenance else {}
+        provenance = (
+            {"friction_share": friction_share} if "friction_share" in self._plan.provenance else {}
+        )
         return replace(
-            self._plan, com_m=point.com * length_m, rotation_rad=point.rotation, toes_m=point.toes * length_m,
-            forces_n=self._scaled.forces_si(point)[0], joints_rad=state.angles,
-            provenance={**self._plan.provenance, **kept},
-        )  # fmt: skip
+            self._plan,
+            com_m=point.com * length_m,
+            rotation_rad=point.rotation,
+            toes_m=point.toes * length_m,
+            forces_n=self._scaled.forces_si(point)[0],
+            joints_rad=state.angles,
+            provenance={**self._plan.provenance, **provenance},
+        )

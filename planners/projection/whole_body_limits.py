@@ -21,11 +21,12 @@ class WholeBodyLimits:
     Arguments:
         torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
         share: of that, steps aim at it; a plan within its limits is left as it is.
-        clearance_m: where links go through the terrain, or come too near to each other, steps aim at this distance [m].
+        clearance_m: where links go through the terrain, or come too near to each other, steps aim
+            at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
     Raises:
-        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps or
-            distance.
+        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative
+            number of steps or distance.
     Source:
         None: joint limits of the robot's file, and those that are asked for.
     Example:
@@ -54,4 +55,6 @@ class WholeBodyLimits:
     def of(self, solver: Kinematics) -> Array:
         """Torque limit of every joint, shape (J,) [Nm]; inf where nothing is known and nothing
         asked for."""
-        return np.asarray(np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm))
+        return np.asarray(
+            np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm)
+        )

@@ -1,16 +1,19 @@
-"""One convex step of a plan of the whole body: body, toes, joints and forces of all key frames at once.
+"""One convex step of a plan of the whole body: body, toes, joints and forces of all key frames at
+once.
 
-About a plan that is exact in its kinematics and balances (bars), to first order, in δq and in c, Θ, p, f:
+About a plan that is exact in its kinematics and balances (bars), to first order, in δq and in c, Θ,
+p, f:
 
     c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā        feet of the joints at their toes, ā from c to
     the foot, r its radius Σ f = b,  Σ p̄ × f + (p − p̄) × f̄ = c × b − M        balances (E5, E6)
     with a residual that costs ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every
     joint of a leg that carries, l its lever
 
-with b = w e_z − F and M what is on the body, cones (E10), reach and steps (E11), bounds of joints, distances of bodies
-(``clearance``), and a box about the bars in which this is to be believed. The objective is the course's own, and a
-price on the largest share of a torque limit where it is above what is wanted, and on what is missing to distances:
-hinges. What a solution leaves of second order is the restoration's to mend (``restoration``).
+with b = w e_z − F and M what is on the body, cones (E10), reach and steps (E11), bounds of joints,
+distances of bodies (``clearance``), and a box about the bars in which this is to be believed. The
+objective is the course's own, and a price on the largest share of a torque limit where it is above
+what is wanted, and on what is missing to distances: hinges. What a solution leaves of second order
+is the restoration's to mend (``restoration``).
 """
 
 from __future__ import annotations
@@ -37,12 +40,13 @@ from .joint_ranges import joint_ranges, keep_turns, standing, turn_room
 TORQUE_PRICE = 3.0
 """Of the largest torque's share above what is wanted, in units of the objective."""
 MOMENT_PRICE = 500.0
-"""Of the moments that a step leaves, likewise: at 3e3 plans of the hexapod between walls keep too much torque, at 100
-steps buy distances with moments, and a Solo12 had no plan on stairs."""
+"""Of the moments that a step leaves, likewise: at 3e3 plans of the hexapod between walls keep too
+much torque, at 100 steps buy distances with moments, and a Solo12 had no plan on stairs."""
 STILL, EVEN = 2e-3, 1e-5
 """Of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
-"""How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for itself."""
+"""How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for
+itself."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,8 +54,8 @@ class TorqueRows:
     """Torques that a step looks at: those of every joint of every leg that carries, stance by
     stance, T of them.
 
-    contact, frame, joint: of each torque, (T,). row, other: (torque, joint of the same leg), (K,); pairs: of all legs'
-    joints, shape (2, pairs), and pair: which of them each of the K is.
+    contact, frame, joint: of each torque, (T,). row, other: (torque, joint of the same leg), (K,);
+    pairs: of all legs' joints, shape (2, pairs), and pair: which of them each of the K is.
     """
 
     contact: Index
@@ -72,10 +76,23 @@ class TorqueRows:
         number = np.full((len(legs), len(legs)), -1)
         number[pairs] = np.arange(len(pairs[0]))
         row, other = np.nonzero(legs[joint][:, None] == legs)
-        found = (contact, layout.stance_frames[stance[contact]], joint, row, other, number[joint[row], other])
-        contact, frame, joint, row, other, pair = locked(found)
+        parts = (
+            contact,
+            layout.stance_frames[stance[contact]],
+            joint,
+            row,
+            other,
+            number[joint[row], other],
+        )
+        contact, frame, joint, row, other, pair = locked(parts)
         return cls(
-            contact=contact, frame=frame, joint=joint, row=row, other=other, pair=pair, pairs=locked(np.array(pairs))
+            contact=contact,
+            frame=frame,
+            joint=joint,
+            row=row,
+            other=other,
+            pair=pair,
+            pairs=locked(np.array(pairs)),
         )
 
 
@@ -84,8 +101,8 @@ class WholeBodyGiven(Given):
     """Data that a step is loaded with: the problem, the point about which it is linearised, and the
     joints there.
 
-    angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is well. radius: of
-    the trust region.
+    angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is
+    well. radius: of the trust region.
     """
 
     solver: Kinematics
@@ -113,7 +130,8 @@ class WholeBodyGiven(Given):
 
     @cached_property
     def arms(self) -> Array:
-        """ā, from the centre of mass to every foot's centre as the joints have it, shape (M, N, 3)."""
+        """ā, from the centre of mass to every foot's centre as the joints have it, shape (M, N,
+        3)."""
         arms = self.legs.feet - (self.rotations @ self.solver.robot.origin_m)[:, None]
         return np.asarray(arms / self.scaled.length_m)
 
@@ -132,7 +150,9 @@ class WholeBodyGiven(Given):
         """r n − ā + ∂ā/∂Θ Θ̄, shape (M, N, 3)."""
         normals = self.scaled.frames[:, :, 0][np.array(self.scaled.layout.holds)]
         out = (self.solver.radii_m / self.scaled.length_m)[:, None] * normals
-        return np.asarray(out - self.arms + np.einsum("mnij,mj->mni", self.by_turn, self.held.rotation))
+        return np.asarray(
+            out - self.arms + np.einsum("mnij,mj->mni", self.by_turn, self.held.rotation)
+        )
 
     @cached_property
     def torque(self) -> Torques:
@@ -141,7 +161,11 @@ class WholeBodyGiven(Given):
 
     def room(self, name: str) -> float:
         """Half the side of the trust region's box, non-dimensional."""
-        return self.radius * TRUST[name] / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
+        return (
+            self.radius
+            * TRUST[name]
+            / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
+        )
 
     def close(self, near: Nearness) -> Nearness:
         """Select the bodies that this step may bring nearer to each other than they are to keep."""
@@ -154,7 +178,9 @@ class WholeBodyGiven(Given):
     def turn_room(self, sign: float) -> Array:
         """Angle by which joints of legs that stand may still turn this way since the frame before,
         (K,)."""
-        return turn_room(self.angles, standing(self.scaled.layout, tuple(self.solver.legs.tolist())), sign)
+        return turn_room(
+            self.angles, standing(self.scaled.layout, tuple(self.solver.legs.tolist())), sign
+        )
 
     @cached_property
     def range_rad(self) -> tuple[Array, Array]:
@@ -173,15 +199,18 @@ class WholeBodyGiven(Given):
         """Lower bounds likewise."""
         held = {"com": self.held.com, "rotation": self.held.rotation, "toes": self.held.toes}
         bounds = {name: value - self.room(name) for name, value in held.items()}
-        return bounds | {"joints": np.maximum(-self.room("joints"), self.range_rad[0] - self.angles)}
+        return bounds | {
+            "joints": np.maximum(-self.room("joints"), self.range_rad[0] - self.angles)
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Torques:
-    """Torques as shares of their limits, times the sign that they have at the point, to first order.
+    """Torques as shares of their limits, times the sign that they have at the point, to first
+    order.
 
-    value: (T,). by_force: in the contact frame, (T, 3); by_turn: in Θ, (T, 3); by_joint: of the K pairs, (K,).
-    right: what the rows have on the right, (T,).
+    value: (T,). by_force: in the contact frame, (T, 3); by_turn: in Θ, (T, 3); by_joint: of the K
+    pairs, (K,). right: what the rows have on the right, (T,).
     """
 
     value: Array
@@ -193,48 +222,68 @@ class Torques:
     @classmethod
     def of(cls, at: WholeBodyGiven) -> Torques:
         """About a point."""
-        scaled, solver, rows = at.scaled, at.solver, TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist()))
+        scaled, solver, rows = (
+            at.scaled,
+            at.solver,
+            TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist())),
+        )
         contact, frame, joint = rows.contact, rows.frame, rows.joint
         forces = scaled.in_world(at.held.forces)[contact] * scaled.force_n
         levers = at.legs.levers[frame, joint]
-        weights = np.array([solver.loads(*each)[0] for each in zip(at.angles, at.rotations, strict=True)])
+        weights = np.array(
+            [solver.loads(*each)[0] for each in zip(at.angles, at.rotations, strict=True)]
+        )
         bent, turned = zip(*map(solver.gravity_slopes, at.angles, at.rotations), strict=True)
         value = weights[frame, joint] - (levers * forces).sum(axis=1)
         scale = np.where(value < 0.0, -1.0, 1.0) / at.limit_nm[joint]
-        by_turn = (np.array(turned)[frame, joint] - cross(levers, forces))[:, None] @ at.turns[frame]
+        by_turn = (np.array(turned)[frame, joint] - cross(levers, forces))[:, None] @ at.turns[
+            frame
+        ]
         by_turn = scale[:, None] * by_turn[:, 0]
         pulled = at.legs.lever_slopes(*rows.pairs)[frame[rows.row], rows.pair] * forces[rows.row]
         by_joint = np.array(bent)[frame[rows.row], joint[rows.row], rows.other] - pulled.sum(axis=1)
         by_force = np.einsum("ti,tij->tj", levers, scaled.contact_frames[contact])
         return cls(
-            value=scale * value, by_turn=by_turn, by_joint=scale[rows.row] * by_joint,
+            value=scale * value,
+            by_turn=by_turn,
+            by_joint=scale[rows.row] * by_joint,
             by_force=-scaled.force_n * scale[:, None] * by_force,
             right=(by_turn * at.held.rotation[frame]).sum(axis=1) - scale * weights[frame, joint],
-        )  # fmt: skip
+        )
 
 
 class WholeBodyStep:
     """The program; one candidate a foothold, point feet.
 
-    leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are linear (E6) and
-    hold exactly. at: a problem whose bodies that are near it is to keep apart: a program for this one alone.
+    leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are
+    linear (E6) and hold exactly. at: a problem whose bodies that are near it is to keep apart: a
+    program for this one alone.
     """
 
     def __init__(
-        self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool, at: WholeBodyGiven | None = None
+        self,
+        layout: Layout,
+        leg_of: tuple[int, ...],
+        hold_toes: bool,
+        at: WholeBodyGiven | None = None,
     ) -> None:
         layout.check_point_feet("whole body")
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         free = None if hold_toes else FreeToes(rows, layout, explicit=True)
         toes: Toes = HeldToes(rows) if free is None else free
-        joints, share = rows.variable("joints", layout.frames, len(leg_of)), rows.variable("share", 1)
+        joints, share = (
+            rows.variable("joints", layout.frames, len(leg_of)),
+            rows.variable("share", 1),
+        )
         forces.balance()
         if free is None:
             held_moments(layout, body, forces).vanish(rows)
         else:
             moments = linearised_moments(layout, body, free, forces)
-            rows.linear(moments.within(rows, each=True), MOMENT_PRICE)  # what one cannot help is no other's to leave
+            rows.linear(
+                moments.within(rows, each=True), MOMENT_PRICE
+            )  # what one cannot help is no other's to leave
         forces.in_cones()
         forces.in_box(implied=False)
         body.reach(toes, inner=True)
@@ -246,20 +295,28 @@ class WholeBodyStep:
         columns = {"com": body.com, "rotation": body.rotation, "joints": joints}
         if free is not None and free.points is not None:
             columns["toes"] = free.points
-        for name, its in columns.items():
+        for name, numbers in columns.items():
             for side, sign in (("above", 1.0), ("below", -1.0)):
-                near = rows.at_most(f"{name}_{side}", *its.shape)
-                rows.put(near, its, sign)
+                near = rows.at_most(f"{name}_{side}", *numbers.shape)
+                rows.put(near, numbers, sign)
                 rows.right(near, _bound(side, name, sign))
         if at is not None and at.near is not None:
             points = None if free is None else free.points
-            keep_clear(rows, (body.com, body.rotation, joints, points), at, at.close(at.near), at.clearance_m)
+            keep_clear(
+                rows,
+                (body.com, body.rotation, joints, points),
+                at,
+                at.close(at.near),
+                at.clearance_m,
+            )
         objective(rows, layout, body, free)
         rows.square(joints, None, STILL)
         rows.square(forces.columns, None, EVEN)
         rows.linear(share, TORQUE_PRICE)
 
-    def _feet(self, body: BodyVariables, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
+    def _feet(
+        self, body: BodyVariables, toes: Toes, joints: Index, leg_of: Index, layout: Layout
+    ) -> None:
         """Every foot is at its toe."""
         rows = self.rows
         feet = rows.equal("feet", layout.frames, layout.limbs, 3)
@@ -269,7 +326,9 @@ class WholeBodyStep:
         rows.put(feet[:, leg_of], joints[..., None], Of("by_joint"))
         rows.right(feet, Of("feet_right"))
 
-    def _torques(self, of: TorqueRows, body: BodyVariables, forces: Forces, joints: Index, share: Index) -> None:
+    def _torques(
+        self, of: TorqueRows, body: BodyVariables, forces: Forces, joints: Index, share: Index
+    ) -> None:
         """No torque has more of its limit than the share, which is what is wanted or more."""
         rows = self.rows
         torque = rows.at_most("torque", len(of.joint))
@@ -289,11 +348,14 @@ class WholeBodyStep:
             return None
         free = "weights" in solution.columns
         point = Point(
-            com=solution.value("com"), rotation=solution.value("rotation"), forces=solution.value("forces"),
+            com=solution.value("com"),
+            rotation=solution.value("rotation"),
+            forces=solution.value("forces"),
             toes=toes_of(solution, at.scaled) if free else at.held.toes,
             residual=float(solution.value("residual").max()) if free else 0.0,
-            objective=solution.objective, seconds=solution.seconds,
-        )  # fmt: skip
+            objective=solution.objective,
+            seconds=solution.seconds,
+        )
         return point, at.angles + solution.value("joints")
 
 

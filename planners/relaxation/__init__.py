@@ -1,1 +1,2 @@
-"""Stage P1 (Lin et al. §III): convex relaxations of the posture problem, for one frame and for many."""
+"""Stage P1 (Lin et al. §III): convex relaxations of the posture problem, for one frame and for
+many."""

@@ -1,10 +1,12 @@
-"""Learned envelopes over the stance contacts of a course: which box belongs to which limb of which stance.
+"""Learned envelopes over the stance contacts of a course: which box belongs to which limb of which
+stance.
 
-An envelope is learned for some legs, RF, RR and LM for one. The other tripod LF, LR and RM is its mirror image about
-the sagittal plane. With S = diag(1, −1, 1) a toe at p goes to S p and a force F to S F. The shear axes of the house, up
-on walls and forward on ground, are their own images, z' = S z, and n' = S n; but y' = z' × n' = S z × S n = −S y. So in
-the mirrored contact frame f_n and f_z stay, while f_y changes its sign; so does F_y in world axes, while F_x and F_z
-stay. Either way the box mirrors p_y and the second force component.
+An envelope is learned for some legs, RF, RR and LM for one. The other tripod LF, LR and RM is its
+mirror image about the sagittal plane. With S = diag(1, −1, 1) a toe at p goes to S p and a force F
+to S F. The shear axes of the house, up on walls and forward on ground, are their own images, z' = S
+z, and n' = S n; but y' = z' × n' = S z × S n = −S y. So in the mirrored contact frame f_n and f_z
+stay, while f_y changes its sign; so does F_y in world axes, while F_x and F_z stay. Either way the
+box mirrors p_y and the second force component.
 """
 
 from __future__ import annotations
@@ -27,22 +29,24 @@ from .mccormick import Axes
 MIRROR = np.array([1.0, -1.0, 1.0])
 """S: world to mirrored world."""
 NEARLY = 0.25
-"""Share of a limb's reach by which measured limbs of one robot may miss each other's mirror images."""
+"""Share of a limb's reach by which measured limbs of one robot may miss each other's mirror
+images."""
 MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """The same for [p, f], f in either axes (see the module)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StanceBoxes:
-    """Boxes that were chosen for the very stances of a course: each over its B stance contacts, as ``boxes_of`` gives
-    them. problem_class: of the problems that whoever chose them learned from."""
+    """Boxes that were chosen for the very stances of a course: each over its B stance contacts, as
+    ``boxes_of`` gives them. problem_class: of the problems that whoever chose them learned from."""
 
     problem_class: str
     boxes: tuple[Envelope, ...]
 
 
 def mirrored_box(box: Envelope) -> Envelope:
-    """The box of the mirrored stance: p_y and the second force component change their sign (see the module)."""
+    """The box of the mirrored stance: p_y and the second force component change their sign (see the
+    module)."""
     ends = MIRRORED_BOX * box.low, MIRRORED_BOX * box.high
     return Envelope(low=np.minimum(*ends), high=np.maximum(*ends))
 
@@ -51,7 +55,8 @@ def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
     """Mirror envelopes for the legs on the other side: p_y and f_y change their sign, as normals
     do.
 
-    robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not symmetric.
+    robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not
+    symmetric.
     """
     return replace(
         envelopes,
@@ -67,20 +72,20 @@ def boxes_of(
 ) -> tuple[Envelope, ...]:
     """Every envelope of the set, as a box over the B stance contacts of a course.
 
-    envelopes: or several sets of as many boxes, for different limbs: a stance takes the first that has its limbs.
-    Raises InvalidInput that names the first stance whose limbs or patches no set was learned for, and for envelopes
-    of another robot.
+    envelopes: or several sets of as many boxes, for different limbs: a stance takes the first that
+    has its limbs. Raises InvalidInput that names the first stance whose limbs or patches no set was
+    learned for, and for envelopes of another robot.
     """
-    given = (envelopes,) if isinstance(envelopes, EnvelopeSet) else tuple(envelopes)
-    for one in given:
+    sets = (envelopes,) if isinstance(envelopes, EnvelopeSet) else tuple(envelopes)
+    for one in sets:
         one.check_robot(course.robot.identity)
-        if len(one.envelopes) != len(given[0].envelopes):
+        if len(one.envelopes) != len(sets[0].envelopes):
             raise InvalidInput(
-                f"envelopes: expected {len(given[0].envelopes)} for {one.problem_class}, as for "
-                f"{given[0].problem_class}, got {len(one.envelopes)}"
+                f"envelopes: expected {len(sets[0].envelopes)} for {one.problem_class}, as for "
+                f"{sets[0].problem_class}, got {len(one.envelopes)}"
             )
-    own = [one.measured_in(course.length_scale_m) if one.robot else one for one in given]
-    either = (*own, *_images(own, course.robot))
+    boxes = [one.measured_in(course.length_scale_m) if one.robot else one for one in sets]
+    either = (*boxes, *_images(boxes, course.robot))
     low, high = list[Array](), list[Array]()
     for stance in course.stances:
         fitting = _fitting(course, stance, either)
@@ -95,13 +100,14 @@ def boxes_of(
 
 
 def check_fits_one(course: Problem, envelopes: EnvelopeSet) -> None:
-    """Raise InvalidInput, for the first stance, unless the limbs and patches of some stance are those of the set.
+    """Raise InvalidInput, for the first stance, unless the limbs and patches of some stance are
+    those of the set.
 
     For what is asked of a course stance by stance, or window by window, as ``boxes_of`` is of all.
     """
     envelopes.check_robot(course.robot.identity)
-    own = envelopes.measured_in(course.length_scale_m) if envelopes.robot else envelopes
-    either, first = (own, *_images([own], course.robot)), None
+    boxes = envelopes.measured_in(course.length_scale_m) if envelopes.robot else envelopes
+    either, first = (boxes, *_images([boxes], course.robot)), None
     for stance in course.stances:
         try:
             return _check(course, stance, _fitting(course, stance, either), "contact")
@@ -113,24 +119,30 @@ def check_fits_one(course: Problem, envelopes: EnvelopeSet) -> None:
 
 def _images(envelopes: Sequence[EnvelopeSet], robot: Robot) -> list[EnvelopeSet]:
     """The sets for the legs on the other side, of those whose legs have such."""
-    found = []
+    images = []
     for one in envelopes:
         with suppress(InvalidInput):
-            found.append(mirrored(one, robot))
-    return found
+            images.append(mirrored(one, robot))
+    return images
 
 
 def _partner(robot: Robot, leg: str) -> str:
-    """The leg whose shoulder is the mirror image of this one's; of measured legs the one that is nearest to it."""
-    (own,) = robot.select([leg])
+    """The leg whose shoulder is the mirror image of this one's; of measured legs the one that is
+    nearest to it."""
+    (member,) = robot.select([leg])
     apart = [
-        max(float(np.abs(limb.shoulder_m - MIRROR * own.shoulder_m).max()), abs(limb.reach_m - own.reach_m))
+        max(
+            float(np.abs(limb.shoulder_m - MIRROR * member.shoulder_m).max()),
+            abs(limb.reach_m - member.reach_m),
+        )
         for limb in robot.limbs
     ]
     nearest = int(np.argmin(apart))
-    if apart[nearest] < (NEARLY * own.reach_m if robot.identity else 1e-6):
+    if apart[nearest] < (NEARLY * member.reach_m if robot.identity else 1e-6):
         return robot.limbs[nearest].name
-    raise InvalidInput(f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none")
+    raise InvalidInput(
+        f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none"
+    )
 
 
 def _fitting(course: Problem, stance: Stance, either: tuple[EnvelopeSet, ...]) -> EnvelopeSet:
@@ -157,13 +169,16 @@ def _check_one_frame(course: Problem, limb: int, foothold: int) -> None:
 
 
 def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:
-    """Raise InvalidInput unless every candidate patch under the stance is of the kind that was learned."""
+    """Raise InvalidInput unless every candidate patch under the stance is of the kind that was
+    learned."""
     names = course.robot.limb_names
     limbs = tuple(names.index(leg) for leg in envelopes.legs)
     under = [course.footholds[int(course.holds[stance.frame, limb])] for limb in limbs]
     for option in range(max(len(stood_on.candidates) for stood_on in under)):
         choice = np.zeros(len(course.footholds), dtype=np.int_)
-        choice[course.holds[stance.frame, list(limbs)]] = [min(option, len(one.candidates) - 1) for one in under]
+        choice[course.holds[stance.frame, list(limbs)]] = [
+            min(option, len(one.candidates) - 1) for one in under
+        ]
         where = f"frame {stance.frame}, stance on {', '.join(envelopes.legs)}"
         try:
             envelopes.check_fits(course.posture_problem(Stance(stance.frame, limbs), choice))
@@ -180,6 +195,6 @@ def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) 
 
 def _turned(shear_reference: Array, normal: Array) -> float:
     """Sine of the angle between a patch's own z axis and the house's."""
-    own, house = (v - (v @ normal) * normal for v in (shear_reference, shear_of(normal)))
-    own, house = own / np.linalg.norm(own), house / np.linalg.norm(house)
-    return float(np.linalg.norm(own - house))
+    turned, house = (v - (v @ normal) * normal for v in (shear_reference, shear_of(normal)))
+    turned, house = turned / np.linalg.norm(turned), house / np.linalg.norm(house)
+    return float(np.linalg.norm(turned - house))

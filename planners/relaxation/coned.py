@@ -1,12 +1,13 @@
-"""P1 with the friction cone times the bounds of the box, "coned": tighter than McCormick's envelope, in the same box.
+"""P1 with the friction cone times the bounds of the box, "coned": tighter than McCormick's
+envelope, in the same box.
 
-McCormick's rows multiply bounds of p by bounds of f. The friction cone ‖f_t‖ ≤ μ f_n (E10) is a bound of f, too, and
-times p_j − l_j ≥ 0 and h_j − p_j ≥ 0 it gives, with m_jk for p_j f_k,
+McCormick's rows multiply bounds of p by bounds of f. The friction cone ‖f_t‖ ≤ μ f_n (E10) is a
+bound of f, too, and times p_j − l_j ≥ 0 and h_j − p_j ≥ 0 it gives, with m_jk for p_j f_k,
 
     ‖m_jt − l_j f_t‖ ≤ μ (m_jn − l_j f_n),    ‖h_j f_t − m_jt‖ ≤ μ (h_j f_n − m_jn),
 
-two second-order cones per axis j and contact. Both hold at every point of the box with m = p f, so that nothing that P
-admits is lost. The signed margin t widens them as it widens the envelope.
+two second-order cones per axis j and contact. Both hold at every point of the box with m = p f, so
+that nothing that P admits is lost. The signed margin t widens them as it widens the envelope.
 """
 
 from __future__ import annotations
@@ -36,20 +37,26 @@ SIGNS = np.array([1.0, -1.0])[:, None, None, None]
 class Coned(McCormick):
     """McCormick's P1 over one box, with the friction cones times the box's bounds of positions.
 
-    The rows are left out of contacts with several candidates, of boxes in world axes, and where a stance chooses among
-    boxes: forces have no one cone in the axes of the box there, or the box is not known yet.
+    The rows are left out of contacts with several candidates, of boxes in world axes, and where a
+    stance chooses among boxes: forces have no one cone in the axes of the box there, or the box is
+    not known yet.
     """
 
     own_rows: ClassVar[tuple[str, ...]] = ("box_cones",)
 
-    def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
+    def __init__(
+        self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1
+    ) -> None:
         super().__init__(layout, axes, soft, boxes)
         counts = np.bincount(layout.candidate_footholds, minlength=layout.footholds)
         foothold = layout.contacts[2]
         alone = counts[foothold] == 1 if axes == "contact" and boxes == 1 else counts[foothold] < 0
         self._coned = np.flatnonzero(alone)
         self._candidate = np.searchsorted(layout.candidate_footholds, foothold)[self._coned]
-        rows, shape = self.rows, (2, len(self._coned), 3, 3)  # side, contact, axis j, row of the cone
+        rows, shape = (
+            self.rows,
+            (2, len(self._coned), 3, 3),
+        )  # side, contact, axis j, row of the cone
         cone = rows.cones("box_cones", int(np.prod(shape[:3])), 3).reshape(shape)
         moments = self._moments.reshape(-1, 3, 3)[self._coned]
         forces = self._box_forces[self._coned][:, None, :]
@@ -77,12 +84,14 @@ class Coned(McCormick):
         moved = cp.vstack([products - cp.multiply(low, each), cp.multiply(high, each) - products])
         friction = np.tile(np.repeat(given.scaled.friction[self._candidate], 3), 2)
         most = cp.multiply(friction, moved[:, 0]) + known.get("margin", np.zeros(1))[0]
-        return ConicModel(model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)})
+        return ConicModel(
+            model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)}
+        )
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box; the gradient has the part of the cones, too."""
-        given = Boxed(scaled, boxes=(box,))
-        solution = self.rows.solve(given)
+        program_data = Boxed(scaled, boxes=(box,))
+        solution = self.rows.solve(program_data)
         answer = self._answer(solution, scaled)
         if not gradient or answer.at is None:
             return answer
@@ -97,7 +106,9 @@ class Coned(McCormick):
     def _sides(self, scaled: Scaled) -> Array:
         """Factors of (f_n, f_y, f_z) in a cone's rows: μ, 1, 1, shape (C, 1, 3)."""
         friction = scaled.friction[self._candidate]
-        return np.stack([friction, np.ones_like(friction), np.ones_like(friction)], axis=-1)[:, None, :]
+        return np.stack([friction, np.ones_like(friction), np.ones_like(friction)], axis=-1)[
+            :, None, :
+        ]
 
     def _moved(self, given: Given) -> Array:
         """Factors of the forces: l and −h of the contacts with cones, times the factors, (2, C, 3,

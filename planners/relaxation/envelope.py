@@ -1,4 +1,5 @@
-"""Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (Lin et al. §III), and their file."""
+"""Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (Lin et al. §III), and
+their file."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from ..problem import Problem
 from .learned import check_learned, check_robot
 
 TILT_ROOM_RAD = np.deg2rad(10.0)
-"""How much further than in training a patch may lean before an envelope is refused as learned for something else."""
+"""How much further than in training a patch may lean before an envelope is refused as learned for
+something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 """The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
 P_ENDS, F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
@@ -28,7 +30,8 @@ SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Envelope:
-    """One box: bounds on p (toes relative to the body, world axes) and f (contact frame), non-dimensional.
+    """One box: bounds on p (toes relative to the body, world axes) and f (contact frame),
+    non-dimensional.
 
     Arguments:
         low, high: shape (N, 6), the columns p_x p_y p_z f_n f_y f_z.
@@ -52,23 +55,29 @@ class Envelope:
         high = read_only(self.high, (len(low), 6), "high")
         if (low > high).any():
             i, d = np.argwhere(low > high)[0]
-            raise InvalidInput(f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}")
+            raise InvalidInput(
+                f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}"
+            )
         object.__setattr__(self, "low", low)
         object.__setattr__(self, "high", high)
 
     @classmethod
     def around(cls, points: Array) -> Envelope:
-        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1. Raises InvalidInput without any."""
+        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1. Raises InvalidInput
+        without any."""
         if not len(points):
             raise InvalidInput("points: expected one or more, got none")
         return cls(low=points.min(axis=0), high=points.max(axis=0))
 
     @classmethod
     def from_vector(cls, bounds: Array) -> Envelope:
-        """Read the flat form, all of low and then all of high, shape (12N,); reversed pairs are put in order."""
+        """Read the flat form, all of low and then all of high, shape (12N,); reversed pairs are put
+        in order."""
         flat = np.asarray(bounds, dtype=np.float64)
         if flat.ndim != 1 or flat.size == 0 or flat.size % 12:
-            raise InvalidInput(f"bounds: expected 12 numbers a contact, got an array of shape {flat.shape}")
+            raise InvalidInput(
+                f"bounds: expected 12 numbers a contact, got an array of shape {flat.shape}"
+            )
         first, second = flat.reshape(2, -1, 6)
         low, high = np.minimum(first, second), np.maximum(first, second)
         if not float(abs(flat).max()) <= LARGEST:  # also false for NaN
@@ -127,8 +136,8 @@ class Corners(NamedTuple):
     """Numbers that the envelope rows sign (p_end f + f_end p − m) ≤ sign p_end f_end and −x ≤ −low,
     x ≤ high need.
 
-    p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4, N, 1, 3) and
-    (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
+    p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4,
+    N, 1, 3) and (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
     """
 
     p: Array
@@ -139,7 +148,8 @@ class Corners(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnvelopeSet:
-    """Envelopes learned for one class of problems; P1 may choose any one of them a posture (a binary each).
+    """Envelopes learned for one class of problems; P1 may choose any one of them a posture (a
+    binary each).
 
     Arguments:
         problem_class: name of the class, e.g. ``wall-3``.
@@ -149,7 +159,8 @@ class EnvelopeSet:
         tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
         envelopes: one box or more.
         provenance: how the set was learned, for people.
-        robot: identity of the model whose legs they are, see ``Robot``; empty for the default hexapod.
+        robot: identity of the model whose legs they are, see ``Robot``; empty for the default
+            hexapod.
     Raises:
         InvalidInput: for other shapes, normals that are no unit vectors, no boxes.
     Source:
@@ -186,12 +197,16 @@ class EnvelopeSet:
         if np.any(np.abs(np.linalg.norm(self.normals, axis=1) - 1.0) > 1e-3):
             raise InvalidInput(f"normals: expected unit vectors, got {self.normals.tolist()}")
         if np.any(self.tilt_rad < 0.0):
-            raise InvalidInput(f"tilt_rad: expected no negative angle, got {self.tilt_rad.tolist()}")
+            raise InvalidInput(
+                f"tilt_rad: expected no negative angle, got {self.tilt_rad.tolist()}"
+            )
         if not self.envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
         for index, envelope in enumerate(self.envelopes):
             if envelope.contacts != count:
-                raise InvalidInput(f"envelopes[{index}]: expected {count} contacts, got {envelope.contacts}")
+                raise InvalidInput(
+                    f"envelopes[{index}]: expected {count} contacts, got {envelope.contacts}"
+                )
 
     @classmethod
     def for_problems(
@@ -204,7 +219,9 @@ class EnvelopeSet:
         """Envelopes with the description of the problems that they were learned from."""
         if not problems:
             raise InvalidInput("problems: expected one or more, got none")
-        normals = np.array([[contact.patch.normal for contact in problem.contacts] for problem in problems])
+        normals = np.array(
+            [[contact.patch.normal for contact in problem.contacts] for problem in problems]
+        )
         mean = normals.mean(axis=0)
         mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
         lean = np.arccos(np.clip(np.einsum("knj,nj->kn", normals, mean), -1.0, 1.0)).max(axis=0)
@@ -232,7 +249,8 @@ class EnvelopeSet:
         check_robot(self, robot, f"an envelope learned for {self.problem_class}")
 
     def check_fits(self, problem: Problem) -> None:
-        """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
+        """Raise InvalidInput unless the problem is of the class that the envelopes were learned
+        for."""
         learned = f"an envelope learned for {self.problem_class}"
         check_learned(self, problem, learned)
         for index, contact in enumerate(problem.contacts):

@@ -18,13 +18,17 @@ def envelope_rows(
     share: Index | None = None,
     e: int | None = None,
 ) -> None:
-    """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th box.
+    """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th
+    box.
 
-    whole: [p, f], (B, 6); moments: (B, 9). margin: relaxes every row. share: z of every contact, (B,), in whose measure
-    the rows are: (p, f, m) ∈ z M_c(B).
+    whole: [p, f], (B, 6); moments: (B, 9). margin: relaxes every row. share: z of every contact,
+    (B,), in whose measure the rows are: (p, f, m) ∈ z M_c(B).
     """
     count = len(whole)
-    envelope, sides = rows.at_most(_of("envelope", e), 4, count, 3, 3), rows.at_most(_of("sides", e), 2, count, 6)
+    envelope, sides = (
+        rows.at_most(_of("envelope", e), 4, count, 3, 3),
+        rows.at_most(_of("sides", e), 2, count, 6),
+    )
     rows.put(envelope[:2], moments.reshape(-1, 3, 3), -1.0)
     rows.put(envelope[2:], moments.reshape(-1, 3, 3), 1.0)
     p_ends, f_ends, products, outward = (Of(f"corners.{name}", e) for name in Corners._fields)
@@ -32,7 +36,10 @@ def envelope_rows(
     rows.put(envelope, whole[:, :3, None], f_ends)
     rows.put(sides[0], whole, -1.0)
     rows.put(sides[1], whole, 1.0)
-    for group, bounds, at in ((envelope, products, (slice(None), None, None)), (sides, outward, (slice(None), None))):
+    for group, bounds, at in (
+        (envelope, products, (slice(None), None, None)),
+        (sides, outward, (slice(None), None)),
+    ):
         if share is not None:
             rows.put(group, share[at], -bounds)
             continue

@@ -14,14 +14,18 @@ from ..robot import Robot, hexapod
 from .envelope import Envelope, EnvelopeSet
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
-"""Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (Lin et al. §IV-A)."""
+"""Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (Lin et
+al. §IV-A)."""
 WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
 """The same on the ground."""
 LENGTH_SCALE_M = 0.6
 
 
-def rule_of_thumb(shoulders_m: Array, reach_m: Array, climbs: NDArray[np.bool_], length_scale_m: float) -> Envelope:
-    """p within the limbs' workspace, f within CLIMBING for limbs on a wall, WALKING for those on the ground.
+def rule_of_thumb(
+    shoulders_m: Array, reach_m: Array, climbs: NDArray[np.bool_], length_scale_m: float
+) -> Envelope:
+    """p within the limbs' workspace, f within CLIMBING for limbs on a wall, WALKING for those on
+    the ground.
 
     shoulders_m: shape (N, 3) [m]; reach_m, climbs: shape (N,).
     """
@@ -34,10 +38,12 @@ def rule_of_thumb(shoulders_m: Array, reach_m: Array, climbs: NDArray[np.bool_],
 
 
 def expert_envelopes(
-    terrain: Literal["ground", "wall"], robot: Robot | None = None, legs: tuple[str, ...] = THREE_LEGS
+    terrain: Literal["ground", "wall"],
+    robot: Robot | None = None,
+    legs: tuple[str, ...] = THREE_LEGS,
 ) -> EnvelopeSet:
-    """One envelope for these legs on the ground, or on two facing walls, up to 30° off: p within the limbs' workspace,
-    f within WALKING or CLIMBING."""
+    """One envelope for these legs on the ground, or on two facing walls, up to 30° off: p within
+    the limbs' workspace, f within WALKING or CLIMBING."""
     robot = robot or hexapod()
     limbs = robot.select(legs)
     shoulders = np.array([limb.shoulder_m for limb in limbs])
@@ -51,6 +57,8 @@ def expert_envelopes(
         length_scale_m=LENGTH_SCALE_M,
         normals=walls if terrain == "wall" else np.tile([0.0, 0.0, 1.0], (len(limbs), 1)),
         tilt_rad=np.full(len(limbs), MAX_TILT_RAD),
-        envelopes=(rule_of_thumb(shoulders, reach, np.full(len(limbs), terrain == "wall"), LENGTH_SCALE_M),),
+        envelopes=(
+            rule_of_thumb(shoulders, reach, np.full(len(limbs), terrain == "wall"), LENGTH_SCALE_M),
+        ),
         provenance={"method": "heuristic", "source": "paper E §IV-A"},
     )

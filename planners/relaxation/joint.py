@@ -1,13 +1,15 @@
-"""P1 over the lift and a learned box at once, "joint": each cuts off points that the other lets through.
+"""P1 over the lift and a learned box at once, "joint": each cuts off points that the other lets
+through.
 
-Both relax p fᵀ: the lift by Σ_u v_u f_uᵀ (toe in the world), McCormick's envelope by m over a box of p = p_w − c. Their
-difference is c fᵀ, bilinear itself, but Σ R f is the weight, so that over a stance it is linear in c: the two are
-*linked* in all nine components,
+Both relax p fᵀ: the lift by Σ_u v_u f_uᵀ (toe in the world), McCormick's envelope by m over a box
+of p = p_w − c. Their difference is c fᵀ, bilinear itself, but Σ R f is the weight, so that over a
+stance it is linear in c: the two are *linked* in all nine components,
 
     Σ_i (Σ_u v_u f_uᵀ − m_i) R_iᵀ = c (w e_z − F)ᵀ,    F the force on the body beside its weight,
 
-of which the skew part says that E9 holds of both. The margin t ≥ 0 relaxes the envelope alone; beside it the gap of the
-lift, linearised at a learned point (``least_gap``), draws the answer to the bilinear surface.
+of which the skew part says that E9 holds of both. The margin t ≥ 0 relaxes the envelope alone;
+beside it the gap of the lift, linearised at a learned point (``least_gap``), draws the answer to
+the bilinear surface.
 """
 
 from __future__ import annotations
@@ -34,13 +36,16 @@ from .margin_gradient import margin_gradient
 from .relaxed import RelaxationAnswer, Relaxed, doubtful
 
 MARGIN_PRICE = 10.0
-"""Of the margin, in units of the squared gap: the answer leaves the envelope only where it has to."""
+"""Of the margin, in units of the squared gap: the answer leaves the envelope only where it has
+to."""
 
 
 def near_nominal(scaled: Scaled, at: Array) -> Point:
-    """A point with these [p, f], the bodies where they are nominally; it need not be on the patches.
+    """A point with these [p, f], the bodies where they are nominally; it need not be on the
+    patches.
 
-    at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no answer.
+    at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no
+    answer.
     """
     stance, _, foothold = scaled.layout.contacts
     toes = np.zeros((scaled.layout.footholds, 3))
@@ -50,9 +55,11 @@ def near_nominal(scaled: Scaled, at: Array) -> Point:
 
 
 class JointRelaxation:
-    """The lift and P1 over one box a stance contact, linked; one candidate a foothold, whose feet are points.
+    """The lift and P1 over one box a stance contact, linked; one candidate a foothold, whose feet
+    are points.
 
-    signed: minimise the signed margin alone; else MARGIN_PRICE · t + Σ g², t ≥ 0, with the gap linearised at a point.
+    signed: minimise the signed margin alone; else MARGIN_PRICE · t + Σ g², t ≥ 0, with the gap
+    linearised at a point.
     """
 
     over_boxes: ClassVar[bool] = True
@@ -100,25 +107,29 @@ class JointRelaxation:
         """The one box of each problem, all of one layout (``table.RelaxedProgram``)."""
         if any(len(each) != 1 for each in boxes):
             raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
-        return programs.get(cls, scaled[0].layout).solve_each(scaled, [box for (box,) in boxes], points)
+        return programs.get(cls, scaled[0].layout).solve_each(
+            scaled, [box for (box,) in boxes], points
+        )
 
     def reference(self, given: Boxed) -> Reference:
         """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import joint  # cvxpy takes a second to import
 
         price = None if self._signed else MARGIN_PRICE
-        return joint(given.scaled, given.boxes[0], None if self._signed else given.held, price=price)
+        return joint(
+            given.scaled, given.boxes[0], None if self._signed else given.held, price=price
+        )
 
     def solve(
         self, scaled: Scaled, box: Envelope, at: Array | None = None, *, gradient: bool = False
     ) -> RelaxationAnswer:
         """P1 over this box.
 
-        at: [p, f] about which the gap is linearised, shape (B, 6); None, where it is, for the middle of the box.
-        gradient: of the margin in the box's bounds.
+        at: [p, f] about which the gap is linearised, shape (B, 6); None, where it is, for the
+        middle of the box. gradient: of the margin in the box's bounds.
         """
-        given = self._given(scaled, box, at)
-        return self._answer(self.rows.solve(given), given, gradient=gradient)
+        program_data = self._given(scaled, box, at)
+        return self._answer(self.rows.solve(program_data), program_data, gradient=gradient)
 
     def solve_each(
         self, scaled: Sequence[Scaled], boxes: Sequence[Envelope], at: Sequence[Array]
@@ -130,30 +141,45 @@ class JointRelaxation:
         about: Sequence[Array | None] = at or [None] * len(scaled)
         data = [self._given(*one) for one in zip(scaled, boxes, about, strict=True)]
         solved = self.rows.solve_all(data, doubtful)
-        return [self._answer(solution, given) for solution, given in zip(solved, data, strict=True)]
+        return [
+            self._answer(solution, program_data)
+            for solution, program_data in zip(solved, data, strict=True)
+        ]
 
     def _given(self, scaled: Scaled, box: Envelope, at: Array | None) -> Boxed:
-        about = None if self._signed else near_nominal(scaled, 0.5 * (box.low + box.high) if at is None else at)
+        about = (
+            None
+            if self._signed
+            else near_nominal(scaled, 0.5 * (box.low + box.high) if at is None else at)
+        )
         return Boxed(scaled, about, boxes=(box,))
 
-    def _answer(self, solution: ConicSolution, given: Boxed, *, gradient: bool = False) -> RelaxationAnswer:
+    def _answer(
+        self, solution: ConicSolution, given: Boxed, *, gradient: bool = False
+    ) -> RelaxationAnswer:
         if not solution.solved:
             infeasible = solution.status is ConicStatus.INFEASIBLE
-            return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
+            return RelaxationAnswer(
+                margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds
+            )
         position, forces = solution.value("position"), solution.value("box_forces")
         reached = np.concatenate([position, forces], axis=1)
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]),
             relaxed=Relaxed.of(given.scaled, solution, self._forces),
             at=reached,
-            excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
+            excess=solution.value("moments").reshape(-1, 3, 3)
+            - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,
             seconds=solution.seconds,
             gradient=margin_gradient(solution, reached, given.boxes[0]) if gradient else None,
         )
 
-    def _boxed(self, layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces, margin: Index) -> None:
-        """p, f and m of every stance contact over its box, and how they hang together with the lift."""
+    def _boxed(
+        self, layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces, margin: Index
+    ) -> None:
+        """p, f and m of every stance contact over its box, and how they hang together with the
+        lift."""
         rows, (stance, _, foothold) = self.rows, layout.contacts
         count, contact, vertex = len(stance), *layout.contact_vertices
         position, moments = rows.variable("position", count, 3), rows.variable("moments", count, 9)
@@ -170,7 +196,10 @@ class JointRelaxation:
         rows.put(
             lifted,
             forces.columns[:, None, None, :],
-            lambda d: d.scaled.vertices[vertex][:, :, None, None] * d.scaled.frames[forces.candidate][:, None, :, :],
+            lambda d: (
+                d.scaled.vertices[vertex][:, :, None, None]
+                * d.scaled.frames[forces.candidate][:, None, :, :]
+            ),
         )
         box = np.searchsorted(layout.candidate_footholds, foothold)[:, None, None, None]
         axes = np.arange(3)

@@ -29,17 +29,21 @@ class LearnedFor(Protocol):
 
 
 def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
-    """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is, in words."""
+    """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is,
+    in words."""
     if robot != it.robot:
         mine, other = (name or "the default hexapod" for name in (it.robot, robot))
         raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
 
 
 def check_learned(it: LearnedFor, problem: Problem, learned: str) -> None:
-    """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned for."""
+    """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned
+    for."""
     check_robot(it, problem.robot.identity, learned)
     if problem.legs != it.legs:
-        raise InvalidInput(f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}")
+        raise InvalidInput(
+            f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}"
+        )
     for name in ("force_scale_n", "length_scale_m"):
         mine, theirs = getattr(it, name), float(getattr(problem, name))
         if abs(mine - theirs) > 1e-6 * mine:

@@ -1,11 +1,13 @@
 """The lift once more, for the least gap from the bilinear surface as it is linearised at a point.
 
-The lift's products Σ_u v_u f_uᵀ stand for p fᵀ, from which they differ by a gap that vanishes where one vertex, or one
-force direction, has it all. Linearised at a point (p̂, f̂), p fᵀ ≈ p̂ fᵀ + p f̂ᵀ − p̂ f̂ᵀ, the gap of a contact is
+The lift's products Σ_u v_u f_uᵀ stand for p fᵀ, from which they differ by a gap that vanishes where
+one vertex, or one force direction, has it all. Linearised at a point (p̂, f̂), p fᵀ ≈ p̂ fᵀ + p f̂ᵀ
+− p̂ f̂ᵀ, the gap of a contact is
 
     g = Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ,
 
-linear in (λ, f_u). Where the point is that of the lift itself nothing is learned; a policy may guess a better one.
+linear in (λ, f_u). Where the point is that of the lift itself nothing is learned; a policy may
+guess a better one.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from .relaxed import Relaxed
 
 
 class LeastGap:
-    """min Σ g² over the lift, moments being zero; one candidate a foothold. Its point is one to project from."""
+    """min Σ g² over the lift, moments being zero; one candidate a foothold. Its point is one to
+    project from."""
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
@@ -48,10 +51,12 @@ class LeastGap:
         return least_gap(given.scaled, given.held)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
-        """The point of least gap as linearised about another, rounded onto patches and friction cones.
+        """The point of least gap as linearised about another, rounded onto patches and friction
+        cones.
 
-        about: [p̂, f̂]; one candidate a foothold. Returns the rounded point with residual 0.0, which says that there is
-        one: its own moments are near zero, not zero. The residual is inf where the lift has no answer.
+        about: [p̂, f̂]; one candidate a foothold. Returns the rounded point with residual 0.0,
+        which says that there is one: its own moments are near zero, not zero. The residual is inf
+        where the lift has no answer.
         """
         solution = self.rows.solve(Given(scaled, about))
         if not solution.solved:
@@ -60,7 +65,8 @@ class LeastGap:
 
 
 def least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces) -> Index:
-    """Add Σ g² to the objective, g a variable of its own, (B, 9), g_jk in the column 3j + k; forces: of vertices."""
+    """Add Σ g² to the objective, g a variable of its own, (B, 9), g_jk in the column 3j + k;
+    forces: of vertices."""
     contact, vertex = layout.contact_vertices
     gap = rows.variable("gap", len(layout.contacts[0]), 9)
     is_gap = rows.equal("gap", len(gap), 3, 3)

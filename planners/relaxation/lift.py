@@ -1,9 +1,10 @@
 """P1 lift: the relaxation that needs no learned box.
 
-With p_w = Σ λ_u v_u (E1) and f_u := λ_u f the moment Σ p_w × f is Σ_u v_u × f_u, linear; Σ_u f_u = f holds by
-definition, and each f_u lies in the friction cone and in λ_u times the force box. Only toe-in-patch times force is
-relaxed; the centre of mass is not, since Σ f is fixed (``terms.Moments``). Over several candidate patches r of a toe,
-λ_{r,u} with z_r = Σ_u λ_{r,u}, and f_{r,u} in the cone of μ_r: the convex hull of "one of the patches" comes with it.
+With p_w = Σ λ_u v_u (E1) and f_u := λ_u f the moment Σ p_w × f is Σ_u v_u × f_u, linear; Σ_u f_u =
+f holds by definition, and each f_u lies in the friction cone and in λ_u times the force box. Only
+toe-in-patch times force is relaxed; the centre of mass is not, since Σ f is fixed
+(``terms.Moments``). Over several candidate patches r of a toe, λ_{r,u} with z_r = Σ_u λ_{r,u}, and
+f_{r,u} in the cone of μ_r: the convex hull of "one of the patches" comes with it.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ from .relaxed import RelaxationAnswer, Relaxed, unit_shares
 class LiftAnswer(Relaxed):
     """One solve of the lift.
 
-    status: INFEASIBLE with multipliers that refute the relaxation, and so the problem. bound: on the least moment
-    residual, or on the objective of a course: inf where infeasible, and 0 or −inf, which prove nothing, where the
-    solver gave up. Where there is a point its forces are f_u, (F, 3).
+    status: INFEASIBLE with multipliers that refute the relaxation, and so the problem. bound: on
+    the least moment residual, or on the objective of a course: inf where infeasible, and 0 or −inf,
+    which prove nothing, where the solver gave up. Where there is a point its forces are f_u, (F,
+    3).
     """
 
     status: ConicStatus
@@ -61,15 +63,20 @@ class LiftAnswer(Relaxed):
 class LiftProgram:
     """The lift of one layout.
 
-    implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``). least_moment: minimise
-    the moment residual, for which there is an answer nearly always; else the course's objective, moments being zero.
+    implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
+    least_moment: minimise the moment residual, for which there is an answer nearly always; else the
+    course's objective, moments being zero.
     """
 
     over_boxes: ClassVar[bool] = False
     about_points: ClassVar[bool] = False
 
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
-        self.layout, self.rows, self._least = layout, Rows[Given](keep=layout.frames == 1), least_moment
+        self.layout, self.rows, self._least = (
+            layout,
+            Rows[Given](keep=layout.frames == 1),
+            least_moment,
+        )
         rows = self.rows
         body = BodyVariables(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
@@ -143,8 +150,9 @@ class LiftProgram:
 def solve_lift(programs: Programs, scaled: Scaled, *, least_moment: bool) -> LiftAnswer:
     """Solve the lift, in its small form where that says the same.
 
-    programs: to share. least_moment: minimise the moment residual; else the course's objective, moments being zero.
-    Returns an answer whose ``bound`` is proved: of the residual, or of the objective; inf where there is none.
+    programs: to share. least_moment: minimise the moment residual; else the course's objective,
+    moments being zero. Returns an answer whose ``bound`` is proved: of the residual, or of the
+    objective; inf where there is none.
     """
     return programs.get(LiftProgram, scaled.layout, scaled.box_implied, least_moment).solve(scaled)
 

@@ -1,14 +1,16 @@
 """P̄ and P1: a problem without its bilinear constraint, and with McCormick envelopes in its place
 (Lin et al. §III, §IV-B).
 
-The soft form of P1 minimises the signed margin t by which every envelope row is relaxed. It is defined wherever P̄ has
-an answer; t ≤ 0 says that P1 is feasible and t > 0 that it is not, and by how much. Its multipliers give the exact
-derivative of t in every bound of the box. The hard form minimises a course's objective. Several boxes a stance make a
-choice, one z a stance and box by hull disjunction: each stance has z_e ≥ 0, Σ z = 1, and its (p, f, m) is a sum of
-copies, the e-th in z_e times the envelope of box e.
+The soft form of P1 minimises the signed margin t by which every envelope row is relaxed. It is
+defined wherever P̄ has an answer; t ≤ 0 says that P1 is feasible and t > 0 that it is not, and by
+how much. Its multipliers give the exact derivative of t in every bound of the box. The hard form
+minimises a course's objective. Several boxes a stance make a choice, one z a stance and box by hull
+disjunction: each stance has z_e ≥ 0, Σ z = 1, and its (p, f, m) is a sum of copies, the e-th in z_e
+times the envelope of box e.
 
-The forces of m = p f are measured in the axes of their *box*: the contact frame where all candidates of a toe share
-one, which is what envelopes are learned in, or world axes, in which candidates of different slopes can be compared.
+The forces of m = p f are measured in the axes of their *box*: the contact frame where all
+candidates of a toe share one, which is what envelopes are learned in, or world axes, in which
+candidates of different slopes can be compared.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ Axes = Literal["contact", "world"]
 
 
 class WithoutMoment:
-    """P̄ (Lin et al. §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing.
+    """P̄ (Lin et al. §III) of a posture: all constraints but the bilinear one. With m free, E9
+    constrains nothing.
 
     inner: of half-spaces of reach the inner set, so that its point is one of the problem's.
     """
@@ -55,7 +58,8 @@ class WithoutMoment:
         return without_moments(given.scaled, inner=self._inner)
 
     def solve(self, scaled: Scaled) -> Point | None:
-        """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
+        """A point of P̄ in the middle of its feasible set, or None where there is none or the
+        solver gave up."""
         solution = self.rows.solve(Given(scaled))
         return _relaxed(solution, scaled, self._forces).rounded()[1] if solution.solved else None
 
@@ -63,8 +67,8 @@ class WithoutMoment:
 class McCormick:
     """P1 over boxes, for one layout.
 
-    axes: of the forces in the boxes. soft: minimise the margin, over one box; else the course's objective.
-    boxes: how many a stance chooses among.
+    axes: of the forces in the boxes. soft: minimise the margin, over one box; else the course's
+    objective. boxes: how many a stance chooses among.
     """
 
     over_boxes: ClassVar[bool] = True
@@ -72,7 +76,9 @@ class McCormick:
     own_rows: ClassVar[tuple[str, ...]] = ()
     """Groups of rows beside the envelope's in which the box's bounds stand."""
 
-    def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
+    def __init__(
+        self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1
+    ) -> None:
         if soft and boxes > 1:
             raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
         layout.check_point_feet("envelopes")
@@ -132,8 +138,9 @@ class McCormick:
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box (Lin et al. §III): m = p f replaced by McCormick's envelope over it.
 
-        box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed margin in the box's
-        bounds, from the multipliers. Where the rows are hard the margin of the answer is 0 or inf.
+        box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed
+        margin in the box's bounds, from the multipliers. Where the rows are hard the margin of the
+        answer is 0 or inf.
         """
         solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
         answer = self._answer(solution, scaled)
@@ -141,30 +148,42 @@ class McCormick:
             return replace(answer, gradient=margin_gradient(solution, answer.at, box))
         return answer
 
-    def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
-        """P1 over the convex hull of a choice among boxes in every stance (Lin et al. §IV-A, mode switching).
+    def solve_hull(
+        self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array
+    ) -> RelaxationAnswer:
+        """P1 over the convex hull of a choice among boxes in every stance (Lin et al. §IV-A, mode
+        switching).
 
-        boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0 where not, shape (S,
-        E). Returns an answer with ``modes``, the shares of the boxes, shape (S, E); a stance is decided where one of
-        them is 1.
+        boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0
+        where not, shape (S, E). Returns an answer with ``modes``, the shares of the boxes, shape
+        (S, E); a stance is decided where one of them is 1.
         """
         solution = self.rows.solve(Boxed(scaled, boxes=boxes, allowed=allowed))
-        return replace(self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0))
+        return replace(
+            self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0)
+        )
 
     def solve_any(self, scaled: Scaled, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
-        """P1 with one binary an envelope: the box of least margin, ``chosen``; each is tried, a posture has few.
+        """P1 with one binary an envelope: the box of least margin, ``chosen``; each is tried, a
+        posture has few.
 
-        The margin is NaN where none is feasible and some solve failed. Raises InvalidInput for no envelopes.
+        The margin is NaN where none is feasible and some solve failed. Raises InvalidInput for no
+        envelopes.
         """
         return self.solve_any_of_each((scaled,), (envelopes,))[0]
 
     def solve_any_of_each(
         self, scaled: Sequence[Scaled], envelopes: Sequence[Sequence[Envelope]]
     ) -> list[RelaxationAnswer]:
-        """``solve_any`` of every problem, all that is asked about solved as ``Rows.solve_all`` does."""
+        """``solve_any`` of every problem, all that is asked about solved as ``Rows.solve_all``
+        does."""
         if not all(envelopes):
             raise InvalidInput("envelopes: expected one or more, got none")
-        data = [Boxed(one, boxes=(box,)) for one, boxes in zip(scaled, envelopes, strict=True) for box in boxes]
+        data = [
+            Boxed(one, boxes=(box,))
+            for one, boxes in zip(scaled, envelopes, strict=True)
+            for box in boxes
+        ]
         solved = iter(self.rows.solve_all(data, doubtful))
         return [
             _best([self._answer(next(solved), one) for _ in boxes])
@@ -172,28 +191,42 @@ class McCormick:
         ]
 
     def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
-        """The signed margin over this box, and what its solution and multipliers prove about other boxes; of a posture.
+        """The signed margin over this box, and what its solution and multipliers prove about other
+        boxes; of a posture.
 
-        Returns a lower bound that is linear in [p, f] (``DualBound``), the solver's dual residual taken at its worst.
+        Returns a lower bound that is linear in [p, f] (``DualBound``), the solver's dual residual
+        taken at its worst.
         """
-        given = Boxed(scaled, boxes=(box,))
-        solution = self.rows.solve(given)
+        program_data = Boxed(scaled, boxes=(box,))
+        solution = self.rows.solve(program_data)
         answer = self._answer(solution, scaled)
         if answer.at is None:
             return DualBound(margin=answer.margin)
-        # The rows of the box are left out: they are linear in its bounds, and come back at another box.
-        constant, slope = self.rows.lagrangian(given, solution, without=("envelope", "sides", *self.own_rows))
-        com, turn, weights, moments = (slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments"))
-        # What is left of the other columns, the solver's dual residual, at its worst over their ranges.
+        # The rows of the box are left out: they are linear in its bounds, and come back at another
+        # box.
+        constant, slope = self.rows.lagrangian(
+            program_data, solution, without=("envelope", "sides", *self.own_rows)
+        )
+        com, turn, weights, moments = (
+            slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments")
+        )
+        # What is left of the other columns, the solver's dual residual, at its worst over their
+        # ranges.
         com, radius = com[0], scaled.com_radius[0]
         if "leg" in solution.columns:  # p_w − c, of half-spaces of reach
-            constant -= float(np.linalg.norm(slope[solution.columns["leg"]], axis=1) @ scaled.farthest)
-        constant += float(com @ scaled.com[0] - radius * np.linalg.norm(com) - scaled.tilt * np.abs(turn).sum())
+            constant -= float(
+                np.linalg.norm(slope[solution.columns["leg"]], axis=1) @ scaled.farthest
+            )
+        constant += float(
+            com @ scaled.com[0] - radius * np.linalg.norm(com) - scaled.tilt * np.abs(turn).sum()
+        )
         constant += float(np.minimum(weights, 0.0).sum())
         rows = solution.dual("envelope")
         left = moments.reshape(-1, 3, 3) - rows[0] - rows[1] + rows[2] + rows[3]
         # of m: made up for by the rows low-low (−m) and low-high (+m)
-        rows = np.maximum(rows, 0.0) + np.stack([np.maximum(left, 0), 0 * left, np.maximum(-left, 0), 0 * left])
+        rows = np.maximum(rows, 0.0) + np.stack(
+            [np.maximum(left, 0), 0 * left, np.maximum(-left, 0), 0 * left]
+        )
         return DualBound(
             margin=answer.margin,
             point=answer.at,
@@ -206,14 +239,17 @@ class McCormick:
     def _answer(self, solution: ConicSolution, scaled: Scaled) -> RelaxationAnswer:
         if not solution.solved:
             infeasible = solution.status is ConicStatus.INFEASIBLE
-            return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
+            return RelaxationAnswer(
+                margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds
+            )
         position = solution.value("position")
         forces = solution.value("box_forces" if "box_forces" in solution.columns else "forces")
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]) if "margin" in solution.columns else 0.0,
             relaxed=_relaxed(solution, scaled, self._forces),
             at=np.concatenate([position, forces], axis=1),
-            excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
+            excess=solution.value("moments").reshape(-1, 3, 3)
+            - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,
             seconds=solution.seconds,
         )
@@ -230,11 +266,18 @@ class McCormick:
             rows.put(at, by, -Of("scaled.frames", candidate))
             return columns
         box = first[contact]
-        rows.put(at, by, lambda d: -np.matmul(d.scaled.frames[box].transpose(0, 2, 1), d.scaled.frames[candidate]))
+        rows.put(
+            at,
+            by,
+            lambda d: (
+                -np.matmul(d.scaled.frames[box].transpose(0, 2, 1), d.scaled.frames[candidate])
+            ),
+        )
         return columns
 
     def _balance(self, first: Index | None) -> None:
-        """Σ m_jk e_j × F_k = 0 in every stance (E9), or −M; F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
+        """Σ m_jk e_j × F_k = 0 in every stance (E9), or −M; F the axes of the box: (p × F)_c = p_a
+        F_b − p_b F_a."""
         rows, stance, moments = self.rows, self.layout.contacts[0], self._moments.reshape(-1, 3, 3)
         every, a, b = rows.equal("moment", len(self.layout.stances), 3), [1, 2, 0], [2, 0, 1]
         net = every[stance]
@@ -279,11 +322,16 @@ def _best(answers: Sequence[RelaxationAnswer]) -> RelaxationAnswer:
     chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
     best = replace(answers[chosen], chosen=chosen, solves=len(answers))
     all_known = all(answer.known for answer in answers)
-    return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
+    return (
+        best
+        if best.feasible or all_known
+        else RelaxationAnswer(margin=float("nan"), solves=len(answers))
+    )
 
 
 def moment_axes(scaled: Scaled) -> Array:
-    """P_j × F_k (E7, E9) in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture is axes · m = 0."""
+    """P_j × F_k (E7, E9) in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture
+    is axes · m = 0."""
     across = np.matmul(skew(np.eye(3)), scaled.contact_frames[:, None])  # (B, j, 3, k)
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 

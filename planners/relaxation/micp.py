@@ -1,4 +1,5 @@
-"""The program of MICP in cvxpy: everything but m = p f as P1 has it, and m = p f over the cells of ``grid``.
+"""The program of MICP in cvxpy: everything but m = p f as P1 has it, and m = p f over the cells of
+``grid``.
 
 For postures it is compiled once a layout, with parameters in the place of their numbers.
 """
@@ -25,14 +26,19 @@ from .grid import Breaks, Cells, Cones, Encoding, planes, without_squares
 from .mccormick import Axes
 
 _ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
-SOLVERS: dict[str, tuple[str, str, tuple[str, str], dict[str, Any]]] = {  # module, time limit, gaps, other options
-    "highs": ("highspy", "time_limit", ("mip_rel_gap", "mip_abs_gap"), {"threads": 1, "parallel": "off"}),
+SOLVERS: dict[
+    str, tuple[str, str, tuple[str, str], dict[str, Any]]
+] = {  # module, time limit, gaps, other options
+    "highs": (
+        "highspy",
+        "time_limit",
+        ("mip_rel_gap", "mip_abs_gap"),
+        {"threads": 1, "parallel": "off"},
+    ),
     "scip": ("pyscipopt", "limits/time", ("limits/gap", "limits/absgap"), {}),
     "gurobi": ("gurobipy", "TimeLimit", ("MIPGap", "MIPGapAbs"), {"Threads": 1}),
 }
-GUROBI_LIMITS = (
-    "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
-)
+GUROBI_LIMITS = "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
 ABSOLUTE_GAP = 1e-4
 """Of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
@@ -45,11 +51,12 @@ EnvelopeUse = Literal["rows", "shrink"]
 class MicpGrid:
     """Grid that cuts m = p f.
 
-    intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position" leaves f in one
-    piece. domain: what is divided where no envelope shrinks it: bounds that the problem implies ("course"), or [−1, 1],
-    Lin et al.'s range of every p and f. envelope_use: "rows" adds an envelope's rows to the grid (Lin et al.); "shrink"
-    divides the envelope, met with the problem's own bounds. cones: planes around ("outer") or inside them, or "exact";
-    None: planes around them for HiGHS, which has none, else exact.
+    intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position"
+    leaves f in one piece. domain: what is divided where no envelope shrinks it: bounds that the
+    problem implies ("course"), or [−1, 1], Lin et al.'s range of every p and f. envelope_use:
+    "rows" adds an envelope's rows to the grid (Lin et al.); "shrink" divides the envelope, met with
+    the problem's own bounds. cones: planes around ("outer") or inside them, or "exact"; None:
+    planes around them for HiGHS, which has none, else exact.
     """
 
     intervals: int = 4
@@ -60,13 +67,15 @@ class MicpGrid:
     cones: Cones | None = None
 
     def __post_init__(self) -> None:
-        given = (self.encoding, self.cut, self.domain, self.envelope_use)
+        options = (self.encoding, self.cut, self.domain, self.envelope_use)
         known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
-        for (name, values), value in zip(known.items(), given, strict=True):
+        for (name, values), value in zip(known.items(), options, strict=True):
             checked_choice(value, f"{name}", get_args(values))
         object.__setattr__(self, "intervals", int(self.intervals))  # numpy's have no bit_length
         if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
-            raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}")
+            raise InvalidInput(
+                f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}"
+            )
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -91,19 +100,25 @@ class MicpAnswer:
 
 
 class Symbols:
-    """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells with theirs."""
+    """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells
+    with theirs."""
 
     def __init__(self, layout: Layout, grid: MicpGrid) -> None:
         self.layout, contacts = layout, len(layout.contacts[0])
         self.vertices = cp.Parameter((len(layout.vertex_footholds), 3))
-        self.frames, self.friction = cp.Parameter((layout.footholds, 3, 3)), cp.Parameter(layout.footholds)
+        self.frames, self.friction = (
+            cp.Parameter((layout.footholds, 3, 3)),
+            cp.Parameter(layout.footholds),
+        )
         self.shoulders, self.reach = cp.Parameter((layout.limbs, 3)), cp.Parameter(layout.limbs)
         self.force_min, self.force_max = cp.Parameter((contacts, 3)), cp.Parameter((contacts, 3))
         self.com, self.com_radius = cp.Parameter((1, 3)), cp.Parameter(1)
         self.weight, self.tilt = cp.Parameter(), cp.Parameter()
         if layout.wrench:
             self.wrench = cp.Parameter((len(layout.stances), 6))
-        self._numbers = {name: symbol for name, symbol in vars(self).items() if isinstance(symbol, cp.Parameter)}
+        self._numbers = {
+            name: symbol for name, symbol in vars(self).items() if isinstance(symbol, cp.Parameter)
+        }
         p, f = (count + 1 for count in grid.counts)
         shapes = ((3 * contacts, p), (3 * contacts, f), (9 * contacts, p * f))
         self._cells = [cp.Parameter(shape) for shape in shapes]
@@ -118,10 +133,12 @@ class Symbols:
 
 
 class MicpProgram:
-    """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in its place.
+    """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in
+    its place.
 
-    envelope: of the envelope rows, where there are any. gap: the relative one to which a course's objective is
-    minimised; None takes the first point found. The objective's squares become tangents where cones become planes.
+    envelope: of the envelope rows, where there are any. gap: the relative one to which a course's
+    objective is minimised; None takes the first point found. The objective's squares become
+    tangents where cones become planes.
     """
 
     def __init__(
@@ -141,8 +158,14 @@ class MicpProgram:
         constraints = [*terms.values(), *cells.terms(*self.products.parts)]
         if envelope is not None:
             constraints += mccormick(self.products.parts, envelope).values()
-        if several := [k for k, p in enumerate(self._layout.candidate_footholds) if len(self._layout.corners[p]) > 1]:
-            constraints.append(self._plan.shares[several] == cp.Variable(len(several), boolean=True))
+        if several := [
+            k
+            for k, p in enumerate(self._layout.candidate_footholds)
+            if len(self._layout.corners[p]) > 1
+        ]:
+            constraints.append(
+                self._plan.shares[several] == cp.Variable(len(several), boolean=True)
+            )
         constraints = [plane for row in constraints for plane in planes(row, cones)]
         cost = cells.spread() if gap is None else self._plan.objective()
         if gap is not None and cones != "exact":
@@ -151,7 +174,9 @@ class MicpProgram:
         self.problem = cp.Problem(cp.Minimize(cost), constraints)
         size, variables = self.problem.size_metrics, self.problem.variables()
         self.figures = {
-            "binaries": float(sum(variable.size for variable in variables if variable.attributes["boolean"])),
+            "binaries": float(
+                sum(variable.size for variable in variables if variable.attributes["boolean"])
+            ),
             "variables": float(size.num_scalar_variables),
             "constraints": float(size.num_scalar_eq_constr + size.num_scalar_leq_constr),
         }
@@ -159,13 +184,15 @@ class MicpProgram:
     def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
         """Find a point of the grid; of a course the best within the gap.
 
-        scaled: the problem, whose numbers the program has. time_limit_s: the solver's. Returns its claim in words, with
-        a point, a choice of candidates and the moments that it thinks there are where it found some: nothing is
-        verified here.
+        scaled: the problem, whose numbers the program has. time_limit_s: the solver's. Returns its
+        claim in words, with a point, a choice of candidates and the moments that it thinks there
+        are where it found some: nothing is verified here.
         """
         _, limit, gaps, options = SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
-        options |= dict(zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True))
+        options |= dict(
+            zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True)
+        )
         if self._solver == "gurobi":  # in an environment of its own it does not print its licence
             options["env"] = import_module("gurobipy").Env(params={"OutputFlag": 0})
         begin = time.perf_counter()
@@ -173,11 +200,16 @@ class MicpProgram:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # cvxpy's advice about time limits
                 self.problem.solve(warm_start=False, **options)
-        except cp.SolverError as error:  # a time-out without a point, or a licence too small for the program
+        except (
+            cp.SolverError
+        ) as error:  # a time-out without a point, or a licence too small for the program
             message = GUROBI_LIMITS if self._solver == "gurobi" else str(error)
             return MicpAnswer(claim="unknown", seconds=time.perf_counter() - begin, message=message)
         status, seconds = self.problem.status, float(self.problem.solver_stats.solve_time)
-        if status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):  # a bounded objective: never unbounded
+        if status not in (
+            cp.OPTIMAL,
+            cp.OPTIMAL_INACCURATE,
+        ):  # a bounded objective: never unbounded
             empty = status in (cp.INFEASIBLE, cp.settings.INFEASIBLE_OR_UNBOUNDED)
             return MicpAnswer(claim="infeasible" if empty else "unknown", seconds=seconds)
         return self._answer(scaled, seconds)
@@ -185,20 +217,30 @@ class MicpProgram:
     def _answer(self, scaled: Scaled, seconds: float) -> MicpAnswer:
         plan = self._plan
         stance, _, foothold = scaled.layout.contacts
-        shares, largest = np.asarray(plan.shares.value), np.full(scaled.layout.footholds, -1, dtype=np.int_)
+        shares, largest = (
+            np.asarray(plan.shares.value),
+            np.full(scaled.layout.footholds, -1, dtype=np.int_),
+        )
         for candidate in np.argsort(shares, kind="stable"):
             largest[scaled.layout.candidate_footholds[candidate]] = candidate
-        position, world = np.asarray(self.products.position.value), np.asarray(self.products.world.value)
+        position, world = (
+            np.asarray(self.products.position.value),
+            np.asarray(self.products.world.value),
+        )
         frames = scaled.frames[largest[foothold]]
         moments = np.array(scaled.twisted)
         np.add.at(moments, stance, np.cross(position, world))
         point = Point(
-            com=np.asarray(plan.com.value), rotation=np.asarray(plan.rotation.value),
-            toes=np.asarray(plan.toes.value), residual=float("inf"),
+            com=np.asarray(plan.com.value),
+            rotation=np.asarray(plan.rotation.value),
+            toes=np.asarray(plan.toes.value),
+            residual=float("inf"),
             forces=np.matmul(frames.transpose(0, 2, 1), world[..., None])[..., 0],
-        )  # fmt: skip
+        )
         choice = scaled.numbers[largest]
-        return MicpAnswer(claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments)
+        return MicpAnswer(
+            claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments
+        )
 
 
 def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[Symbols, MicpProgram]:
@@ -211,5 +253,7 @@ def cones_of(grid: MicpGrid, solver: str) -> Cones:
     """Treatment of second-order cones. Raises InvalidInput for what there is not."""
     cones = grid.cones or ("outer" if solver == "highs" else "exact")
     if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):
-        raise InvalidInput(f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}")
+        raise InvalidInput(
+            f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}"
+        )
     return cones

@@ -1,9 +1,10 @@
-"""Mode switching (Lin et al. §IV-A, end): envelopes of several terrains, and one binary a posture that says which.
+"""Mode switching (Lin et al. §IV-A, end): envelopes of several terrains, and one binary a posture
+that says which.
 
-The forces of these boxes are in world axes: "up" on the ground is a normal force and on a wall a shear force, so that
-boxes in contact frames could not tell walking from climbing. A posture is a stance: while one tripod has moved from the
-ground to the wall, the other still stands on the ground. The mode of a key frame is that of its last stance, which
-stands on the toes put down last.
+The forces of these boxes are in world axes: "up" on the ground is a normal force and on a wall a
+shear force, so that boxes in contact frames could not tell walking from climbing. A posture is a
+stance: while one tripod has moved from the ground to the wall, the other still stands on the
+ground. The mode of a key frame is that of its last stance, which stands on the toes put down last.
 """
 
 from __future__ import annotations
@@ -27,10 +28,12 @@ from .mccormick import Axes
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes:
-    """One envelope per kind of terrain, each over [p, f] with f in world axes, between which ``plan`` switches.
+    """One envelope per kind of terrain, each over [p, f] with f in world axes, between which
+    ``plan`` switches.
 
     Arguments:
-        names: of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0 ground, 1 wall).
+        names: of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0
+            ground, 1 wall).
         boxes: as many envelopes; their legs may be mirrored.
     Source:
         Lin et al. §IV-A, mode switching.
@@ -75,7 +78,8 @@ class Modes:
 def world_points(problems: Sequence[Problem], points: Array) -> Array:
     """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6).
 
-    problems: K of them, N contacts each. points: p in the world, f in contact frames, shape (K, N, 6).
+    problems: K of them, N contacts each. points: p in the world, f in contact frames, shape (K, N,
+    6).
     """
     frames = np.stack([Scaled.of(problem).frames for problem in problems])
     forces = np.matmul(frames, points[..., 3:, None])[..., 0]
@@ -83,7 +87,8 @@ def world_points(problems: Sequence[Problem], points: Array) -> Array:
 
 
 def allowed_boxes(scaled: Scaled, boxes: Sequence[Envelope], axes: Axes) -> Array:
-    """1 where a stance may use a box, 0 where the course's own bounds on one of its contacts miss it; shape (S, E)."""
+    """1 where a stance may use a box, 0 where the course's own bounds on one of its contacts miss
+    it; shape (S, E)."""
     layout, domain = scaled.layout, domain_of(scaled, axes)
     meets = [np.all((box.low <= domain.high) & (domain.low <= box.high), axis=1) for box in boxes]
     missed = np.zeros((len(layout.stances), len(boxes)))
@@ -98,11 +103,13 @@ def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelo
     """
     mode, rows = chosen[layout.contacts[0]], np.arange(len(layout.contacts[0]))
     return Envelope(
-        low=np.stack([box.low for box in boxes])[mode, rows], high=np.stack([box.high for box in boxes])[mode, rows]
+        low=np.stack([box.low for box in boxes])[mode, rows],
+        high=np.stack([box.high for box in boxes])[mode, rows],
     )
 
 
 def modes_of_frames(layout: Layout, chosen: Index) -> Index:
-    """z of every frame: that of its last stance, which stands on the toes put down last; shape (M,)."""
+    """z of every frame: that of its last stance, which stands on the toes put down last; shape
+    (M,)."""
     last = {frame: index for index, (frame, _) in enumerate(layout.stances)}
     return np.asarray(chosen[[last[frame] for frame in range(layout.frames)]])

@@ -23,8 +23,9 @@ NEAR = 1e-6
 class Relaxed:
     """A point of a relaxation, in which a toe may stand on several candidates at once.
 
-    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces: in contact frames,
-    one at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds: in the solver [s].
+    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces:
+    in contact frames, one at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds:
+    in the solver [s].
     """
 
     scaled: Scaled
@@ -39,10 +40,14 @@ class Relaxed:
     def of(cls, scaled: Scaled, solution: ConicSolution, rows: tuple[Index, Index]) -> Relaxed:
         """Values of the variables in a program's solution. rows: of its forces."""
         return cls(
-            scaled=scaled, com=solution.value("com"), rotation=solution.value("rotation"),
-            weights=unit_shares(scaled, solution.value("weights")), forces=solution.value("forces"), rows=rows,
+            scaled=scaled,
+            com=solution.value("com"),
+            rotation=solution.value("rotation"),
+            weights=unit_shares(scaled, solution.value("weights")),
+            forces=solution.value("forces"),
+            rows=rows,
             seconds=solution.seconds,
-        )  # fmt: skip
+        )
 
     @cached_property
     def shares(self) -> Array:
@@ -57,14 +62,19 @@ class Relaxed:
         return sums / np.maximum(self.shares, 1e-12)[:, None]
 
     def rounded(self) -> tuple[Index, Point]:
-        """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
+        """The candidate of the largest share of every foothold, by number, (P,), and a point whose
+        toes are on them."""
         number = self.scaled.numbers
         if len(number) == self.scaled.layout.footholds:  # nothing to round
             one = len(self.forces) == len(self.scaled.force_min)
-            return number, self._point(self.toes, self.forces if one else self._added(np.arange(len(number))))
+            return number, self._point(
+                self.toes, self.forces if one else self._added(np.arange(len(number)))
+            )
         ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])
         parts = np.split(self.shares, ends[:-1])
-        chosen = np.array([end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)])
+        chosen = np.array(
+            [end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)]
+        )
         return number[chosen], self._point(self.toes[chosen], self._added(chosen))
 
     def _added(self, chosen: Index) -> Array:
@@ -78,7 +88,12 @@ class Relaxed:
 
     def _point(self, toes: Array, forces: Array) -> Point:
         return Point(
-            com=self.com, rotation=self.rotation, toes=toes, forces=forces, residual=float("inf"), seconds=self.seconds
+            com=self.com,
+            rotation=self.rotation,
+            toes=toes,
+            forces=forces,
+            residual=float("inf"),
+            seconds=self.seconds,
         )
 
 
@@ -86,10 +101,11 @@ class Relaxed:
 class RelaxationAnswer:
     """One solve of P1.
 
-    margin: t; of the hard form 0 where it has an answer; inf where there is none, NaN where the solver gave up.
-    relaxed: the answer, off the bilinear surface by ``excess`` = m − p f, shape (B, 3, 3), indices contact, j, k; at:
-    [p, f], f in the axes of the box, (B, 6). chosen: which envelope of a set. objective: of the hard form. modes: z of
-    every stance and box, (S, E). gradient: (∂t/∂low, ∂t/∂high), (B, 6) each, where asked for.
+    margin: t; of the hard form 0 where it has an answer; inf where there is none, NaN where the
+    solver gave up. relaxed: the answer, off the bilinear surface by ``excess`` = m − p f, shape (B,
+    3, 3), indices contact, j, k; at: [p, f], f in the axes of the box, (B, 6). chosen: which
+    envelope of a set. objective: of the hard form. modes: z of every stance and box, (S, E).
+    gradient: (∂t/∂low, ∂t/∂high), (B, 6) each, where asked for.
     """
 
     margin: float
@@ -115,7 +131,8 @@ class RelaxationAnswer:
 
     @cached_property
     def point(self) -> Point | None:
-        """A point to project from, rounded to a choice of candidates where there is one; None without an answer."""
+        """A point to project from, rounded to a choice of candidates where there is one; None
+        without an answer."""
         return None if self.relaxed is None else self.relaxed.rounded()[1]
 
     @property
@@ -128,11 +145,12 @@ class RelaxationAnswer:
 class DualBound:
     """Knowledge about every other box over the same posture problem from one solve of P1.
 
-    margin: as in ``RelaxationAnswer``; the rest is None where there is none.
-    point: [p, f], shape (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution.
-    rows: u ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low, shape (4, N, 3, 3).
-    slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints but [p, f] ∈ B and
-    t is, shape (N, 6), minimised over what else there is, a lower bound that holds for every answer of the problem.
+    margin: as in ``RelaxationAnswer``; the rest is None where there is none. point: [p, f], shape
+    (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution. rows: u
+    ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low, shape (4, N,
+    3, 3). slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints
+    but [p, f] ∈ B and t is, shape (N, 6), minimised over what else there is, a lower bound that
+    holds for every answer of the problem.
     """
 
     margin: float

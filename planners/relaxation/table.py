@@ -1,4 +1,5 @@
-"""The relaxations of m = p f by name: the lift, and P1 over boxes in the variants that there are."""
+"""The relaxations of m = p f by name: the lift, and P1 over boxes in the variants that there
+are."""
 
 from __future__ import annotations
 
@@ -28,11 +29,14 @@ class RelaxedProgram(Protocol):
     def __init__(self, layout: Layout) -> None: ...
 
     @classmethod
-    def margin(cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
-        """The signed margin over a box: the least t by which the rows of its envelope have to give way.
+    def margin(
+        cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
+    ) -> RelaxationAnswer:
+        """The signed margin over a box: the least t by which the rows of its envelope have to give
+        way.
 
-        The relaxation has an answer where t ≤ 0. The margin is inf where not even the rest of the problem has an
-        answer, and NaN where the solver failed.
+        The relaxation has an answer where t ≤ 0. The margin is inf where not even the rest of the
+        problem has an answer, and NaN where the solver failed.
 
         programs: compiled models to share.
         gradient: also ∂t/∂low and ∂t/∂high.

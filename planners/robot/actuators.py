@@ -1,9 +1,10 @@
 """Actuators of joints, as data: how much torque for a moment, how much for ever, how fast, and how
 soon it is hot.
 
-A file ``stancekit/actuators/1``, YAML or JSON, says which joint has which: ``joints`` maps names, or patterns such as
-``*_knee``, to names of ``actuators``, those of the file or those that come with the package; the first that fits is it.
-Where there is no file, joints have what the robot's own URDF says: its effort, at any speed up to its velocity.
+A file ``stancekit/actuators/1``, YAML or JSON, says which joint has which: ``joints`` maps names,
+or patterns such as ``*_knee``, to names of ``actuators``, those of the file or those that come with
+the package; the first that fits is it. Where there is no file, joints have what the robot's own
+URDF says: its effort, at any speed up to its velocity.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ Curve = Literal["linear", "flat"]
 class ActuatorModel:
     """One kind of actuator, all at the joint, behind its gears.
 
-    stall_nm: greatest torque at rest, for a moment. continuous_nm: what it bears for ever, None where nobody says.
-    no_load_rad_s: fastest, without load. curve: "linear", torque falls with speed to none at no_load_rad_s, as that of
-    a motor at its supply's voltage does; "flat", all of it up to there. gear: turns of the rotor for one of the joint.
-    rotor_kg_m2: the rotor's own inertia, before the gears, None where nobody says. thermal_s: time constant of its
-    heat, which with continuous_nm says how long it bears more; None where nobody says: then it is taken to be as hot
-    as it gets. stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q) − Kd q̇; None for what the
-    robot is driven by otherwise. source: of the numbers.
+    stall_nm: greatest torque at rest, for a moment. continuous_nm: what it bears for ever, None
+    where nobody says. no_load_rad_s: fastest, without load. curve: "linear", torque falls with
+    speed to none at no_load_rad_s, as that of a motor at its supply's voltage does; "flat", all of
+    it up to there. gear: turns of the rotor for one of the joint. rotor_kg_m2: the rotor's own
+    inertia, before the gears, None where nobody says. thermal_s: time constant of its heat, which
+    with continuous_nm says how long it bears more; None where nobody says: then it is taken to be
+    as hot as it gets. stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q)
+    − Kd q̇; None for what the robot is driven by otherwise. source: of the numbers.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -69,11 +71,20 @@ class ActuatorModel:
         """Actuator that the URDF describes for a joint: ``effort`` and ``velocity``. Raises
         InvalidInput where it lacks one."""
         if joint.torque_nm <= 0.0:
-            raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
+            raise InvalidInput(
+                f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}"
+            )
         if joint.velocity_rad_s <= 0.0:
-            raise InvalidInput(f"joint {joint.name}: expected a velocity limit above 0 rad/s, its file has none")
+            raise InvalidInput(
+                f"joint {joint.name}: expected a velocity limit above 0 rad/s, its file has none"
+            )
         source = "the robot's URDF"
-        return cls(stall_nm=joint.torque_nm, no_load_rad_s=joint.velocity_rad_s, curve="flat", source=source)
+        return cls(
+            stall_nm=joint.torque_nm,
+            no_load_rad_s=joint.velocity_rad_s,
+            curve="flat",
+            source=source,
+        )
 
     @property
     def reflected_kg_m2(self) -> float | None:
@@ -81,7 +92,15 @@ class ActuatorModel:
         return None if self.rotor_kg_m2 is None else self.gear**2 * self.rotor_kg_m2
 
 
-POSITIVE = ("stall_nm", "continuous_nm", "no_load_rad_s", "gear", "thermal_s", "stiffness_nm_rad", "damping_nms_rad")
+POSITIVE = (
+    "stall_nm",
+    "continuous_nm",
+    "no_load_rad_s",
+    "gear",
+    "thermal_s",
+    "stiffness_nm_rad",
+    "damping_nms_rad",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +125,8 @@ class Actuators:
 
     @property
     def known(self) -> dict[str, ActuatorModel]:
-        """All that a joint may have, by name: those that come with the package, and the file's own."""
+        """All that a joint may have, by name: those that come with the package, and the file's
+        own."""
         return {**builtin_actuators(), **self.actuators}
 
     def of(self, joints: Sequence[str]) -> tuple[ActuatorModel, ...]:
@@ -131,9 +151,14 @@ class Actuators:
 def builtin_actuators() -> Mapping[str, ActuatorModel]:
     """Actuators that come with the package, by name: ``configs/actuators.yaml``, every number with
     its source."""
-    text = resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
+    text = (
+        resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
+    )
     data = parse_yaml(text, "actuators.yaml")
-    models = {name: validated(ActuatorModel, each, f"actuators.yaml: {name}") for name, each in data.items()}
+    models = {
+        name: validated(ActuatorModel, each, f"actuators.yaml: {name}")
+        for name, each in data.items()
+    }
     return MappingProxyType(models)
 
 
@@ -144,9 +169,11 @@ def read_actuators(what: str | Path) -> Actuators:
     if name in builtin_actuators():
         return Actuators(joints={"*": name})
     if not Path(name).suffix and not Path(name).exists():
-        raise InvalidInput(f"actuators: expected one of {', '.join(builtin_actuators())} or a file, got {shown(name)}")
+        raise InvalidInput(
+            f"actuators: expected one of {', '.join(builtin_actuators())} or a file, got {shown(name)}"
+        )
     data: Any = read_json(name) if Path(name).suffix == ".json" else read_yaml(name)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
-        found = data.get("format") if isinstance(data, dict) else data
-        raise InvalidInput(f"{name}: format: expected {FORMAT}, got {shown(found, 40)}")
+        version = data.get("format") if isinstance(data, dict) else data
+        raise InvalidInput(f"{name}: format: expected {FORMAT}, got {shown(version, 40)}")
     return validated(Actuators, data, name)

@@ -1,8 +1,8 @@
 """Links that are inside each other or inside the terrain, and their depth (coal, extra ``kin``).
 
-Links are the shapes that their file says they collide with, meshes by their convex hulls, and where a hull is much
-larger than its mesh and near to something, by convex parts. Pairs whose boxes some axis of either keeps apart are clear
-(the separating-axis theorem); coal measures the rest.
+Links are the shapes that their file says they collide with, meshes by their convex hulls, and where
+a hull is much larger than its mesh and near to something, by convex parts. Pairs whose boxes some
+axis of either keeps apart are clear (the separating-axis theorem); coal measures the rest.
 """
 
 from __future__ import annotations
@@ -32,17 +32,20 @@ from .solids import shape_points, solid_shapes
 from .urdf_reader import coal, pinocchio
 
 ROOM_M = 1e-3
-"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
+"""Links that come nearer to each other than this are too near: joints that follow to milliradians
+make them touch."""
 TOUCH_M, LINKS_M = 1e-3, 1e-4
-"""A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links this deep inside each
-other: joint angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is run."""
+"""A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links
+this deep inside each other: joint angles, corners and coal's depths are ten times as exact. More
+presses them apart wherever it is run."""
 FINE, ARCS = 0.5, 1.01
-"""Two links that go so much of the tolerance between two postures are not looked at in between; points go so much
-farther on the arcs of joints than straight."""
+"""Two links that go so much of the tolerance between two postures are not looked at in between;
+points go so much farther on the arcs of joints than straight."""
 SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box in units of half its sides."""
 PARTS_M = 0.02
-"""Where hulls are nearer than this, or inside each other, it is their parts that are measured [m]."""
+"""Where hulls are nearer than this, or inside each other, it is their parts that are measured
+[m]."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 LONG_M = 0.05
@@ -54,20 +57,22 @@ BLOCK = 128
 """So many moments are looked at together."""
 
 _DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
-"""``Bodies.drawn_so`` of models that there are, each tried once: names, which follow from the model alone, so that two
-threads that try one at a time write down the same."""
+"""``Bodies.drawn_so`` of models that there are, each tried once: names, which follow from the model
+alone, so that two threads that try one at a time write down the same."""
 
 
 class Bodies:
     """A robot's links and a terrain. Not for use by several threads at once.
 
-    drawn_so: pairs of links that are inside each other in the standing posture and in every other one that was tried,
-    256 all over the joints' limits: their file has them so, and they are left out, as neighbours and pairs that an SRDF
-    disables are. missing: what has no shape, and links that may be elsewhere, a
-    line each. Raises InvalidInput where coal is not installed.
+    drawn_so: pairs of links that are inside each other in the standing posture and in every other
+    one that was tried, 256 all over the joints' limits: their file has them so, and they are left
+    out, as neighbours and pairs that an SRDF disables are. missing: what has no shape, and links
+    that may be elsewhere, a line each. Raises InvalidInput where coal is not installed.
     """
 
-    def __init__(self, kinematics: Kinematics, terrain: Obstacles = Obstacles(convex=(), closed=())) -> None:
+    def __init__(
+        self, kinematics: Kinematics, terrain: Obstacles = Obstacles(convex=(), closed=())
+    ) -> None:
         self._coal, self._of = coal(), kinematics
         self.model = kinematics.model
         known = kinematics.known
@@ -81,93 +86,125 @@ class Bodies:
         self._carriers = np.array([kinematics.carrier(mount) for mount in mounts], dtype=int)
         self._turns, self._origins = _on_carriers(mounts, [shape for shape, _ in shapes])
         self._geometry = [self._made(shape, points) for shape, points in shapes]
-        self._parts = [_Parts.of([(self._hull(part), part) for part in shape.parts_m]) for shape, _ in shapes]
+        self._parts = [
+            _Parts.of([(self._hull(part), part) for part in shape.parts_m]) for shape, _ in shapes
+        ]
         points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
         self._balls = np.array([shape.kind == "sphere" for shape, _ in shapes], dtype=bool)
-        self._radii = np.where(self._balls, self._halves[:, 0], np.linalg.norm(self._halves, axis=1))
+        self._radii = np.where(
+            self._balls, self._halves[:, 0], np.linalg.norm(self._halves, axis=1)
+        )
         self._corners = (
-            self._middles[:, None] + np.where(self._balls, 0.0, 1.0)[:, None, None] * SIDES * self._halves[:, None]
+            self._middles[:, None]
+            + np.where(self._balls, 0.0, 1.0)[:, None, None] * SIDES * self._halves[:, None]
         )
         self._solids = [self._hull(each.solid.corners) for each in terrain.convex]
-        spans = [(each.solid.corners.min(axis=0), each.solid.corners.max(axis=0)) for each in terrain.convex]
+        spans = [
+            (each.solid.corners.min(axis=0), each.solid.corners.max(axis=0))
+            for each in terrain.convex
+        ]
         self._spans = np.array(spans).reshape(-1, 2, 3)
         self._faces = _faces([each.solid for each in terrain.convex])
         self._request, self._here = self._coal.DistanceRequest(), self._coal.Transform3s()
         self._request.enable_signed_distance, self._result = True, self._coal.DistanceResult()
         self._foot = feet_of([shape for shape, _ in shapes], self.model.legs, self.model.mounts)
         self._in_ground = (
-            None if terrain.ground is None else LinksInGround(terrain.ground, points, self._foot, kinematics.radii_m)
+            None
+            if terrain.ground is None
+            else LinksInGround(terrain.ground, points, self._foot, kinematics.radii_m)
         )
         disabled = self.model.disabled_pairs
         self._pairs = np.array(
             [
-                (i, j) for i, j in combinations(range(len(joints)), 2)
+                (i, j)
+                for i, j in combinations(range(len(joints)), 2)
                 if not _neighbours(known, joints[i], joints[j])
                 and frozenset((self.links[i], self.links[j])) not in disabled
-            ], dtype=int,
-        ).reshape(-1, 2)  # fmt: skip
+            ],
+            dtype=int,
+        ).reshape(-1, 2)
         if self.model not in _DRAWN_SO:
             _DRAWN_SO[self.model] = self._always_inside()
         self.drawn_so = _DRAWN_SO[self.model]
         left_out = {frozenset(pair) for pair in self.drawn_so}
-        kept = [(i, j) for i, j in self._pairs.tolist() if frozenset((self.links[i], self.links[j])) not in left_out]
-        self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
+        pairs = [
+            (i, j)
+            for i, j in self._pairs.tolist()
+            if frozenset((self.links[i], self.links[j])) not in left_out
+        ]
+        self._pairs = np.array(pairs, dtype=int).reshape(-1, 2)
 
-    def overlaps(self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M) -> tuple[Overlap, ...]:
+    def overlaps(
+        self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M
+    ) -> tuple[Overlap, ...]:
         """Find overlaps deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another
         link, below 0 whatever is as near to it; the deepest first. A foot may touch what it stands
         on."""
-        found = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
-        return tuple(sorted(found, key=lambda each: -each.depth_m))
+        result = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
+        return tuple(sorted(result, key=lambda each: -each.depth_m))
 
     def sweep(
-        self, bodies: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M, between: bool = True
+        self,
+        bodies: WholeBody,
+        *,
+        terrain_m: float = TOUCH_M,
+        links_m: float = LINKS_M,
+        between: bool = True,
     ) -> Iterator[tuple[int, list[tuple[float, Overlap]]]]:
         """Find the overlaps of T postures, block by block.
 
-        bodies: a motion, on which joints turn evenly and the base goes straight from one moment to the next. between:
-        whether what is deep nowhere but on the way from one moment to the next is found, too: in other links, and in
-        convex parts of the terrain, by the usual tolerances where ``terrain_m`` and ``links_m`` are smaller. Yields
-        after how many moments, and the overlaps of the block, each with its moment, a fraction of the way for what is
-        between.
+        bodies: a motion, on which joints turn evenly and the base goes straight from one moment to
+        the next. between: whether what is deep nowhere but on the way from one moment to the next
+        is found, too: in other links, and in convex parts of the terrain, by the usual tolerances
+        where ``terrain_m`` and ``links_m`` are smaller. Yields after how many moments, and the
+        overlaps of the block, each with its moment, a fraction of the way for what is between.
         """
         begin, count = 0, len(bodies)
         while begin < count:
             first = max(begin - 1, 0) if between else begin
             end = min(begin + BLOCK, count)
-            found = self._swept(bodies.at(slice(first, end)), terrain_m, links_m, between=between)
-            yield end, [(first + at, each) for at, each in found if first + at > begin - 1]
+            overlaps = self._swept(
+                bodies.at(slice(first, end)), terrain_m, links_m, between=between
+            )
+            yield end, [(first + at, each) for at, each in overlaps if first + at > begin - 1]
             begin = end
 
     def near(self, bodies: WholeBody, within_m: float) -> list[tuple[int, Near]]:
         """Find the bodies that are nearer to each other than this, of the pairs that ``overlaps``
         looks at, with the number of its moment; of the terrain's convex parts alone, and of feet
         but those that they do not stand on."""
-        found = list[tuple[int, Near]]()
+        result = list[tuple[int, Near]]()
         for begin in range(0, len(bodies), BLOCK):
             block = bodies.at(slice(begin, begin + BLOCK))
             world = self._in_world(block, self._placed(block.angles))
             links, parts = self._links_apart(world, within_m), self._off_terrain(world, within_m)
             parts[1].least[self._stand_on(block, parts[0])] = np.inf
-            its = [
-                (t, on, k, near) for on, pairs in enumerate((links, parts))
+            measurements = [
+                (t, on, k, near)
+                for on, pairs in enumerate((links, parts))
                 for t, k, near in self._measured_near(world, *pairs, within_m, terrain=bool(on))
-            ]  # fmt: skip
-            found += [(begin + t, near) for t, _, _, near in sorted(its, key=lambda each: each[:3])]
-        return found
+            ]
+            result += [
+                (begin + t, near)
+                for t, _, _, near in sorted(measurements, key=lambda each: each[:3])
+            ]
+        return result
 
     def depth(self, overlap: Overlap, body: WholeBody) -> float:
         """Depth of the link of an overlap inside the same other thing in another posture, negative
         outside [m]; of the terrain the ground alone."""
         one = body.moments
         world = self._in_world(one, self._placed(one.angles))
-        own, others = ([k for k, link in enumerate(self.links) if link == n] for n in (overlap.link, overlap.other))
+        shapes, others = (
+            [k for k, link in enumerate(self.links) if link == n]
+            for n in (overlap.link, overlap.other)
+        )
         if self._in_ground is not None and overlap.other == Ground.name:
-            return max(self._in_ground.depth(world[0][0], world[1][0], i) for i in own)
+            return max(self._in_ground.depth(world[0][0], world[1][0], i) for i in shapes)
         apart = self._distances(world)
-        return max(-apart(0, i, j) for i in own for j in others)
+        return max(-apart(0, i, j) for i in shapes for j in others)
 
     def _placed(self, angles: Array) -> tuple[Array, Array]:
         """R_BS and p_BS of every shape at T postures, shapes (T, S, 3, 3) and (T, S, 3) [m]."""
@@ -179,7 +216,9 @@ class Bodies:
         """R_WS and p_WS of shapes that are placed in the base."""
         turns, origins = placed
         back = np.swapaxes(bodies.rotation, -1, -2)
-        return bodies.rotation[..., None, :, :] @ turns, bodies.origin_m[..., None, :] + origins @ back
+        return bodies.rotation[..., None, :, :] @ turns, bodies.origin_m[
+            ..., None, :
+        ] + origins @ back
 
     def _middle(self, placed: tuple[Array, Array]) -> Array:
         """Middles of the boxes of shapes, shape (T, S, 3) [m]."""
@@ -192,7 +231,9 @@ class Bodies:
         turns, origins = placed
         ends = origins[:, :, None] + self._corners @ np.swapaxes(turns, -1, -2)
         moved = np.diff(ends, axis=0)
-        return ARCS * np.asarray(np.sqrt(np.einsum("tsci,tsci->tsc", moved, moved).max(axis=2, initial=0.0)))
+        return ARCS * np.asarray(
+            np.sqrt(np.einsum("tsci,tsci->tsc", moved, moved).max(axis=2, initial=0.0))
+        )
 
     def _swept(
         self, bodies: WholeBody, terrain_m: float, links_m: float, *, between: bool
@@ -207,33 +248,59 @@ class Bodies:
 
         def in_world(t: Index, share: Array) -> tuple[Array, Array]:
             turned = between_rotations(bodies.rotation[t], bodies.rotation[t + 1], share)
-            moved = bodies.origin_m[t] + share[:, None] * (bodies.origin_m[t + 1] - bodies.origin_m[t])
-            return self._in_world(replace(bodies.at(t), rotation=turned, origin_m=moved), in_base(t, share))
+            moved = bodies.origin_m[t] + share[:, None] * (
+                bodies.origin_m[t + 1] - bodies.origin_m[t]
+            )
+            return self._in_world(
+                replace(bodies.at(t), rotation=turned, origin_m=moved), in_base(t, share)
+            )
 
         kinds = (
-            (placed, self._links_apart(placed, -links_m, between=between), (links_m, LINKS_M), in_base),
-            (world, self._off_terrain(world, -terrain_m, between=between), (terrain_m, TOUCH_M), in_world),
+            (
+                placed,
+                self._links_apart(placed, -links_m, between=between),
+                (links_m, LINKS_M),
+                in_base,
+            ),
+            (
+                world,
+                self._off_terrain(world, -terrain_m, between=between),
+                (terrain_m, TOUCH_M),
+                in_world,
+            ),
         )
         for on, (where, (pairs, bounds), limits_m, way) in enumerate(kinds):
             names = [part.name for part in self._terrain.convex] if on else self.links
-            for t, k, depth_m in self._deep(where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)):
-                yield t, Overlap(link=self.links[pairs[k, 0]], other=names[pairs[k, 1]], depth_m=depth_m)
+            for t, k, depth_m in self._deep(
+                where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)
+            ):
+                yield (
+                    t,
+                    Overlap(
+                        link=self.links[pairs[k, 0]], other=names[pairs[k, 1]], depth_m=depth_m
+                    ),
+                )
         yield from self._below(bodies, world, terrain_m)
 
     def _links_apart(
         self, placed: tuple[Array, Array], limit_m: float, *, between: bool = False
     ) -> tuple[NDArray[np.int_], Bounds]:
-        """All pairs of links, shape (K, 2), and what boxes and balls around them say of their distances."""
+        """All pairs of links, shape (K, 2), and what boxes and balls around them say of their
+        distances."""
         middles, (first, second) = self._middle(placed), self._pairs.T
         exact = self._balls[first] & self._balls[second]
         least = balls_apart(middles, self._radii, self._pairs)
         bounds = Bounds(
-            least=least, way=self._ways(placed)[:, self._pairs].sum(axis=2), exact=np.tile(exact, (len(least), 1))
+            least=least,
+            way=self._ways(placed)[:, self._pairs].sum(axis=2),
+            exact=np.tile(exact, (len(least), 1)),
         )
         t, k = np.nonzero(bounds.nearer(limit_m, between=between) & ~exact)
         turns, i, j = placed[0], first[k], second[k]
         apart = boxes_apart(
-            middles[t, j] - middles[t, i], (turns[t, i], self._halves[i]), (turns[t, j], self._halves[j])
+            middles[t, j] - middles[t, i],
+            (turns[t, i], self._halves[i]),
+            (turns[t, j], self._halves[j]),
         )
         least[t, k] = np.maximum(least[t, k], apart)
         return self._pairs, bounds
@@ -241,15 +308,18 @@ class Bodies:
     def _off_terrain(
         self, world: tuple[Array, Array], limit_m: float, *, between: bool = False
     ) -> tuple[NDArray[np.int_], Bounds]:
-        """Shapes and parts of the terrain of which some may be nearer than that, shape (K, 2), by part; and what boxes
-        and balls say of their distances."""
+        """Shapes and parts of the terrain of which some may be nearer than that, shape (K, 2), by
+        part; and what boxes and balls say of their distances."""
         middles, ways = self._middle(world), self._ways(world)
         reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
         reach[:, self._balls] = self._radii[self._balls, None]
         low, high = middles - reach, middles + reach
         room = max(limit_m, 0.0) + (float(ways.max(initial=0.0)) if between else 0.0)
         bottom, top = np.swapaxes(self._spans, 0, 1)
-        close = np.all((low.min(axis=0) - room < top[:, None]) & (high.max(axis=0) + room > bottom[:, None]), axis=2)
+        close = np.all(
+            (low.min(axis=0) - room < top[:, None]) & (high.max(axis=0) + room > bottom[:, None]),
+            axis=2,
+        )
         pairs = np.argwhere(close)[:, ::-1]
         shape, part = pairs.T
         least = np.maximum(low[:, shape] - top[part], bottom[part] - high[:, shape]).max(axis=2)
@@ -265,18 +335,27 @@ class Bodies:
             supports = (np.abs(normals @ world[0][t, s]) @ self._halves[s][:, :, None])[..., 0]
             supports = np.where(ball[:, None], self._radii[s][:, None], supports)
             off, over = off_solids(middles[t, s], supports, normals, faces.offsets_m[of])
-            least[t, k], exact[t, k] = np.where(ball & over, off, np.maximum(least[t, k], off)), ball & over
+            least[t, k], exact[t, k] = (
+                np.where(ball & over, off, np.maximum(least[t, k], off)),
+                ball & over,
+            )
         return pairs, bounds
 
     def _deep(
-        self, placed: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, limits_m: tuple[float, float],
-        between: Callable[[Index, Array], tuple[Array, Array]] | None, *, terrain: bool,
-    ) -> Iterator[tuple[float, int, float]]:  # fmt: skip
+        self,
+        placed: tuple[Array, Array],
+        pairs: NDArray[np.int_],
+        bounds: Bounds,
+        limits_m: tuple[float, float],
+        between: Callable[[Index, Array], tuple[Array, Array]] | None,
+        *,
+        terrain: bool,
+    ) -> Iterator[tuple[float, int, float]]:
         """Find the pairs that are deeper than that, at which moments and, where that is known,
         where between two; and how deep.
 
-        limits_m: how deep; on ways as deep as the second of them at least. between: where shapes are between a moment
-        and the next.
+        limits_m: how deep; on ways as deep as the second of them at least. between: where shapes
+        are between a moment and the next.
         """
         deep_m, on_way_m = limits_m[0], max(limits_m)
 
@@ -294,7 +373,10 @@ class Bodies:
         if between is None:
             return
         t, k = np.nonzero(least[:-1] + least[1:] < bounds.way - 2.0 * on_way_m)
-        share, apart = np.tile([0.0, 1.0], (len(t), 1)), np.stack([least[t, k], least[t + 1, k]], axis=1)
+        share, apart = (
+            np.tile([0.0, 1.0], (len(t), 1)),
+            np.stack([least[t, k], least[t + 1, k]], axis=1),
+        )
         moving = pairs[:, :1] if terrain else pairs
         ends = [self._corners_of(between(t, share[:, end]), moving[k]) for end in range(2)]
         while len(t):  # every round halves the ways that the distances at their ends leave open
@@ -304,93 +386,137 @@ class Bodies:
                 & (apart.sum(axis=1) < gone - 2.0 * on_way_m)
                 & (gone > FINE * on_way_m)
             )
-            t, k, share, apart, ends = t[open_], k[open_], share[open_], apart[open_], [end[open_] for end in ends]
-            middle, its = share.mean(axis=1), np.arange(len(t))
+            t, k, share, apart, ends = (
+                t[open_],
+                k[open_],
+                share[open_],
+                apart[open_],
+                [end[open_] for end in ends],
+            )
+            middle, left = share.mean(axis=1), np.arange(len(t))
             halfway = between(t, middle)
             apart_m = self._distances(halfway, terrain=terrain)
-            found = np.array([apart_m(n, *numbers[k[n]]) for n in its.tolist()])
-            deep = np.flatnonzero(found < -on_way_m)
-            yield from zip((t[deep] + middle[deep]).tolist(), k[deep].tolist(), (-found[deep]).tolist(), strict=True)
+            distances = np.array([apart_m(n, *numbers[k[n]]) for n in left.tolist()])
+            deep = np.flatnonzero(distances < -on_way_m)
+            yield from zip(
+                (t[deep] + middle[deep]).tolist(),
+                k[deep].tolist(),
+                (-distances[deep]).tolist(),
+                strict=True,
+            )
             corners = self._corners_of(halfway, moving[k])
-            share = np.concatenate([np.stack([share[:, 0], middle], axis=1), np.stack([middle, share[:, 1]], axis=1)])
-            apart = np.concatenate([np.stack([apart[:, 0], found], axis=1), np.stack([found, apart[:, 1]], axis=1)])
+            share = np.concatenate(
+                [np.stack([share[:, 0], middle], axis=1), np.stack([middle, share[:, 1]], axis=1)]
+            )
+            apart = np.concatenate(
+                [
+                    np.stack([apart[:, 0], distances], axis=1),
+                    np.stack([distances, apart[:, 1]], axis=1),
+                ]
+            )
             ends = [np.concatenate([ends[0], corners]), np.concatenate([corners, ends[1]])]
             t, k = np.tile(t, 2), np.tile(k, 2)
 
     def _corners_of(self, placed: tuple[Array, Array], shapes: NDArray[np.int_]) -> Array:
-        """Corners of the boxes of some shapes, shape (L, n), that are placed L times, shape (L, n, 8, 3)."""
+        """Corners of the boxes of some shapes, shape (L, n), that are placed L times, shape (L, n,
+        8, 3)."""
         turns, origins = (part[np.arange(len(shapes))[:, None], shapes] for part in placed)
         return np.asarray(origins[:, :, None] + self._corners[shapes] @ np.swapaxes(turns, -1, -2))
 
-    def _below(self, bodies: WholeBody, world: tuple[Array, Array], terrain_m: float) -> Iterator[tuple[int, Overlap]]:
+    def _below(
+        self, bodies: WholeBody, world: tuple[Array, Array], terrain_m: float
+    ) -> Iterator[tuple[int, Overlap]]:
         """Links that are deeper than that in ground of heights, and links whose middle is inside of
         a closed surface."""
         middles = self._middle(world)
         if self._in_ground is not None:
             reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
-            for t, i, depth_m in self._in_ground.depths(*world, middles - reach, middles + reach, bodies):
+            for t, i, depth_m in self._in_ground.depths(
+                *world, middles - reach, middles + reach, bodies
+            ):
                 if depth_m > terrain_m:
                     yield t, Overlap(link=self.links[i], other=Ground.name, depth_m=depth_m)
         for surface in self._terrain.closed:
-            for t, i in np.argwhere(surface.holds(middles.reshape(-1, 3)).reshape(middles.shape[:2])).tolist():
+            for t, i in np.argwhere(
+                surface.holds(middles.reshape(-1, 3)).reshape(middles.shape[:2])
+            ).tolist():
                 depth_m = surface.depth(middles[t, i])
                 if depth_m > terrain_m:
                     yield t, Overlap(link=self.links[i], other=surface.name, depth_m=depth_m)
 
     def _measured_near(
-        self, world: tuple[Array, Array], pairs: NDArray[np.int_], bounds: Bounds, within_m: float, *, terrain: bool
+        self,
+        world: tuple[Array, Array],
+        pairs: NDArray[np.int_],
+        bounds: Bounds,
+        within_m: float,
+        *,
+        terrain: bool,
     ) -> list[tuple[int, int, Near]]:
         """Pairs that are nearer, as moment, pair and distance."""
-        found = list[tuple[int, int, Near]]()
+        result = list[tuple[int, int, Near]]()
         numbers, apart_m = pairs.tolist(), self._distances(world, terrain=terrain)
 
         def measure(t: int, k: int) -> float:
             i, j = numbers[k]
             distance = apart_m(t, i, j)
             if distance < within_m:
-                points = np.array([self._result.getNearestPoint1(), self._result.getNearestPoint2()])
+                points = np.array(
+                    [self._result.getNearestPoint1(), self._result.getNearestPoint2()]
+                )
                 name = self._terrain.convex[j].name if terrain else self.links[j]
                 near = Near(
-                    shape=i, other=-1 if terrain else j, name=name, distance_m=distance, points_m=points,
+                    shape=i,
+                    other=-1 if terrain else j,
+                    name=name,
+                    distance_m=distance,
+                    points_m=points,
                     normal=-np.array(self._result.normal),
-                )  # fmt: skip
-                found.append((t, k, near))
+                )
+                result.append((t, k, near))
             return distance
 
-        unknown = replace(bounds, exact=np.zeros_like(bounds.exact))  # where they are nearest is not said of balls
+        unknown = replace(
+            bounds, exact=np.zeros_like(bounds.exact)
+        )  # where they are nearest is not said of balls
         unknown.measured(measure, within_m, between=False)
-        return found
+        return result
 
     def _stand_on(self, bodies: WholeBody, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which shapes are feet of limbs that stand on a face of a part of the terrain, shape
         (T, K)."""
-        found = np.zeros((len(bodies), len(pairs)), dtype=bool)
+        standing = np.zeros((len(bodies), len(pairs)), dtype=bool)
         for k, (shape, part) in enumerate(pairs.tolist()):
             limb, solid = self._foot[shape], self._terrain.convex[part].solid
             if limb >= 0:
                 along = bodies.normals[:, limb] @ solid.normals.T > ALIGNED
                 heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
                 on = np.any(along & (np.abs(heights) < ON_M), axis=1) & (heights.max(axis=1) < ON_M)
-                found[:, k] = bodies.stands[:, limb] & on
-        return found
+                standing[:, k] = bodies.stands[:, limb] & on
+        return standing
 
     def _always_inside(self) -> tuple[tuple[str, str], ...]:
         """Links of which two shapes touch in every posture."""
         lower, upper = self._of.lower_rad, self._of.upper_rad
         standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
-        turns, origins = self._placed(np.vstack([standing, lower + (upper - lower) * _spread(POSTURES, len(lower))]))
+        turns, origins = self._placed(
+            np.vstack([standing, lower + (upper - lower) * _spread(POSTURES, len(lower))])
+        )
         pairs, bounds = self._links_apart((turns, origins), 0.0)
         always = pairs[np.all(bounds.least < 0.0, axis=0)].tolist()
         apart = self._distances((turns, origins))
         named = [
-            sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in always
+            sorted((self.links[i], self.links[j]), key=self.links.index)
+            for i, j in always
             if all(apart(t, i, j) < 0.0 for t in range(len(turns)))
-        ]  # fmt: skip
+        ]
         return tuple(dict.fromkeys((one, other) for one, other in named))
 
-    def _distances(self, placed: tuple[Array, Array], *, terrain: bool = False) -> Callable[[int, int, int], float]:
-        """The function of a moment, a shape and another one, or a part of the terrain, that measures how far they are
-        apart, negative where one is inside the other [m].
+    def _distances(
+        self, placed: tuple[Array, Array], *, terrain: bool = False
+    ) -> Callable[[int, int, int], float]:
+        """The function of a moment, a shape and another one, or a part of the terrain, that
+        measures how far they are apart, negative where one is inside the other [m].
 
         placed: R and p of the S shapes at T moments, shapes (T, S, 3, 3) and (T, S, 3) [m].
         """
@@ -398,21 +524,28 @@ class Bodies:
         made = dict[tuple[int, int], Any]()
 
         def at(t: int, shape: int) -> Any:
-            if (found := made.get((t, shape))) is None:
-                found = made[t, shape] = transform(turns[t, shape], origins[t, shape])
-            return found
+            if (result := made.get((t, shape))) is None:
+                result = made[t, shape] = transform(turns[t, shape], origins[t, shape])
+            return result
 
         def apart(t: int, shape: int, other: int) -> float:
             there = self._here if terrain else at(t, other)
-            its = turns[t], origins[t]
-            return self._distance(its, (at(t, shape), there), shape, other, terrain=terrain)
+            pose = turns[t], origins[t]
+            return self._distance(pose, (at(t, shape), there), shape, other, terrain=terrain)
 
         return apart
 
     def _distance(
-        self, placed: tuple[Array, Array], transforms: tuple[Any, Any], shape: int, other: int, *, terrain: bool
+        self,
+        placed: tuple[Array, Array],
+        transforms: tuple[Any, Any],
+        shape: int,
+        other: int,
+        *,
+        terrain: bool,
     ) -> float:
-        """Between a shape and another one, or a part of the terrain; placed: R and p of the S shapes at one moment."""
+        """Between a shape and another one, or a part of the terrain; placed: R and p of the S
+        shapes at one moment."""
         (turns, origins), (here, there) = placed, transforms
 
         def between(one: Any, two: Any) -> float:
@@ -421,22 +554,32 @@ class Bodies:
 
         whole = self._solids[other] if terrain else self._geometry[other]
         apart_m = between(self._geometry[shape], whole)
-        its, others = self._parts[shape], _NO_PARTS if terrain else self._parts[other]
-        if apart_m >= PARTS_M or not (its.geometry or others.geometry):
+        parts, others = self._parts[shape], _NO_PARTS if terrain else self._parts[other]
+        if apart_m >= PARTS_M or not (parts.geometry or others.geometry):
             return apart_m
-        its = its.placed(turns[shape], origins[shape]) if its.geometry else _Parts.whole(self._geometry[shape])
-        others = others.placed(turns[other], origins[other]) if others.geometry else _Parts.whole(whole)
-        far_m = np.linalg.norm(its.middles[:, None] - others.middles, axis=2) - its.radii[:, None] - others.radii
+        parts = (
+            parts.placed(turns[shape], origins[shape])
+            if parts.geometry
+            else _Parts.whole(self._geometry[shape])
+        )
+        others = (
+            others.placed(turns[other], origins[other]) if others.geometry else _Parts.whole(whole)
+        )
+        far_m = (
+            np.linalg.norm(parts.middles[:, None] - others.middles, axis=2)
+            - parts.radii[:, None]
+            - others.radii
+        )
         least, best, last = np.inf, (0, 0), (0, 0)
         for at in np.argsort(far_m, axis=None).tolist():
             i, j = divmod(at, len(others.radii))
             if far_m[i, j] >= least:
                 break
-            last, apart_m = (i, j), between(its.geometry[i], others.geometry[j])
+            last, apart_m = (i, j), between(parts.geometry[i], others.geometry[j])
             if apart_m < least:
                 least, best = apart_m, last
         if last != best:  # the nearest points are those of the last that was measured
-            between(its.geometry[best[0]], others.geometry[best[1]])
+            between(parts.geometry[best[0]], others.geometry[best[1]])
         return least
 
     def _made(self, shape: Shape, points: Array) -> Any:
@@ -445,9 +588,11 @@ class Bodies:
         if shape.kind == "mesh":
             return self._hull(points)
         return {
-            "box": self._coal.Box, "sphere": self._coal.Sphere, "cylinder": self._coal.Cylinder,
+            "box": self._coal.Box,
+            "sphere": self._coal.Sphere,
+            "cylinder": self._coal.Cylinder,
             "capsule": self._coal.Capsule,
-        }[shape.kind](*size)  # fmt: skip
+        }[shape.kind](*size)
 
     def _hull(self, points: Array) -> Any:
         corners = self._coal.StdVec_Vec3s()
@@ -468,8 +613,13 @@ class _Parts:
     def of(cls, parts: Sequence[tuple[Any, Array]]) -> _Parts:
         """Parts with the geometry and corners of each."""
         middles = np.array([corners.mean(axis=0) for _, corners in parts]).reshape(-1, 3)
-        radii = [np.linalg.norm(each - middle, axis=1).max() for (_, each), middle in zip(parts, middles, strict=True)]
-        return cls(geometry=tuple(each for each, _ in parts), middles=middles, radii=np.array(radii))
+        radii = [
+            np.linalg.norm(each - middle, axis=1).max()
+            for (_, each), middle in zip(parts, middles, strict=True)
+        ]
+        return cls(
+            geometry=tuple(each for each, _ in parts), middles=middles, radii=np.array(radii)
+        )
 
     @classmethod
     def whole(cls, geometry: Any) -> _Parts:
@@ -486,7 +636,8 @@ _NO_PARTS = _Parts.of(())
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Faces:
-    """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number; shapes (K, F, 3), (K, F)."""
+    """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number; shapes (K,
+    F, 3), (K, F)."""
 
     parts: NDArray[np.int_]
     normals: Array
@@ -498,24 +649,31 @@ def _faces(solids: Sequence[Solid]) -> list[_Faces]:
     counts = np.array([len(solid.normals) for solid in solids], dtype=int)
     return [
         _Faces(
-            parts=parts, normals=np.array([solids[k].normals for k in parts.tolist()]),
+            parts=parts,
+            normals=np.array([solids[k].normals for k in parts.tolist()]),
             offsets_m=np.array([solids[k].offsets_m for k in parts.tolist()]),
         )
         for parts in (np.flatnonzero(counts == count) for count in np.unique(counts))
-    ]  # fmt: skip
+    ]
 
 
 def _on_carriers(mounts: Sequence[Mount], shapes: Sequence[Shape]) -> tuple[Array, Array]:
     """Places of shapes on the bodies that carry their links, shapes (S, 3, 3) and (S, 3) [m]."""
     turns = [mount.rotation @ shape.rotation for mount, shape in zip(mounts, shapes, strict=True)]
-    origins = [mount.origin_m + mount.rotation @ shape.origin_m for mount, shape in zip(mounts, shapes, strict=True)]
+    origins = [
+        mount.origin_m + mount.rotation @ shape.origin_m
+        for mount, shape in zip(mounts, shapes, strict=True)
+    ]
     return np.array(turns).reshape(-1, 3, 3), np.array(origins).reshape(-1, 3)
 
 
 def _spread(count: int, dimension: int) -> Array:
-    """Points all over the unit cube, shape (count, dimension): Kronecker's sequence of the roots of primes."""
+    """Points all over the unit cube, shape (count, dimension): Kronecker's sequence of the roots of
+    primes."""
     numbers = np.arange(2, 16 * (dimension + 4))
-    primes = numbers[np.all((numbers % numbers[:, None] > 0) | (numbers <= numbers[:, None]), axis=0)]
+    primes = numbers[
+        np.all((numbers % numbers[:, None] > 0) | (numbers <= numbers[:, None]), axis=0)
+    ]
     return np.outer(np.arange(1, count + 1), np.sqrt(primes[:dimension])) % 1.0
 
 
@@ -528,29 +686,39 @@ def _box(geometry: Any) -> tuple[Array, Array]:
 
 
 def _neighbours(known: Any, one: int, other: int) -> bool:
-    """Tell whether two joints of pinocchio's carry the same body, or bodies that one of them joins.
-    """
+    """Tell whether two joints of pinocchio's carry the same body, or bodies that one of them
+    joins."""
     return one == other or known.parents[one] == other or known.parents[other] == one
 
 
 def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
-    """The shapes of a robot's links with points whose hulls they are, and what has no shape, one line each.
+    """The shapes of a robot's links with points whose hulls they are, and what has no shape, one
+    line each.
 
     Meshes that cannot be had have none, and long parts of legs that their file gives no shape.
     """
-    found, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
+    solids, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
     for shape in solid_shapes(model.shapes):
         points = shape_points(shape)
         if points is not None:
-            found.append((shape, points))
+            solids.append((shape, points))
         elif shape.link not in missing.setdefault("link|: no mesh", []):
             missing["link|: no mesh"].append(shape.link)
-    feet = {leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M}
-    mounts = [model.mounts[shape.link] for shape, _ in found if shape.link not in feet]
+    feet = {
+        leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M
+    }
+    mounts = [model.mounts[shape.link] for shape, _ in solids if shape.link not in feet]
     shaped = {(mount.leg, mount.joint) for mount in mounts}
     for i, leg in enumerate(model.legs):
         ends = [*leg.chain.origins[1:], leg.chain.tip_m]
-        bare = [k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped]
-        missing.setdefault("joint|: no shape of what they carry", []).extend(leg.joint_names[k] for k in bare)
+        bare = [
+            k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped
+        ]
+        missing.setdefault("joint|: no shape of what they carry", []).extend(
+            leg.joint_names[k] for k in bare
+        )
     lines = [(*key.split("|"), names) for key, names in missing.items() if names]
-    return found, tuple(f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}" for kind, why, names in lines)
+    return solids, tuple(
+        f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}"
+        for kind, why, names in lines
+    )

@@ -1,4 +1,5 @@
-"""Robots with a name: a YAML file of this package says how each stands, the user's own packages have the URDFs."""
+"""Robots with a name: a YAML file of this package says how each stands, the user's own packages
+have the URDFs."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ PROVIDERS = {
     "example-robot-data": ("cmeel.prefix/share/example-robot-data/robots", "robots"),
     "pybullet": ("pybullet_data", "bullet"),
 }
-"""Packages that have URDFs: the folder of the robots in each, and the extra of this package that installs it."""
+"""Packages that have URDFs: the folder of the robots in each, and the extra of this package that
+installs it."""
 
 
 def provider_folder(provider: str) -> Path | None:
@@ -46,4 +48,6 @@ def catalogue() -> dict[str, Path]:
     from stancekit.configs import config_path
 
     files = sorted(config_path("robots/anymal.yaml").parent.glob("*.yaml"))
-    return {path.stem: path for path in files if path.stem != "anymal"}  # a walker's numbers, which need no URDF
+    return {
+        path.stem: path for path in files if path.stem != "anymal"
+    }  # a walker's numbers, which need no URDF

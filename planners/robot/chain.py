@@ -1,8 +1,9 @@
 """Forward kinematics of one leg, for many postures at once.
 
-A leg is a chain of n joints from the base to its foot. Every joint's frame is turned so that the joint moves about, or
-along, its own z: then p_BF = P₁ Z₁(q₁) P₂ Z₂(q₂) … Pₙ Zₙ(qₙ) t, where only the Z depend on the posture, and a point
-goes from the foot's end to the base with four products a joint. K postures are one array; nothing is looped over them.
+A leg is a chain of n joints from the base to its foot. Every joint's frame is turned so that the
+joint moves about, or along, its own z: then p_BF = P₁ Z₁(q₁) P₂ Z₂(q₂) … Pₙ Zₙ(qₙ) t, where only
+the Z depend on the posture, and a point goes from the foot's end to the base with four products a
+joint. K postures are one array; nothing is looped over them.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from ..files.arrays import Array, cross, read_only
 class Chain:
     """n joints from the base to a foot.
 
-    rotations, origins: of each joint's frame in the one before it (the first in the base), at q = 0, shapes (n, 3, 3)
-    and (n, 3) [m]. axes: unit vectors in the joint's own frame, shape (n, 3). slides: which joints are prismatic,
-    shape (n,). tip_m: the foot in the last joint's frame, shape (3,) [m].
+    rotations, origins: of each joint's frame in the one before it (the first in the base), at q =
+    0, shapes (n, 3, 3) and (n, 3) [m]. axes: unit vectors in the joint's own frame, shape (n, 3).
+    slides: which joints are prismatic, shape (n,). tip_m: the foot in the last joint's frame, shape
+    (3,) [m].
     """
 
     rotations: Array
@@ -30,7 +32,8 @@ class Chain:
     slides: NDArray[np.bool_]
     tip_m: Array
     turns: Array = field(init=False, repr=False)
-    """From every joint's turned frame, whose z is the joint's axis, into its own, shape (n, 3, 3)."""
+    """From every joint's turned frame, whose z is the joint's axis, into its own, shape (n, 3,
+    3)."""
     steps: Array = field(init=False, repr=False)
     shifts: Array = field(init=False, repr=False)
     """``rotations`` and ``origins`` between turned frames."""
@@ -38,13 +41,23 @@ class Chain:
     """The foot in the last joint's turned frame, shape (3,) [m]."""
 
     def __post_init__(self) -> None:
-        for name, shape in (("rotations", (None, 3, 3)), ("origins", (None, 3)), ("axes", (None, 3)), ("tip_m", (3,))):
+        for name, shape in (
+            ("rotations", (None, 3, 3)),
+            ("origins", (None, 3)),
+            ("axes", (None, 3)),
+            ("tip_m", (3,)),
+        ):
             object.__setattr__(self, name, read_only(getattr(self, name), shape, name))
         turns = np.array([_with_z(axis) for axis in self.axes])
         before = np.concatenate([np.eye(3)[None], turns[:-1]]).transpose(0, 2, 1)
         steps = np.einsum("nij,njk,nkl->nil", before, self.rotations, turns)
         shifts = np.einsum("nij,nj->ni", before, self.origins)
-        for name, value in (("turns", turns), ("steps", steps), ("shifts", shifts), ("tip", turns[-1].T @ self.tip_m)):
+        for name, value in (
+            ("turns", turns),
+            ("steps", steps),
+            ("shifts", shifts),
+            ("tip", turns[-1].T @ self.tip_m),
+        ):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -55,11 +68,13 @@ class Chain:
 
     @property
     def length_m(self) -> float:
-        """From the first joint to the foot by way of the joints between [m]: if none slides, no foot is farther."""
+        """From the first joint to the foot by way of the joints between [m]: if none slides, no
+        foot is farther."""
         return float(np.linalg.norm(self.origins[1:], axis=1).sum() + np.linalg.norm(self.tip_m))
 
     def feet(self, angles: ArrayLike) -> Array:
-        """Feet p_BF for postures of shape (K, n) [rad, or m where a joint slides], shape (K, 3) [m]."""
+        """Feet p_BF for postures of shape (K, n) [rad, or m where a joint slides], shape (K, 3)
+        [m]."""
         q = np.asarray(angles, dtype=np.float64)
         moved = np.repeat(self.tip[:, None, None], len(q), axis=2)
         for i in reversed(range(self.joints)):
@@ -67,23 +82,33 @@ class Chain:
         return np.ascontiguousarray(moved[:, 0].T)
 
     def feet_and_jacobian(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Feet, shape (K, 3) [m], and ∂p_BF/∂q, shape (K, 3, n) [m per rad, or per m], both in the base's frame."""
+        """Feet, shape (K, 3) [m], and ∂p_BF/∂q, shape (K, 3, n) [m per rad, or per m], both in the
+        base's frame."""
         q = np.asarray(angles, dtype=np.float64)
-        moved = np.empty((3, self.joints + 1, len(q)))  # the foot, then a column a joint: all of them turn alike
+        moved = np.empty(
+            (3, self.joints + 1, len(q))
+        )  # the foot, then a column a joint: all of them turn alike
         moved[:, 0] = self.tip[:, None]
         for i in reversed(range(self.joints)):
             column = moved[:, self.joints - i]
             if self.slides[i]:
                 column[:] = np.array([0.0, 0.0, 1.0])[:, None]
             else:
-                column[0], column[1], column[2] = -moved[1, 0], moved[0, 0], 0.0  # z × v, before z turns it
+                column[0], column[1], column[2] = (
+                    -moved[1, 0],
+                    moved[0, 0],
+                    0.0,
+                )  # z × v, before z turns it
             part = moved[:, : self.joints - i + 1]
             part[:] = self._turned(i, part, q[:, i])
             part[:, 0] += self._shift(i, q[:, i])
-        return np.ascontiguousarray(moved[:, 0].T), np.ascontiguousarray(moved[:, :0:-1].transpose(2, 0, 1))
+        return np.ascontiguousarray(moved[:, 0].T), np.ascontiguousarray(
+            moved[:, :0:-1].transpose(2, 0, 1)
+        )
 
     def frames(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Frames of the joints as the URDF has them: R_BJ, shape (K, n, 3, 3), and p_BJ, shape (K, n, 3) [m]."""
+        """Frames of the joints as the URDF has them: R_BJ, shape (K, n, 3, 3), and p_BJ, shape (K,
+        n, 3) [m]."""
         q = np.asarray(angles, dtype=np.float64)
         turns, places = np.empty((len(q), self.joints, 3, 3)), np.empty((len(q), self.joints, 3))
         turn, place = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
@@ -98,9 +123,11 @@ class Chain:
         return turns, places
 
     def outward(self, joint: int, points: Array, angles: Array) -> Array:
-        """Points of one joint's turned frame in the one before it (the base's for the first), at the joint's angles.
+        """Points of one joint's turned frame in the one before it (the base's for the first), at
+        the joint's angles.
 
-        points: shape (3, M, K); angles: shape (K,). So the feet are this over all joints, from the last to the first.
+        points: shape (3, M, K); angles: shape (K,). So the feet are this over all joints, from the
+        last to the first.
         """
         return self._turned(joint, points, angles) + self._shift(joint, angles)[:, None]
 

@@ -1,15 +1,17 @@
 """Contact shapes of legs: the shape at its end, where that is a ball, or what a person says it is.
 
-A foot is the shape of the leg's last body that is farthest from the last joint, whichever link of that body it is on.
-A ball touches at any attitude a radius below its centre, and so does the end of a capsule; meshes of balls are read as
-the balls they are. Where a box, a cylinder, a wheel or another mesh is the farthest, nobody but the robot's owner knows
-what is meant to touch: plans wait for ``contacts`` of the robot's YAML file.
+A foot is the shape of the leg's last body that is farthest from the last joint, whichever link of
+that body it is on. A ball touches at any attitude a radius below its centre, and so does the end of
+a capsule; meshes of balls are read as the balls they are. Where a box, a cylinder, a wheel or
+another mesh is the farthest, nobody but the robot's owner knows what is meant to touch: plans wait
+for ``contacts`` of the robot's YAML file.
 
-A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² − ‖m‖²), and made as
-large as the farthest of them is away. It is taken where nearly all corners, and the planes of half of the hull's
-surface, are no farther from it than a part of its radius, and than a millimetre: balls that are cut off on their sides,
-or have a neck, are balls, boxes and cylinders not. Where it may touch, away from the leg's last joint, it has to be
-round: half a ball with its flat side down is none.
+A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² −
+‖m‖²), and made as large as the farthest of them is away. It is taken where nearly all corners, and
+the planes of half of the hull's surface, are no farther from it than a part of its radius, and than
+a millimetre: balls that are cut off on their sides, or have a neck, are balls, boxes and cylinders
+not. Where it may touch, away from the leg's last joint, it has to be round: half a ball with its
+flat side down is none.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ NECK = 0.05
 HALF = 0.5
 """Share of a ball's surface that is round; the rest may be cut off."""
 TOUCHING_RAD = 0.7
-"""A foot may touch with what is so far off the direction from its joint to its middle; one about its joint with all."""
+"""A foot may touch with what is so far off the direction from its joint to its middle; one about
+its joint with all."""
 DIRECTIONS = 400
 """Directions all over a sphere in which a ball's surface is looked at."""
 ENOUGH = 3000
@@ -42,15 +45,17 @@ ENOUGH = 3000
 DIGITS = 9
 """Decimals of a ball's centre and radius as a URDF has them [m]."""
 FARTHER_M = 1e-3
-"""A shape that goes no farther than this beyond the ball at a leg's end does not touch before it."""
+"""A shape that goes no farther than this beyond the ball at a leg's end does not touch before
+it."""
 SAME_M = 1e-6
 """A shape is the one that touches if its centre and its radius are within this of the leg's."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlacedShape:
-    """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in the last joint's
-    frame, shapes (3, 3), (3,) [m]. balls: centre, shape (3,), and radius [m] of every ball that it is, or ends in."""
+    """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in
+    the last joint's frame, shapes (3, 3), (3,) [m]. balls: centre, shape (3,), and radius [m] of
+    every ball that it is, or ends in."""
 
     index: int
     shape: Shape
@@ -76,7 +81,9 @@ Fits = dict[bytes, tuple[Array, float] | None]
 """``fitted_ball`` of hulls by their corners, each tried once."""
 
 
-def placed_shapes(shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits) -> list[PlacedShape]:
+def placed_shapes(
+    shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
+) -> list[PlacedShape]:
     """The shapes of the links of one body.
 
     places: rotation and origin of every link of the body in the last joint's frame, by name.
@@ -100,18 +107,33 @@ def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
     """Shape with which a leg touches whose last body has these shapes; None for a body without
     shapes."""
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
-    unread = [piece.shape for piece in pieces if piece.shape.kind == "mesh" and piece.shape.corners_m is None]
+    unread = [
+        piece.shape
+        for piece in pieces
+        if piece.shape.kind == "mesh" and piece.shape.corners_m is None
+    ]
     for piece in pieces:
         for centre, radius_m in piece.balls:
-            found = Touch(link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index)
-            balls.append((float(np.linalg.norm(centre)) + radius_m, found))
+            touch = Touch(
+                link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index
+            )
+            balls.append((float(np.linalg.norm(centre)) + radius_m, touch))
         if not piece.balls and (points := shape_points(piece.shape)) is not None:
             ends = piece.origin_m + points @ piece.rotation.T
             far = np.linalg.norm(ends, axis=1)
             text = f"touches with a {piece.shape.kind}: say with which point or ball, in a YAML file's contacts:"
-            others.append((float(far.max()), Touch(
-                link=piece.shape.link, centre_m=_farthest(piece), radius_m=0.0, index=piece.index, doubt=text
-            )))  # fmt: skip
+            others.append(
+                (
+                    float(far.max()),
+                    Touch(
+                        link=piece.shape.link,
+                        centre_m=_farthest(piece),
+                        radius_m=0.0,
+                        index=piece.index,
+                        doubt=text,
+                    ),
+                )
+            )
     ball = max(balls, key=lambda each: each[0], default=None)
     other = max(others, key=lambda each: each[0], default=None)
     if ball is not None and (other is None or other[0] <= ball[0] + FARTHER_M):
@@ -125,12 +147,15 @@ def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
 
 
 def _farthest(piece: PlacedShape) -> Array:
-    """The end of a shape that is farthest from the link's origin, about, in the last joint's frame, shape (3,) [m]."""
+    """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
+    shape (3,) [m]."""
     turn = piece.rotation @ piece.shape.rotation.T
     return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
 
 
-def _balls(shape: Shape, rotation: Array, origin_m: Array, fits: Fits) -> tuple[tuple[Array, float], ...]:
+def _balls(
+    shape: Shape, rotation: Array, origin_m: Array, fits: Fits
+) -> tuple[tuple[Array, float], ...]:
     """Centre, shape (3,), and radius [m] of every ball that a shape is, or ends in."""
     if shape.kind == "sphere":
         return ((origin_m, float(shape.size_m[0])),)
@@ -170,21 +195,30 @@ def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
     """Tell whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own
     end."""
     mount = mounts[shape.link]
-    if shape.kind not in ("sphere", "capsule") or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M:
+    if (
+        shape.kind not in ("sphere", "capsule")
+        or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M
+    ):
         return False
-    balls = _balls(shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {})
+    balls = _balls(
+        shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {}
+    )
     return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in balls)
 
 
 def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
     """For every shape the number of the leg whose foot it is, −1 for those that are none."""
     ends = {(i, len(leg.joints) - 1): leg for i, leg in enumerate(legs)}
-    found = []
+    feet = []
     for shape in shapes:
         mount = mounts[shape.link]
         leg = None if mount.leg is None else ends.get((mount.leg, mount.joint))
-        found.append(mount.leg if mount.leg is not None and leg is not None and touching(leg, mounts, shape) else -1)
-    return found
+        feet.append(
+            mount.leg
+            if mount.leg is not None and leg is not None and touching(leg, mounts, shape)
+            else -1
+        )
+    return feet
 
 
 def with_balls(
@@ -194,10 +228,12 @@ def with_balls(
     mounts: Mapping[str, Mount],
     indices: Sequence[int],
 ) -> tuple[str, tuple[str, ...]]:
-    """The URDF with a sphere for every foot that is a ball and that it has no shape of, and the links that have them
-    now: in place of the mesh that is the ball, beside other shapes where a person says what touches.
+    """The URDF with a sphere for every foot that is a ball and that it has no shape of, and the
+    links that have them now: in place of the mesh that is the ball, beside other shapes where a
+    person says what touches.
 
-    indices: for every leg the number of the shape that touches, −1 for none. The text is empty where nothing changes.
+    indices: for every leg the number of the shape that touches, −1 for none. The text is empty
+    where nothing changes.
     """
     elements, links = (
         shape_elements(root),
@@ -205,7 +241,9 @@ def with_balls(
     )
     changed = list[str]()
     for leg, index in zip(legs, indices, strict=True):
-        if leg.radius_m <= 0.0 or any(touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot):
+        if leg.radius_m <= 0.0 or any(
+            touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
+        ):
             continue
         link, mount = links[leg.foot], mounts[leg.foot]
         gone = None if leg.contact is not None or index < 0 else elements[index][1]
@@ -219,7 +257,9 @@ def with_balls(
             link.remove(gone)
         middle = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m)
         collision = SubElement(link, "collision")
-        SubElement(collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)})
+        SubElement(
+            collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)}
+        )
         SubElement(
             SubElement(collision, "geometry"),
             "sphere",
@@ -229,25 +269,31 @@ def with_balls(
     return ElementTree.tostring(root, encoding="unicode") if changed else "", tuple(changed)
 
 
-def check_contacts(legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> None:
-    """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a YAML file may say."""
+def check_contacts(
+    legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+) -> None:
+    """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a
+    YAML file may say."""
     doubts = dict[str, list[str]]()
     for leg in legs:
         if leg.doubt:
             doubts.setdefault(leg.doubt, []).append(leg.foot)
     if doubts:
-        said = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
+        doubts_text = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
         example = _example(next(leg for leg in legs if leg.doubt), shapes, mounts)
         raise InvalidInput(
-            f"robot {name}: expected feet that are balls or that its YAML file describes: {said} {example}"
+            f"robot {name}: expected feet that are balls or that its YAML file describes: {doubts_text} {example}"
         )
 
 
 def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> str:
-    """The key of a YAML file for a leg's foot: the ball nearest to its shape, or the point at its end."""
+    """The key of a YAML file for a leg's foot: the ball nearest to its shape, or the point at its
+    end."""
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
     corners = [
-        shape.origin_m + points @ shape.rotation.T for shape in solid if (points := shape_points(shape)) is not None
+        shape.origin_m + points @ shape.rotation.T
+        for shape in solid
+        if (points := shape_points(shape)) is not None
     ]
     mount = mounts[leg.foot]
     middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
@@ -260,9 +306,11 @@ def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> 
 
 
 def _nearest_ball(points_m: Array) -> tuple[Array, float, float] | None:
-    """Centre and radius of the ball of least squares about corners, shape (V, 3), and how far they are from it [m].
+    """Centre and radius of the ball of least squares about corners, shape (V, 3), and how far they
+    are from it [m].
 
-    None where more than a tenth of the corners are nearer to its centre than half of its radius: a rod is no ball.
+    None where more than a tenth of the corners are nearer to its centre than half of its radius: a
+    rod is no ball.
     """
     middle, away = _about(points_m)
     radius_m = float(away.max())
@@ -272,7 +320,8 @@ def _nearest_ball(points_m: Array) -> tuple[Array, float, float] | None:
 
 
 def _about(points_m: Array) -> tuple[Array, Array]:
-    """The centre of the sphere of least squares, shape (3,), and how far points, shape (V, 3), are from it [m]."""
+    """The centre of the sphere of least squares, shape (3,), and how far points, shape (V, 3), are
+    from it [m]."""
     shift = points_m.mean(axis=0)
     rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
     squares = np.sum((points_m - shift) ** 2, axis=1)
@@ -281,8 +330,8 @@ def _about(points_m: Array) -> tuple[Array, Array]:
 
 
 def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
-    """Centre, shape (3,), and radius [m] of the ball whose surface the corners of a hull, shape (V, 3), are on; None
-    where they are on none's."""
+    """Centre, shape (3,), and radius [m] of the ball whose surface the corners of a hull, shape (V,
+    3), are on; None where they are on none's."""
     from scipy.spatial import ConvexHull, QhullError
 
     if len(points_m) < 4:
@@ -292,7 +341,9 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     least = radius_m - min(ROUND * radius_m, FARTHER_M)
     if not float(np.quantile(away, NECK)) >= least:
         return None
-    some = points_m[:: 1 + len(points_m) // ENOUGH]  # whether its planes are a ball's is as clear of fewer corners
+    some = points_m[
+        :: 1 + len(points_m) // ENOUGH
+    ]  # whether its planes are a ball's is as clear of fewer corners
     try:
         hull = ConvexHull(some)
     except (QhullError, ValueError):

@@ -1,8 +1,10 @@
-"""A mesh as few convex parts, where its hull is much larger than it is: a trunk that is a frame, an arm that is bent.
+"""A mesh as few convex parts, where its hull is much larger than it is: a trunk that is a frame, an
+arm that is bent.
 
-The mesh is cut by planes along two of its three axes, and each cell has the hull of the surface in it. All of the mesh
-is in these hulls: the surface is, and from a point inside, a line along the third axis leaves its cell nowhere, and so
-meets the surface on both sides of the point within the cell.
+The mesh is cut by planes along two of its three axes, and each cell has the hull of the surface in
+it. All of the mesh is in these hulls: the surface is, and from a point inside, a line along the
+third axis leaves its cell nowhere, and so meets the surface on both sides of the point within the
+cell.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from .solids import points_on
 FEW_PARTS, MOST_PARTS = 4, 16
 """As many say which two axes are cut along, and as many there are."""
 PLACES, FINE = 5, 16
-"""So many cuts of a cell are tried along each axis; by points on the surface, so many on the longest side."""
+"""So many cuts of a cell are tried along each axis; by points on the surface, so many on the
+longest side."""
 THIN_M, AROUND = 1e-5, np.concatenate([np.eye(3), -np.eye(3)])
 """Half of what a flat piece is thick [m]."""
 WORTH, EACH = 0.25, 0.01
@@ -29,8 +32,8 @@ WORTH, EACH = 0.25, 0.01
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cell:
-    """sides: (axis, place, sign) of the planes that it is behind. points: on the surface in it, shape (P, 3) [m];
-    volume: of their hull."""
+    """sides: (axis, place, sign) of the planes that it is behind. points: on the surface in it,
+    shape (P, 3) [m]; volume: of their hull."""
 
     sides: tuple[tuple[int, float, float], ...]
     points: Array
@@ -42,16 +45,21 @@ class _Cell:
         return cls(sides=sides, points=points if len(corners) else corners, volume=volume)
 
     def cuts(self, axes: tuple[int, ...]) -> Iterator[tuple[_Cell, _Cell]]:
-        """The cell in two, by planes along these axes; the points of a half are those up to the plane."""
+        """The cell in two, by planes along these axes; the points of a half are those up to the
+        plane."""
         for axis in axes if self.volume > 0.0 else ():
             along = self.points[:, axis]
             for place in np.linspace(along.min(), along.max(), PLACES + 2)[1:-1].tolist():
                 low, high = ((*self.sides, (axis, place, sign)) for sign in (1.0, -1.0))
-                yield _Cell.of(self.points[along <= place], low), _Cell.of(self.points[along >= place], high)
+                yield (
+                    _Cell.of(self.points[along <= place], low),
+                    _Cell.of(self.points[along >= place], high),
+                )
 
 
 def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...]:
-    """Corners of convex parts that hold a mesh, shape (K, 3) [m] each; none where its hull is nearly as small.
+    """Corners of convex parts that hold a mesh, shape (K, 3) [m] each; none where its hull is
+    nearly as small.
 
     vertices_m: shape (V, 3) [m]; faces: corners by index, shape (F, 3).
     """
@@ -65,19 +73,19 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
         return ()
     best = min(((0, 1), (0, 2), (1, 2)), key=lambda axes: _volume(_parts(whole, axes, FEW_PARTS)))
     cells = _parts(whole, best, MOST_PARTS)
-    found, left = list[Array](), 0.0
+    parts, left = list[Array](), 0.0
     for cell in cells:
-        own = triangles
+        inside = triangles
         for side in cell.sides:
-            own = _behind(own, *side)
-        points = own.reshape(-1, 3)
-        corners, its = _hull(points)
+            inside = _behind(inside, *side)
+        points = inside.reshape(-1, 3)
+        corners, hull_faces = _hull(points)
         if len(points) and not len(corners):  # a flat piece
-            corners, its = _hull((points[:, None] + THIN_M * AROUND).reshape(-1, 3))
+            corners, hull_faces = _hull((points[:, None] + THIN_M * AROUND).reshape(-1, 3))
         if len(corners):
-            found.append(corners)
-            left += its
-    return tuple(found) if len(found) > 1 and left <= (1.0 - WORTH) * volume else ()
+            parts.append(corners)
+            left += hull_faces
+    return tuple(parts) if len(parts) > 1 and left <= (1.0 - WORTH) * volume else ()
 
 
 def _hull(points: Array) -> tuple[Array, float]:
@@ -112,7 +120,7 @@ def _behind(triangles: Array, axis: int, place: float, sign: float) -> Array:
     height = sign * (triangles[:, :, axis] - place)
     inside = height <= 0.0
     count = inside.sum(axis=1)
-    found = [triangles[count == 3]]
+    pieces = [triangles[count == 3]]
     for corners in (1, 2):
         which = np.flatnonzero(count == corners)
         if not len(which):
@@ -121,11 +129,13 @@ def _behind(triangles: Array, axis: int, place: float, sign: float) -> Array:
         turn = (apex[:, None] + np.arange(3)) % 3
         points = np.take_along_axis(triangles[which], turn[:, :, None], axis=1)
         heights = np.take_along_axis(height[which], turn, axis=1)
-        share = heights[:, :1] / (heights[:, :1] - heights[:, 1:])  # from the apex to where its sides are cut
+        share = heights[:, :1] / (
+            heights[:, :1] - heights[:, 1:]
+        )  # from the apex to where its sides are cut
         met = points[:, :1] + share[:, :, None] * (points[:, 1:] - points[:, :1])
         if corners == 1:
-            found.append(np.concatenate([points[:, :1], met], axis=1))
+            pieces.append(np.concatenate([points[:, :1], met], axis=1))
         else:
-            found.append(np.concatenate([points[:, 1:], met[:, :1]], axis=1))
-            found.append(np.stack([points[:, 2], met[:, 1], met[:, 0]], axis=1))
-    return np.concatenate(found)
+            pieces.append(np.concatenate([points[:, 1:], met[:, :1]], axis=1))
+            pieces.append(np.stack([points[:, 2], met[:, 1], met[:, 0]], axis=1))
+    return np.concatenate(pieces)

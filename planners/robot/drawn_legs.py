@@ -1,7 +1,9 @@
-"""Legs of four joints drawn up for limbs that are balls of reach, as a URDF and as a model that stands.
+"""Legs of four joints drawn up for limbs that are balls of reach, as a URDF and as a model that
+stands.
 
-Every limb becomes three joints at the shoulder and a knee, with primitive shapes and a spherical foot. The centre of
-mass is taken at the body's origin: nearly all of the mass is in the body, the limbs are light.
+Every limb becomes three joints at the shoulder and a knee, with primitive shapes and a spherical
+foot. The centre of mass is taken at the body's origin: nearly all of the mass is in the body, the
+limbs are light.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ from .limb import Limb
 from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
 LINKS = (0.54, 0.53)
-"""Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's radius and keeps the leg
-from being straight at the edge of its workspace."""
+"""Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's
+radius and keeps the leg from being straight at the edge of its workspace."""
 LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
 LINK_RADIUS_M = 0.009
@@ -35,12 +37,15 @@ def outward_rad(limb: Limb) -> float:
     return float(np.arctan2(limb.shoulder_m[1], limb.shoulder_m[0]))
 
 
-def drawn_urdf(name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, *, rotors_in_links: bool = False) -> str:
-    """The URDF of a body with these limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``, in SI units.
+def drawn_urdf(
+    name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, *, rotors_in_links: bool = False
+) -> str:
+    """The URDF of a body with these limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``, in SI
+    units.
 
-    servo: of every joint. rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator
-    takes it for a body's; for those that know no inertia of rotors. Raises InvalidInput for what such legs do not have:
-    feet that are soles, and half-spaces of reach.
+    servo: of every joint. rotors_in_links: add the rotors' inertia to the links, about every axis
+    so that a simulator takes it for a body's; for those that know no inertia of rotors. Raises
+    InvalidInput for what such legs do not have: feet that are soles, and half-spaces of reach.
     """
     if any(limb.sole_m is not None for limb in limbs):
         raise InvalidInput(f"robot {name}: expected point feet for a URDF of its own, got soles")
@@ -54,9 +59,17 @@ def drawn_urdf(name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, *
     radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in limbs])), 0.04)
     mass = mass_kg * (1.0 - shares)
     side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
-    body = _link("body", mass, (side, side, axial), 0.0, f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>')
+    body = _link(
+        "body",
+        mass,
+        (side, side, axial),
+        0.0,
+        f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>',
+    )
     parts = [part for limb in limbs for part in _limb(limb, mass_kg, servo, rotor)]
-    return "\n".join(['<?xml version="1.0"?>', f"<robot name={_quoted(name)}>", body, *parts, "</robot>", ""])
+    return "\n".join(
+        ['<?xml version="1.0"?>', f"<robot name={_quoted(name)}>", body, *parts, "</robot>", ""]
+    )
 
 
 def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
@@ -64,7 +77,13 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
     name, lengths = limb.name, link_lengths(limb)
     mass = {link: share * mass_kg for link, share in LIMB_SHARES.items()}
     parts = [
-        _link(f"{name}_{link}", mass[link], (0.4 * mass[link] * 0.02**2 + rotor,) * 3, 0.0, '<sphere radius="0.02"/>')
+        _link(
+            f"{name}_{link}",
+            mass[link],
+            (0.4 * mass[link] * 0.02**2 + rotor,) * 3,
+            0.0,
+            '<sphere radius="0.02"/>',
+        )
         for link in ("coxa", "hip")
     ]
     for link, length in zip(("thigh", "shank"), lengths, strict=True):
@@ -74,11 +93,19 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         inertia = (along + rotor, across + rotor, across + rotor)
         parts.append(_link(f"{name}_{link}", mass[link], inertia, 0.5 * length, shape))
     grain = 0.4 * mass["foot"] * FOOT_RADIUS_M**2
-    parts.append(_link(f"{name}_foot", mass["foot"], (grain,) * 3, 0.0, f'<sphere radius="{FOOT_RADIUS_M}"/>'))
+    parts.append(
+        _link(
+            f"{name}_foot", mass["foot"], (grain,) * 3, 0.0, f'<sphere radius="{FOOT_RADIUS_M}"/>'
+        )
+    )
     chain = ("body", f"{name}_coxa", f"{name}_hip", f"{name}_thigh", f"{name}_shank")
     axes = ("0 0 1", "0 1 0", "1 0 0", "0 1 0")
     for i, joint in enumerate(JOINTS):
-        x, y, z = limb.shoulder_m if joint == "yaw" else (lengths[0] if joint == "knee" else 0.0, 0.0, 0.0)
+        x, y, z = (
+            limb.shoulder_m
+            if joint == "yaw"
+            else (lengths[0] if joint == "knee" else 0.0, 0.0, 0.0)
+        )
         parts.append(
             f'<joint name={_quoted(f"{name}_{joint}")} type="revolute"><parent link={_quoted(chain[i])}/>'
             f"<child link={_quoted(chain[i + 1])}/>"
@@ -96,8 +123,11 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
 
 
 def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, shape: str) -> str:
-    """A link whose mass and shape are centred at x = middle; a cylinder lies along x, but the body's stands."""
-    lies = ' rpy="0 1.5707963267948966 0"' if name != "body" and shape.startswith("<cylinder") else ""
+    """A link whose mass and shape are centred at x = middle; a cylinder lies along x, but the
+    body's stands."""
+    lies = (
+        ' rpy="0 1.5707963267948966 0"' if name != "body" and shape.startswith("<cylinder") else ""
+    )
     origin = f'<origin xyz="{middle:.12g} 0 0"{lies}/>'
     xx, yy, zz = inertia
     return (

@@ -1,8 +1,9 @@
-"""Convex hulls of meshes: all that is known of a mesh as a body, and what travels in files in its place.
+"""Convex hulls of meshes: all that is known of a mesh as a body, and what travels in files in its
+place.
 
-A hull is of all corners of its mesh, to a micrometre; a mesh that is much smaller than its hull has convex parts beside
-it. They are read once, when a robot's own files are read; a robot out of a plan's file has those that were written, and
-looks for no mesh.
+A hull is of all corners of its mesh, to a micrometre; a mesh that is much smaller than its hull has
+convex parts beside it. They are read once, when a robot's own files are read; a robot out of a
+plan's file has those that were written, and looks for no mesh.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from .shapes import Shape
 from .solids import solid_shapes
 
 VERSION = "parts/1"
-"""Part of every digest of kept parts: a change of method changes it, and older ones are no longer found."""
+"""Part of every digest of kept parts: a change of method changes it, and older ones are no longer
+found."""
 DIGITS = 6
 """Decimals of a corner [m]."""
 ROOM_M = 3e-5
@@ -36,7 +38,8 @@ MOST_CORNERS = 1_000_000
 
 
 def hull_corners(points_m: Array) -> Array | None:
-    """Corners of the convex hull of points, shape (V, 3) to (K, 3) [m]; None where they span no volume."""
+    """Corners of the convex hull of points, shape (V, 3) to (K, 3) [m]; None where they span no
+    volume."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.unique(np.round(np.asarray(points_m, dtype=np.float64), DIGITS) + 0.0, axis=0)
@@ -49,37 +52,46 @@ def hull_corners(points_m: Array) -> Array | None:
 
 
 def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[str, str]]]:
-    """The shapes, every mesh that is a link's body with the corners of its hull; and the links whose mesh is there but
-    has no hull, with why."""
+    """The shapes, every mesh that is a link's body with the corners of its hull; and the links
+    whose mesh is there but has no hull, with why."""
     bodies, known = (
         {id(shape) for shape in solid_shapes(shapes)},
         dict[tuple[str, bytes], tuple[Array, tuple[Array, ...]] | str](),
     )
-    found, doubts = list[Shape](), dict[tuple[str, str], None]()
+    shapes_with_hulls, doubts = list[Shape](), dict[tuple[str, str], None]()
     for shape in shapes:
         if shape.kind == "mesh" and shape.mesh is not None and id(shape) in bodies:
             key = str(shape.mesh), shape.size_m.tobytes()
             if key not in known:
                 known[key] = _read_hull(shape.mesh, shape.size_m)
             if isinstance(hull := known[key], str):
-                doubts[f"link {shape.link}", f"has no body, mesh {shown(shape.mesh.name)}: {hull}"] = None
+                doubts[
+                    f"link {shape.link}", f"has no body, mesh {shown(shape.mesh.name)}: {hull}"
+                ] = None
             else:
                 shape = replace(shape, corners_m=hull[0], parts_m=hull[1])
-        found.append(shape)
-    return tuple(found), list(doubts)
+        shapes_with_hulls.append(shape)
+    return tuple(shapes_with_hulls), list(doubts)
 
 
 def with_same_hulls(shapes: Sequence[Shape], read: Sequence[Shape]) -> tuple[Shape, ...]:
-    """The shapes of a URDF that was rewritten, its links' bodies with the hulls of the same meshes as they were read.
+    """The shapes of a URDF that was rewritten, its links' bodies with the hulls of the same meshes
+    as they were read.
 
     A mesh is often both a link's body and what the link looks like; only the body has a hull.
     """
-    hulls = {_place(shape): (shape.corners_m, shape.parts_m) for shape in read if shape.corners_m is not None}
-    bodies, found = {id(shape) for shape in solid_shapes(shapes)}, list[Shape]()
+    hulls = {
+        _place(shape): (shape.corners_m, shape.parts_m)
+        for shape in read
+        if shape.corners_m is not None
+    }
+    bodies, shapes_with_hulls = {id(shape) for shape in solid_shapes(shapes)}, list[Shape]()
     for shape in shapes:
         corners, parts = hulls.get(_place(shape), (None, ()))
-        found.append(replace(shape, corners_m=corners, parts_m=parts) if id(shape) in bodies else shape)
-    return tuple(found)
+        shapes_with_hulls.append(
+            replace(shape, corners_m=corners, parts_m=parts) if id(shape) in bodies else shape
+        )
+    return tuple(shapes_with_hulls)
 
 
 def _place(shape: Shape) -> tuple[str, str, bytes]:
@@ -92,7 +104,7 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
     """The corners of a mesh's hull and of its parts, or why it has none."""
     try:
         mesh = read_mesh(path, scale)
-        said = f"{VERSION}\0{scale.tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
+        key = f"{VERSION}\0{scale.tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
     except InvalidInput as error:
         return str(error).removeprefix(f"{path}: ")
     corners = hull_corners(mesh.vertices_m)
@@ -104,9 +116,11 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
 
         parts = [hull_corners(part) for part in convex_parts(mesh.vertices_m, mesh.faces)]
         whole = [part for part in parts if part is not None]
-        return {str(k): part for k, part in enumerate(whole)} if len(whole) == len(parts) else {}  # all, or none
+        return (
+            {str(k): part for k, part in enumerate(whole)} if len(whole) == len(parts) else {}
+        )  # all, or none
 
-    parts = kept(said, made, lambda arrays: _parts_of(arrays, corners))
+    parts = kept(key, made, lambda arrays: _parts_of(arrays, corners))
     return corners, parts or ()
 
 
@@ -118,8 +132,8 @@ def _parts_of(arrays: Mapping[str, Array], corners: Array) -> tuple[Array, ...]:
 
 
 def hulls_to_text(shapes: Sequence[Shape]) -> str:
-    """The hulls of a robot's meshes as text, by the number of the shape, and their parts as NUMBER_PART; empty where it
-    has none."""
+    """The hulls of a robot's meshes as text, by the number of the shape, and their parts as
+    NUMBER_PART; empty where it has none."""
     hulls = dict[str, Array]()
     for i, shape in enumerate(shapes):
         if shape.corners_m is not None:
@@ -129,38 +143,46 @@ def hulls_to_text(shapes: Sequence[Shape]) -> str:
 
 
 def hulls_of_text(text: str) -> dict[int, list[Array]]:
-    """The hulls that ``hulls_to_text`` wrote, by the number of the shape, each with its parts after it. Raises
-    InvalidInput for what is none."""
+    """The hulls that ``hulls_to_text`` wrote, by the number of the shape, each with its parts after
+    it. Raises InvalidInput for what is none."""
     if not text:
         return {}
-    found = dict[int, dict[int, Array]]()
+    result = dict[int, dict[int, Array]]()
     for name, corners in unpacked(extracted(text, "model: hulls"), "model: hulls").items():
         shape, line, part = name.partition("_")
         if not shape.isdecimal() or (line and not part.isdecimal()):
             raise InvalidInput(f"model: hulls: expected numbers of shapes, got {name:.40}")
-        own = read_only(corners, (None, 3), f"model: hulls: {name}")
-        found.setdefault(int(shape), {})[int(part) if part else -1] = own
-    if sum(len(corners) for hulls in found.values() for corners in hulls.values()) > MOST_CORNERS:
+        points = read_only(corners, (None, 3), f"model: hulls: {name}")
+        result.setdefault(int(shape), {})[int(part) if part else -1] = points
+    if sum(len(corners) for hulls in result.values() for corners in hulls.values()) > MOST_CORNERS:
         raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
-    for number, its in found.items():
-        if -1 not in its:
-            raise InvalidInput(f"model: hulls: expected the hull of shape {number} beside its parts, got parts alone")
-    return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in found.items()}
+    for number, parts in result.items():
+        if -1 not in parts:
+            raise InvalidInput(
+                f"model: hulls: expected the hull of shape {number} beside its parts, got parts alone"
+            )
+    return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in result.items()}
 
 
-def with_known_hulls(shapes: Sequence[Shape], hulls: Mapping[int, Sequence[Array]]) -> tuple[Shape, ...]:
-    """The shapes with hulls and their parts, by their number. Raises InvalidInput for a hull of what is no mesh, or is
-    flat, and for parts that are not inside their hull."""
+def with_known_hulls(
+    shapes: Sequence[Shape], hulls: Mapping[int, Sequence[Array]]
+) -> tuple[Shape, ...]:
+    """The shapes with hulls and their parts, by their number. Raises InvalidInput for a hull of
+    what is no mesh, or is flat, and for parts that are not inside their hull."""
     for number, (corners, *parts) in hulls.items():
         if number >= len(shapes) or shapes[number].kind != "mesh":
             raise InvalidInput(f"model: hulls: expected hulls of meshes, got one of shape {number}")
         for each in (corners, *parts):
-            if (own := hull_corners(each)) is None or not np.array_equal(own, each):
+            if (known_corners := hull_corners(each)) is None or not np.array_equal(
+                known_corners, each
+            ):
                 raise InvalidInput(
                     f"model: hulls: expected the corners of a convex hull, got others for shape {number}"
                 )
         if parts and not _fills(parts, corners):
-            raise InvalidInput(f"model: hulls: expected parts whose hull is that of shape {number}, got others")
+            raise InvalidInput(
+                f"model: hulls: expected parts whose hull is that of shape {number}, got others"
+            )
     return tuple(
         replace(shape, corners_m=hulls[i][0], parts_m=tuple(hulls[i][1:])) if i in hulls else shape
         for i, shape in enumerate(shapes)

@@ -1,9 +1,10 @@
 """Joint angles for feet: damped least squares on many legs at once, from seeds that are near.
 
-J δ = p* − p(q) is solved as δ = Jᵀ(J Jᵀ + λ I)⁻¹ e, with λ falling with the error; a joint at a limit that would be
-pushed beyond it is left out of J (limits are kept at every step, not only at the end). The seeds are the postures of
-the leg's workspace whose feet are nearest, by a k-d tree. Any number of joints; where a leg has more than three, the
-posture is one of many: the one near the seed, or near ``near`` where given.
+J δ = p* − p(q) is solved as δ = Jᵀ(J Jᵀ + λ I)⁻¹ e, with λ falling with the error; a joint at a
+limit that would be pushed beyond it is left out of J (limits are kept at every step, not only at
+the end). The seeds are the postures of the leg's workspace whose feet are nearest, by a k-d tree.
+Any number of joints; where a leg has more than three, the posture is one of many: the one near the
+seed, or near ``near`` where given.
 """
 
 from __future__ import annotations
@@ -37,11 +38,15 @@ def descend(
 ) -> tuple[Array, Array]:
     """Bring feet to where they should be, from given postures, joint limits kept.
 
-    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). exact_m: a foot this close to its target is there. Returns the
-    best postures that were met, shape (K, n), and how far their feet are from the targets, shape (K,) [m].
+    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). exact_m: a foot this close to its target is
+    there. Returns the best postures that were met, shape (K, n), and how far their feet are from
+    the targets, shape (K,) [m].
     """
     target = np.asarray(feet, dtype=np.float64)
-    lower, upper = np.where(leg.turns, -np.inf, leg.lower_rad), np.where(leg.turns, np.inf, leg.upper_rad)
+    lower, upper = (
+        np.where(leg.turns, -np.inf, leg.lower_rad),
+        np.where(leg.turns, np.inf, leg.upper_rad),
+    )
     best = np.clip(np.asarray(start, dtype=np.float64), lower, upper)
     error = np.full(len(best), np.inf)
     open_, q = np.arange(len(best)), best.copy()
@@ -52,7 +57,13 @@ def descend(
         better = far < error[open_]
         best[open_[better]], error[open_[better]] = q[better], far[better]
         going = far > exact_m
-        open_, q, jacobian, gap, far = open_[going], q[going], jacobian[going], gap[going], far[going]
+        open_, q, jacobian, gap, far = (
+            open_[going],
+            q[going],
+            jacobian[going],
+            gap[going],
+            far[going],
+        )
         if not len(open_):
             break
         step = _damped(jacobian, gap, far)
@@ -69,7 +80,9 @@ def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
     square = jacobian @ jacobian.transpose(0, 2, 1)
     diagonal = np.arange(3)
     square[:, diagonal, diagonal] += (DAMPING * far)[:, None]
-    return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0])
+    return np.asarray(
+        (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0]
+    )
 
 
 class Seeds:
@@ -85,7 +98,8 @@ class Seeds:
     def solve(self, feet: ArrayLike, near: ArrayLike | None = None) -> tuple[Array, Array]:
         """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
 
-        near: postures to stay close to, shape (K, n); tried first, and seeds only where they do not get there.
+        near: postures to stay close to, shape (K, n); tried first, and seeds only where they do not
+        get there.
         """
         target = np.asarray(feet, dtype=np.float64)
         nearest = np.asarray(self._tree.query(target, k=np.arange(1, self.tries + 1))[1])
@@ -133,14 +147,20 @@ class InverseKinematics:
         self.legs = tuple(seeds)
 
     def solve(self, feet: ArrayLike, *, near: Sequence[ArrayLike] | None = None) -> LegPostures:
-        """Angles for feet in the base's frame, shape (K, N, 3) [m]; near: as of ``Seeds.solve``, a leg each.
+        """Angles for feet in the base's frame, shape (K, N, 3) [m]; near: as of ``Seeds.solve``, a
+        leg each.
 
         Raises InvalidInput for feet of another shape.
         """
         target = np.asarray(feet, dtype=np.float64)
         if target.ndim != 3 or target.shape[1:] != (len(self.legs), 3):
-            raise InvalidInput(f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}")
-        found = [
-            leg.solve(target[:, i], None if near is None else near[i]) for i, leg in enumerate(self.legs)
-        ]  # fmt: skip
-        return LegPostures(angles=tuple(q for q, _ in found), error_m=np.stack([e for _, e in found], axis=1))
+            raise InvalidInput(
+                f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
+            )
+        answers = [
+            leg.solve(target[:, i], None if near is None else near[i])
+            for i, leg in enumerate(self.legs)
+        ]
+        return LegPostures(
+            angles=tuple(q for q, _ in answers), error_m=np.stack([e for _, e in answers], axis=1)
+        )

@@ -1,8 +1,10 @@
-"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of ``Robot.legs``).
+"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of
+``Robot.legs``).
 
-Arrays of joints are in the model's order. Feet are found by damped least squares, all legs at once, inside the joint
-limits. Legs that are drawn up begin at closed-form postures and their free joint is drawn towards a comfortable one; a
-robot's own legs begin at postures whose feet are near. Torques are those of a robot that stands still.
+Arrays of joints are in the model's order. Feet are found by damped least squares, all legs at once,
+inside the joint limits. Legs that are drawn up begin at closed-form postures and their free joint
+is drawn towards a comfortable one; a robot's own legs begin at postures whose feet are near.
+Torques are those of a robot that stands still.
 """
 
 from __future__ import annotations
@@ -36,44 +38,56 @@ DRAWN_AT = 0.2
 class Kinematics:
     """The robot's legs as pinocchio knows them, the base fixed; not for several threads at once.
 
-    joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
-    of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
-    it has none. rotor_kg_m2: inertia of every joint's rotor, behind its gears. legs: the number of the leg of every
-    joint, shape (J,). known: pinocchio's model; columns: where it has the joints' velocities, shape (J,). Raises
-    InvalidInput where pinocchio is not installed, and for a robot whose legs are not known.
+    joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm,
+    velocity_rad_s: limits of the joints, shape (J,); torque is inf where the robot's own file has
+    none that can be believed, velocity 0 where it has none. rotor_kg_m2: inertia of every joint's
+    rotor, behind its gears. legs: the number of the leg of every joint, shape (J,). known:
+    pinocchio's model; columns: where it has the joints' velocities, shape (J,). Raises InvalidInput
+    where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
-    def __init__(self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
+    def __init__(
+        self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2
+    ) -> None:
         self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
         self.model = robot.source.legs(self.servo)
-        own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
+        legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
         self.rotor_kg_m2 = self.model.drive[2]
-        self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
+        self.lower_rad, self.upper_rad = (
+            np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad")
+        )
         self.torque_nm, self.velocity_rad_s = (
             np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
         )
-        self.torque_nm[np.isin(self.joints, [name for name, _ in self.model.torque_doubts])] = np.inf
-        turns = np.concatenate([leg.turns for leg in own])
+        self.torque_nm[np.isin(self.joints, [name for name, _ in self.model.torque_doubts])] = (
+            np.inf
+        )
+        turns = np.concatenate([leg.turns for leg in legs])
         self.lowest_rad = np.where(turns, -np.inf, self.lower_rad)
         self.highest_rad = np.where(turns, np.inf, self.upper_rad)
-        self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
-        self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
+        self.legs = np.repeat(np.arange(len(legs)), [len(leg.joints) for leg in legs])
+        self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in legs])
         self._most = int(self._nth.max()) + 1
         self.known = self.model.built.copy()
         self._number = [self.known.getJointId(name) for name in self.joints]
         self._feet = [
-            self.known.addFrame(pin.Frame(f"{leg.name}: foot", self.known.getJointId(leg.joint_names[-1]),
-                                           pin.SE3(self.model.mounts[leg.foot].rotation, np.array(leg.chain.tip_m)),
-                                           pin.FrameType.OP_FRAME))
-            for leg in own
-        ]  # fmt: skip
+            self.known.addFrame(
+                pin.Frame(
+                    f"{leg.name}: foot",
+                    self.known.getJointId(leg.joint_names[-1]),
+                    pin.SE3(self.model.mounts[leg.foot].rotation, np.array(leg.chain.tip_m)),
+                    pin.FrameType.OP_FRAME,
+                )
+            )
+            for leg in legs
+        ]
         self._data, self._masses = self.known.createData(), self.known.createData()
         self._at = self._set = b""
         self._down = np.array([0.0, 0.0, -gravity_m_s2])
         self._rest, rows, self.columns = self._places()
-        self._q, self._centres = self._rest, np.zeros((len(own), 3))
+        self._q, self._centres = self._rest, np.zeros((len(legs), 3))
         self._row, self._column = _slice_or(rows), _slice_or(self.columns)
         # pinocchio's own memory, which changes with each sweep: nothing is fetched anew
         self._spatial = self._data.J.T
@@ -82,11 +96,14 @@ class Kinematics:
         self._even = bool(np.all(np.bincount(self.legs) == self._most))
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
-        """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
+        """The base at the origin and all else at rest; where pinocchio has the angles and the
+        velocities of joints."""
         owners = [self.known.joints[number] for number in self._number]
         circles = [(joint.idx_q, i) for i, joint in enumerate(owners) if joint.nq == 2]
         self._circles = np.array(circles, dtype=int).reshape(-1, 2)
-        rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
+        rows, columns = (
+            np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v")
+        )
         return at_rest(self.known), rows, columns
 
     def configuration(self, angles: Array) -> Array:
@@ -97,20 +114,20 @@ class Kinematics:
         """Configuration of pinocchio for these angles, read-only; the posture that was asked for
         last is not looked up again."""
         angles = np.asarray(angles, dtype=np.float64)
-        if (asked := angles.tobytes()) == self._set:
+        if (key := angles.tobytes()) == self._set:
             return self._q
         q = self._rest.copy()
         q[self._row] = angles
         if len(self._circles):
-            rows, its = self._circles.T
-            q[rows], q[rows + 1] = np.cos(angles[its]), np.sin(angles[its])
-        self._q, self._set = q, asked
+            rows, joints = self._circles.T
+            q[rows], q[rows + 1] = np.cos(angles[joints]), np.sin(angles[joints])
+        self._q, self._set = q, key
         return q
 
     @property
     def drawn(self) -> bool:
-        """Tell whether its legs are drawn up: four joints each, whose postures have a closed form.
-        """
+        """Tell whether its legs are drawn up: four joints each, whose postures have a closed
+        form."""
         return self.model.servo is not None
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
@@ -118,7 +135,8 @@ class Kinematics:
         return np.flatnonzero(self.legs == leg)
 
     def by_leg(self, values: ArrayLike) -> Array:
-        """Numbers of all joints leg by leg, shape (J,) to (N, n), n of the leg with most; zeros behind the others'."""
+        """Numbers of all joints leg by leg, shape (J,) to (N, n), n of the leg with most; zeros
+        behind the others'."""
         if self._even:
             return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
         table = np.zeros((len(self._feet), self._most))
@@ -143,11 +161,12 @@ class Kinematics:
     ) -> JointAnswer:
         """Angles for a body pose and toes in the world.
 
-        com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly, (3,). toes_m: where
-        limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3); the foot's centre is a radius away along
-        them, without them at the toe. forces_n: on the robot, world frame, shape (N, 3) [N]. seed: angles to stay close
-        to, shape (J,). obstacles: what the links of legs that are drawn up should keep off. most_rad: a limb whose
-        comfortable posture is farther from the seed leaves the seed as little as goes, shape (N,).
+        com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly,
+        (3,). toes_m: where limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3);
+        the foot's centre is a radius away along them, without them at the toe. forces_n: on the
+        robot, world frame, shape (N, 3) [N]. seed: angles to stay close to, shape (J,). obstacles:
+        what the links of legs that are drawn up should keep off. most_rad: a limb whose comfortable
+        posture is farther from the seed leaves the seed as little as goes, shape (N,).
         """
         count, turn = len(self.robot.limbs), rotation_of(rotation_rad)
         out = np.zeros((count, 3)) if normals is None else read_only(normals, (count, 3), "normals")
@@ -156,9 +175,14 @@ class Kinematics:
         near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
         if self.drawn:
             wished = limb_postures(
-                self.robot.limbs, self.servo, feet, -out @ turn, near=None if near is None else near.reshape(count, -1),
-                pose=(com, turn), obstacles=obstacles,
-            )  # fmt: skip
+                self.robot.limbs,
+                self.servo,
+                feet,
+                -out @ turn,
+                near=None if near is None else near.reshape(count, -1),
+                pose=(com, turn),
+                obstacles=obstacles,
+            )
         else:
             wished = self._near(feet, near)
         if near is not None:
@@ -168,7 +192,9 @@ class Kinematics:
         excess, torques = np.zeros(count), np.zeros(len(self.joints))
         if np.any(error > REACHED_M):
             beyond, missed = self.reach(feet, wished, wished, limits=False)
-            over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(axis=1)
+            over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(
+                axis=1
+            )
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
         if forces_n is not None:
             torques = self.torques(angles, turn, read_only(forces_n, (count, 3), "forces_n"))
@@ -177,27 +203,38 @@ class Kinematics:
     def targets(self, com_m: Array, rotation: Array, toes_m: Array, normals: Array) -> Array:
         """Centres of the feet in the base's frame for toes in the world, shape (N, 3) [m].
 
-        com_m: the body's origin (``Robot.origin_m`` in the base); rotation: R_WB; normals: shape (N, 3).
+        com_m: the body's origin (``Robot.origin_m`` in the base); rotation: R_WB; normals: shape
+        (N, 3).
         """
-        return np.asarray((toes_m + self.radii_m[:, None] * normals - com_m) @ rotation + self.robot.origin_m)
+        return np.asarray(
+            (toes_m + self.radii_m[:, None] * normals - com_m) @ rotation + self.robot.origin_m
+        )
 
     @cached_property
     def own(self) -> InverseKinematics:
-        """Inverse kinematics from seeds all over the workspaces, which no pinocchio takes part in."""
+        """Inverse kinematics from seeds all over the workspaces, which no pinocchio takes part
+        in."""
         return InverseKinematics(seeds_of(self.model.legs))
 
     def _near(self, feet: Array, near: Array | None) -> Array:
-        """Postures of own legs for feet in the base's frame, near those given or those in which it stands, (J,)."""
-        start = np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
+        """Postures of own legs for feet in the base's frame, near those given or those in which it
+        stands, (J,)."""
+        start = (
+            np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
+        )
         split = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        found = self.own.solve(feet[None], near=[part[None] for part in np.split(start, split)])
-        return np.concatenate([angles[0] for angles in found.angles])
+        postures = self.own.solve(feet[None], near=[part[None] for part in np.split(start, split)])
+        return np.concatenate([angles[0] for angles in postures.angles])
 
-    def reach(self, feet: Array, start: Array, wished: Array, *, limits: bool = True) -> tuple[Array, Array]:
-        """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot; joints that would go
-        beyond a limit at which they are wait there, and a limb that ends no closer than it started stays as it was.
+    def reach(
+        self, feet: Array, start: Array, wished: Array, *, limits: bool = True
+    ) -> tuple[Array, Array]:
+        """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot;
+        joints that would go beyond a limit at which they are wait there, and a limb that ends no
+        closer than it started stays as it was.
 
-        feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
+        feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors,
+        shape (N,) [m].
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
         start = np.minimum(np.maximum(start, lower), upper)
@@ -206,13 +243,13 @@ class Kinematics:
         for _ in range(STEPS):
             if (farthest := abs(gap).max()) < EXACT_M:
                 break
-            jacobian, drawn = self._jacobian(), pull * (wished - angles)
+            jacobian, pulled = self._jacobian(), pull * (wished - angles)
             pull *= 0.7
-            step = self._step(jacobian, gap, drawn, farthest)
+            step = self._step(jacobian, gap, pulled, farthest)
             held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
             if held.any():
                 free = self.by_leg(~held)[:, None] * jacobian
-                step = self._step(free, gap, np.where(held, 0.0, drawn), farthest)
+                step = self._step(free, gap, np.where(held, 0.0, pulled), farthest)
             step = np.minimum(np.maximum(step, -LONGEST_STEP_RAD), LONGEST_STEP_RAD)
             angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = feet - self._placed(angles)
@@ -229,20 +266,23 @@ class Kinematics:
         transposed = jacobian.transpose(0, 2, 1)
         inverse = transposed @ np.linalg.inv(jacobian @ transposed + _DAMPING * farthest)
         along = self.by_leg(drawn)[:, :, None]
-        found = inverse @ (gap[:, :, None] - jacobian @ along) + along
-        return np.asarray(found.reshape(-1) if self._even else found[self.legs, self._nth, 0])
+        step = inverse @ (gap[:, :, None] - jacobian @ along) + along
+        return np.asarray(step.reshape(-1) if self._even else step[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
         """Distance of joints beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint
         slides]."""
-        return np.asarray(np.maximum(np.maximum(angles - self.highest_rad, self.lowest_rad - angles), 0.0))
+        return np.asarray(
+            np.maximum(np.maximum(angles - self.highest_rad, self.lowest_rad - angles), 0.0)
+        )
 
     def feet(self, angles: Array) -> Array:
         """Centres of the feet in the base's frame, shape (N, 3) [m]."""
         return self._placed(angles).copy()
 
     def chains(self, angles: Array) -> Array:
-        """Joints and foot of every limb in the base's frame, shape (N, n + 1, 3) [m]; shorter ones stay at the foot.
+        """Joints and foot of every limb in the base's frame, shape (N, n + 1, 3) [m]; shorter ones
+        stay at the foot.
 
         Of a leg that is drawn up: shoulder, roll joint a fifth along the thigh, knee and foot.
         """
@@ -250,19 +290,23 @@ class Kinematics:
         places = np.array([self._data.oMi[number].translation for number in self._number])
         if self.drawn:
             first, *_, knees = places.reshape(len(feet), -1, 3).transpose(1, 0, 2)
-            return np.stack([first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1)
-        found = np.repeat(feet[:, None], self._most + 1, axis=1)
-        found[self.legs, self._nth] = places
-        return found
+            return np.stack(
+                [first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1
+            )
+        result = np.repeat(feet[:, None], self._most + 1, axis=1)
+        result[self.legs, self._nth] = places
+        return result
 
     def carrier(self, mount: Mount) -> int:
         """The body that carries a link, as ``carriers`` numbers them."""
         return 0 if mount.leg is None else 1 + int(self.joints_of(mount.leg)[mount.joint])
 
     def carriers(self, angles: Array) -> tuple[Array, Array]:
-        """Frames of the base and of all joints in the base's frame at T postures, by the legs' own chains.
+        """Frames of the base and of all joints in the base's frame at T postures, by the legs' own
+        chains.
 
-        angles: shape (T, J) [rad]. Returns R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J, 3) [m].
+        angles: shape (T, J) [rad]. Returns R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J,
+        3) [m].
         """
         count = len(angles)
         turns, places = [np.broadcast_to(np.eye(3), (count, 1, 3, 3))], [np.zeros((count, 1, 3))]
@@ -278,11 +322,13 @@ class Kinematics:
         return np.array(self._turns)
 
     def com_offset(self, angles: Array) -> Array:
-        """The whole robot's centre of mass in the base's frame, shape (3,) [m]: Lin et al. take it for ``origin_m``."""
+        """The whole robot's centre of mass in the base's frame, shape (3,) [m]: Lin et al. take it
+        for ``origin_m``."""
         return np.array(self._pin.centerOfMass(self.known, self._masses, self._configured(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
-        """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,) [Nm].
+        """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,)
+        [Nm].
 
         rotation: R_WB, shape (3, 3); forces_n: on the feet, world frame, shape (N, 3) [N].
         """
@@ -300,13 +346,15 @@ class Kinematics:
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
         self.known.gravity.linear = rotation.T @ self._down
-        weight = self._pin.computeGeneralizedGravity(self.known, self._masses, self._configured(angles))
+        weight = self._pin.computeGeneralizedGravity(
+            self.known, self._masses, self._configured(angles)
+        )
         self._placed(angles)
         return np.array(weight[self._column]), self._levers() @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
-        """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
-        world's axes, shape (J, 3) [Nm/rad]."""
+        """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation
+        of the base about the world's axes, shape (J, 3) [Nm/rad]."""
         pin, known, q = self._pin, self.known, self.configuration(angles)
         down, along = np.array([0.0, 0.0, -self.gravity_m_s2]), np.empty((known.nv, 3))
         for axis in range(3):  # g is linear in gravity
@@ -314,7 +362,9 @@ class Kinematics:
             along[:, axis] = pin.computeGeneralizedGravity(known, self._masses, q)
         known.gravity.linear = rotation.T @ down
         slopes = pin.computeGeneralizedGravityDerivatives(known, self._masses, q)
-        turned = along[self.columns] @ rotation.T @ np.cross(down, np.eye(3)).T  # δ(Rᵀ g) = Rᵀ (g × δ)
+        turned = (
+            along[self.columns] @ rotation.T @ np.cross(down, np.eye(3)).T
+        )  # δ(Rᵀ g) = Rᵀ (g × δ)
         return np.array(slopes[np.ix_(self.columns, self.columns)]), turned
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
@@ -324,35 +374,41 @@ class Kinematics:
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
         rates[self._column], pushed[self._column] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
-        return np.array(pin.rnea(known, self._masses, self._configured(angles), rates, pushed)[self._column])
+        return np.array(
+            pin.rnea(known, self._masses, self._configured(angles), rates, pushed)[self._column]
+        )
 
     def _placed(self, angles: Array) -> Array:
         """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture.
 
         A posture that was placed last is not placed again.
         """
-        asked = np.asarray(angles, dtype=np.float64).tobytes()
-        if asked != self._at:
+        key = np.asarray(angles, dtype=np.float64).tobytes()
+        if key != self._at:
             self._at = b""
             self._pin.computeJointJacobians(self.known, self._data, self._configured(angles))
             self._pin.updateFramePlacements(self.known, self._data)
-            self._at, self._centres = asked, np.array(self._middles)
+            self._at, self._centres = key, np.array(self._middles)
             self._centres.flags.writeable = False
         return self._centres
 
     def _levers(self) -> Array:
-        """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape (J, 3)."""
-        columns = self._spatial[self._column]  # velocity of what is at the origin, and angular velocity
+        """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape
+        (J, 3)."""
+        columns = self._spatial[
+            self._column
+        ]  # velocity of what is at the origin, and angular velocity
         return np.asarray(columns[:, :3] - cross(self._centres[self.legs], columns[:, 3:]))
 
     def _jacobian(self) -> Array:
-        """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N, 3, n)."""
-        found, levers = np.zeros((len(self._feet), 3, self._most)), self._levers()
+        """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N,
+        3, n)."""
+        jacobian, levers = np.zeros((len(self._feet), 3, self._most)), self._levers()
         if self._even:
-            found[:] = levers.reshape(len(found), -1, 3).transpose(0, 2, 1)
+            jacobian[:] = levers.reshape(len(jacobian), -1, 3).transpose(0, 2, 1)
         else:
-            found[self.legs, :, self._nth] = levers
-        return found
+            jacobian[self.legs, :, self._nth] = levers
+        return jacobian
 
 
 def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:

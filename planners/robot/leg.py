@@ -14,7 +14,8 @@ FULL_TURN = 2.0 * np.pi - 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """A joint as its URDF has it: what it may do. Radians, or metres where it slides; newtons there instead of Nm.
+    """A joint as its URDF has it: what it may do. Radians, or metres where it slides; newtons there
+    instead of Nm.
 
     torque_nm, velocity_rad_s: 0 where the file does not say.
     """
@@ -46,7 +47,8 @@ class FootContact:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """The place of a link on the robot: the body that carries it, and where the link is in that body's frame.
+    """The place of a link on the robot: the body that carries it, and where the link is in that
+    body's frame.
 
     Attributes:
         leg: number of the leg whose joint carries the link; None for the base and for arms at rest.
@@ -65,10 +67,10 @@ class Mount:
 class Leg:
     """A chain of joints from the base to a foot.
 
-    joints: from the base outward; chain: their kinematics, in the same order. foot: the link that touches, a sphere of
-    radius_m [m] about the chain's end, 0 for a point. stance_rad: the posture in which it stands, shape (n,). contact:
-    what a person says that the foot touches with, None where its shapes show it. doubt: why nobody knows; plans of such
-    a leg are refused.
+    joints: from the base outward; chain: their kinematics, in the same order. foot: the link that
+    touches, a sphere of radius_m [m] about the chain's end, 0 for a point. stance_rad: the posture
+    in which it stands, shape (n,). contact: what a person says that the foot touches with, None
+    where its shapes show it. doubt: why nobody knows; plans of such a leg are refused.
     """
 
     name: str
@@ -82,7 +84,9 @@ class Leg:
 
     def __post_init__(self) -> None:
         object.__setattr__(
-            self, "stance_rad", read_only(self.stance_rad, (len(self.joints),), f"{self.name}: stance_rad")
+            self,
+            "stance_rad",
+            read_only(self.stance_rad, (len(self.joints),), f"{self.name}: stance_rad"),
         )
 
     @property
@@ -104,11 +108,18 @@ class Leg:
     def turns(self) -> np.ndarray:
         """Tell which joints turn freely: their limits are a whole turn apart, and every angle is
         within them, shape (n,)."""
-        return np.array([not joint.slides and joint.upper_rad - joint.lower_rad > FULL_TURN for joint in self.joints])
+        return np.array(
+            [
+                not joint.slides and joint.upper_rad - joint.lower_rad > FULL_TURN
+                for joint in self.joints
+            ]
+        )
 
     def wrapped(self, angles: Array) -> Array:
         """Turn joints that turn freely between their limits again, shape (K, n)."""
-        return np.where(self.turns, self.lower_rad + np.mod(angles - self.lower_rad, 2.0 * np.pi), angles)
+        return np.where(
+            self.turns, self.lower_rad + np.mod(angles - self.lower_rad, 2.0 * np.pi), angles
+        )
 
     @property
     def torque_nm(self) -> Array:

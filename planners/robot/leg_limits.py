@@ -1,4 +1,5 @@
-"""Limits of a leg that moves fast: how fast it extends, what power it has and how short it folds."""
+"""Limits of a leg that moves fast: how fast it extends, what power it has and how short it
+folds."""
 
 from __future__ import annotations
 
@@ -32,12 +33,13 @@ class _File(BaseModel):
 
 
 def leaping_robot(robot: Robot | str | Path) -> Robot:
-    """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and length.
+    """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and
+    length.
 
-    robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs reach as far as
-    they are long, a ball that holds all that they reach; a walker's file gives boxes. Its key ``legs`` (by name or
-    pattern) says limits; those of a model follow from the efforts and velocities of its joints.
-    Raises InvalidInput for a robot without inertia.
+    robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
+    reach as far as they are long, a ball that holds all that they reach; a walker's file gives
+    boxes. Its key ``legs`` (by name or pattern) says limits; those of a model follow from the
+    efforts and velocities of its joints. Raises InvalidInput for a robot without inertia.
     """
     if not isinstance(robot, Robot):
         path = robot_path(robot)
@@ -53,17 +55,22 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
             keys = read_keys(path).legs if data else {}
             robot = _with_limits(robot_of(named_robot(robot)), keys)
     if robot.inertia is None:
-        raise InvalidInput(f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none")
+        raise InvalidInput(
+            f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none"
+        )
     return robot
 
 
 def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
-    """A walker as a robot whose toes are in boxes, with an enclosing ball about each box's centre."""
+    """A walker as a robot whose toes are in boxes, with an enclosing ball about each box's
+    centre."""
     limbs = []
     for foot in walker.feet:
         half = 0.5 * (foot.reach_max_m - foot.reach_min_m)
         normals = np.concatenate([np.eye(3), -np.eye(3)])
-        rows = ReachRows(normals=normals, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m]))
+        rows = ReachRows(
+            normals=normals, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m])
+        )
         limb = Limb(
             name=foot.name,
             shoulder_m=0.5 * (foot.reach_max_m + foot.reach_min_m),
@@ -82,16 +89,21 @@ def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot
 
 
 def limits_of(leg: Leg, com_m: Array) -> LegLimits:
-    """The limits that a leg's joints give: their velocities along the standing leg, all their power, its shortest fold.
+    """The limits that a leg's joints give: their velocities along the standing leg, all their
+    power, its shortest fold.
 
-    com_m: the centre of mass in the base's frame, shape (3,) [m]. Joints without a limit leave the leg without one.
+    com_m: the centre of mass in the base's frame, shape (3,) [m]. Joints without a limit leave the
+    leg without one.
     """
     foot, jacobian = (part[0] for part in leg.chain.feet_and_jacobian(leg.stance_rad[None]))
     along = (foot - leg.hip_m) / max(float(np.linalg.norm(foot - leg.hip_m)), 1e-9)
     velocity = np.array([joint.velocity_rad_s for joint in leg.joints])
     power = float(leg.torque_nm @ velocity)
     speed = float(np.abs(along @ jacobian) @ velocity)
-    lines = [np.linspace(low, high, ANGLES) for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)]
+    lines = [
+        np.linspace(low, high, ANGLES)
+        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
+    ]
     angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
     shortest = float(np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1).min())
     return LegLimits(
@@ -110,12 +122,15 @@ def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
 
 
 def _corrected(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    """The robot with the limits that its file says. Raises InvalidInput for a leg that it does not have."""
+    """The robot with the limits that its file says. Raises InvalidInput for a leg that it does not
+    have."""
     limbs = {limb.name: limb for limb in robot.limbs}
-    for pattern, said in keys.items():
+    for pattern, keys_of_leg in keys.items():
         for name in matching(pattern, limbs, f"robot {robot.name}: legs"):
             leg = limbs[name].leg
             assert leg is not None
-            given = {key: value for key, value in said.model_dump().items() if value is not None}
-            limbs[name] = replace(limbs[name], leg=replace(leg, **given))
+            values = {
+                key: value for key, value in keys_of_leg.model_dump().items() if value is not None
+            }
+            limbs[name] = replace(limbs[name], leg=replace(leg, **values))
     return replace(robot, limbs=tuple(limbs.values()))

@@ -1,8 +1,9 @@
 """Legs of a robot: chains of joints under the base that reach lower than the others.
 
-Nothing has to be said of a usual robot. One chain is looked at for each child of the base, the one with most joints; a
-leg is a chain whose feet go below LOW times what the lowest chain's do (arms and heads do not); its foot is the link
-at its end that is called so, or else the farthest. What is found in this way is a guess, and is marked as one.
+Nothing has to be said of a usual robot. One chain is looked at for each child of the base, the one
+with most joints; a leg is a chain whose feet go below LOW times what the lowest chain's do (arms
+and heads do not); its foot is the link at its end that is called so, or else the farthest. What is
+found in this way is a guess, and is marked as one.
 """
 
 from __future__ import annotations
@@ -32,12 +33,15 @@ SAMPLES = 3000
 FOOT = re.compile("foot|toe|sole|ankle", re.IGNORECASE)
 SENSOR = re.compile("imu|sensor|fsr|camera", re.IGNORECASE)
 ARM = re.compile("arm|grip|hand|finger|wrist|manip|head|neck|tail", re.IGNORECASE)
-LEG = re.compile("leg|hip|thigh|knee|calf|shank|foot|toe|ankle|h[af]e|haa|kfe|coxa|femur|tibia", re.IGNORECASE)
+LEG = re.compile(
+    "leg|hip|thigh|knee|calf|shank|foot|toe|ankle|h[af]e|haa|kfe|coxa|femur|tibia", re.IGNORECASE
+)
 ALIKE = 0.05
 """Share of their length by which two chains that are made alike may differ."""
 JOINT_WORD = re.compile("_j(oin)?t?$", re.IGNORECASE)
 NEAR = 0.3
-"""A link that is called a foot has to be this share of the farthest link's distance away from its joint."""
+"""A link that is called a foot has to be this share of the farthest link's distance away from its
+joint."""
 APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
 SHORTEST_M = 0.02
@@ -47,10 +51,11 @@ MOST_JOINTS = 24
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or link, and what.
+    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or
+    link, and what.
 
-    indices: for every leg the number of the shape that touches, −1 where that is none. gaps: what a person has to say
-    before anything is planned, a line each.
+    indices: for every leg the number of the shape that touches, −1 where that is none. gaps: what a
+    person has to say before anything is planned, a line each.
     """
 
     legs: tuple[Leg, ...]
@@ -69,10 +74,11 @@ def legs_of(
 ) -> Found:
     """The legs of pinocchio's model of a URDF.
 
-    order: names of its joints as the file has them, which is the order of the legs. feet: links that are feet, by the
-    name of their leg; empty to look for them. contacts: what feet touch with, by a leg's name, its foot's, or a pattern
-    of either. Raises InvalidInput where there are no legs, for two feet on one leg, for a leg with joints that have
-    more than one angle, and for contacts of no leg.
+    order: names of its joints as the file has them, which is the order of the legs. feet: links
+    that are feet, by the name of their leg; empty to look for them. contacts: what feet touch with,
+    by a leg's name, its foot's, or a pattern of either. Raises InvalidInput where there are no
+    legs, for two feet on one leg, for a leg with joints that have more than one angle, and for
+    contacts of no leg.
     """
     tree = _Tree(model, shapes)
     guesses, gaps = list[str](), list[str]()
@@ -82,33 +88,42 @@ def legs_of(
     else:
         lowest, arms, gaps = tree.lowest_chains()
         if arms:
-            said = ", ".join(arm.foot for arm in arms)
-            guesses.append(f"no legs though they reach as low, by their shape and names: {said}")
+            names = ", ".join(arm.foot for arm in arms)
+            guesses.append(f"no legs though they reach as low, by their shape and names: {names}")
         lowest.sort(key=lambda end: order.index(model.names[end.joints[0]]))
         ends = dict(zip(_names(lowest), lowest, strict=True))
-        said = ", ".join(f"{name} ({end.foot})" for name, end in ends.items())
-        guesses.append(f"legs and feet, by their shape and names: {said}")
+        names = ", ".join(f"{name} ({end.foot})" for name, end in ends.items())
+        guesses.append(f"legs and feet, by their shape and names: {names}")
     tree.doubts.clear()  # of chains that are no legs
     known = _contacts(ends, contacts or {})
-    found = [tree.leg(name, end, known.get(name)) for name, end in ends.items()]
-    tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg, _ in found if leg.doubt]
-    legs, indices = tuple(leg for leg, _ in found), tuple(index for _, index in found)
-    return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts), indices=indices, gaps=tuple(gaps))
+    result = [tree.leg(name, end, known.get(name)) for name, end in ends.items()]
+    tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg, _ in result if leg.doubt]
+    legs, indices = tuple(leg for leg, _ in result), tuple(index for _, index in result)
+    return Found(
+        legs=legs,
+        guesses=tuple(guesses),
+        doubts=tuple(tree.doubts),
+        indices=indices,
+        gaps=tuple(gaps),
+    )
 
 
-def _contacts(ends: Mapping[str, _End], contacts: Mapping[str, FootContact]) -> dict[str, FootContact]:
+def _contacts(
+    ends: Mapping[str, _End], contacts: Mapping[str, FootContact]
+) -> dict[str, FootContact]:
     """Contact that a person gives each leg, by its name; later patterns win. Raises InvalidInput
     for one that fits no leg."""
     owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
-    found = dict[str, FootContact]()
+    result = dict[str, FootContact]()
     for pattern, contact in contacts.items():
-        found |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
-    return found
+        result |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
+    return result
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _End:
-    """The end of a chain: its joints from the base outward (pinocchio's numbers), and the link that may be a foot."""
+    """The end of a chain: its joints from the base outward (pinocchio's numbers), and the link that
+    may be a foot."""
 
     joints: tuple[int, ...]
     foot: str
@@ -127,8 +142,13 @@ class _Tree:
         self._base = base_joint(model)
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        local = [pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL) for j in range(model.njoints)]
-        self._twists = {j: local[j][:, model.joints[j].idx_v] for j in range(self._base + 1, model.njoints)}
+        local = [
+            pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
+            for j in range(model.njoints)
+        ]
+        self._twists = {
+            j: local[j][:, model.joints[j].idx_v] for j in range(self._base + 1, model.njoints)
+        }
         base = data.oMi[self._base]
         self._in_base = [base.actInv(data.oMi[j]) for j in range(model.njoints)]
 
@@ -137,11 +157,17 @@ class _Tree:
         a person has to settle. Raises InvalidInput where there are none."""
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
-        ends = [self._end(self._support(leaf)) for leaf in leaves if self._base in self._model.supports[leaf]]
+        ends = [
+            self._end(self._support(leaf))
+            for leaf in leaves
+            if self._base in self._model.supports[leaf]
+        ]
         ends = [end for end in ends if 2 <= len(end.joints) <= MOST_JOINTS and self._simple(end)]
         ends = [end for end in ends if self._length(end) > SHORTEST_M]
         if not ends:
-            raise InvalidInput("legs: expected chains of two joints or more under the base, found none")
+            raise InvalidInput(
+                "legs: expected chains of two joints or more under the base, found none"
+            )
         depth = {end: self._depth(end) for end in ends}
         arms = self._arms(ends)  # which may hang down lower than legs go
         least = LOW * min(depth[end] for end in ends if end not in arms)
@@ -159,17 +185,23 @@ class _Tree:
                 f"{other.foot if other else '?'}"
             )
         if not alone:
-            raise InvalidInput("legs: expected chains of joints that reach below the base, found none")
+            raise InvalidInput(
+                "legs: expected chains of joints that reach below the base, found none"
+            )
         low = [end for end in arms if depth[end] < least]
         return alone, low, self._lying([end for end in ends if end not in arms], alone)
 
     def _arms(self, ends: Sequence[_End]) -> list[_End]:
-        """Chains that are called arms, and those in the middle that are made otherwise than all the others; none where
-        fewer than two chains are left."""
+        """Chains that are called arms, and those in the middle that are made otherwise than all the
+        others; none where fewer than two chains are left."""
         named = [end for end in ends if self._called(end, ARM) and not self._called(end, LEG)]
         left = [end for end in ends if end not in named]
         others = {end: [other for other in left if other is not end] for end in left}
-        odd = [end for end in left if self._in_middle(end) and not any(self._alike(end, o) for o in others[end])]
+        odd = [
+            end
+            for end in left
+            if self._in_middle(end) and not any(self._alike(end, o) for o in others[end])
+        ]
         if len(left) - len(odd) < 2:
             odd = []
         return [] if len(left) < 2 else [*named, *odd]
@@ -181,19 +213,21 @@ class _Tree:
     def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
         """Reasons to think that z does not point up: chains made as the legs are that do not go
         down, or legs that go up."""
-        twins = [end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)]
+        twins = [
+            end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)
+        ]
         firsts = {end.joints[0] for end in legs}
         twins = [end for end in twins if end.joints[0] not in firsts]
         base = next((frame.name for frame in self._bodies if frame.parentJoint == self._base), "?")
-        said = "say root_rpy_rad, or which feet there are, in a YAML file"
+        hint = "say root_rpy_rad, or which feet there are, in a YAML file"
         if twins:
             feet = ", ".join(end.foot for end in twins)
             return [
                 f"link {base}: its z does not point up: {feet} are ends of chains like the legs' that do not go down: "
-                f"{said}"
+                f"{hint}"
             ]
         if legs and all(points_up(self.leg("", end)[0]) for end in legs):
-            return [f"link {base}: its z does not point up: the legs do: {said}"]
+            return [f"link {base}: its z does not point up: the legs do: {hint}"]
         return []
 
     def _called(self, end: _End, word: re.Pattern[str]) -> bool:
@@ -206,37 +240,56 @@ class _Tree:
         return len(one.joints) == len(other.joints) and abs(a - b) <= ALIKE * max(a, b)
 
     def end_at(self, foot: str) -> _End:
-        """The chain that ends in a link. Raises InvalidInput where there is no such link, or no joint before it."""
+        """The chain that ends in a link. Raises InvalidInput where there is no such link, or no
+        joint before it."""
         frame = next((frame for frame in self._bodies if frame.name == foot), None)
         if frame is None:
             known = ", ".join(each.name for each in self._bodies[:12])
-            raise InvalidInput(f"feet: expected a link ({known}, …), found none that is called {shown(foot)}")
+            raise InvalidInput(
+                f"feet: expected a link ({known}, …), found none that is called {shown(foot)}"
+            )
         joints = self._support(frame.parentJoint)
         if not joints:
-            raise InvalidInput(f"feet: expected joints between the base and {shown(foot)}, all of them are fixed")
+            raise InvalidInput(
+                f"feet: expected joints between the base and {shown(foot)}, all of them are fixed"
+            )
         return _End(
-            joints=joints, foot=foot, tip_m=frame.placement.translation.copy(),
+            joints=joints,
+            foot=foot,
+            tip_m=frame.placement.translation.copy(),
             names=tuple(self._model.names[j] for j in joints),
-        )  # fmt: skip
+        )
 
     def leg(self, name: str, end: _End, contact: FootContact | None = None) -> tuple[Leg, int]:
-        """The leg of a chain's end, its stance the middle of its limits; and the number of the shape that touches.
+        """The leg of a chain's end, its stance the middle of its limits; and the number of the
+        shape that touches.
 
-        contact: what a person says that it touches with. Raises InvalidInput for joints of more than one angle.
+        contact: what a person says that it touches with. Raises InvalidInput for joints of more
+        than one angle.
         """
         if not self._simple(end):
             wrong = next(j for j in end.joints if self._model.joints[j].nv != 1)
-            raise InvalidInput(f"joint {shown(self._model.names[wrong])}: expected one angle, it has more")
+            raise InvalidInput(
+                f"joint {shown(self._model.names[wrong])}: expected one angle, it has more"
+            )
         if len(end.joints) > MOST_JOINTS:
-            raise InvalidInput(f"leg {shown(name)}: expected {MOST_JOINTS} joints or fewer, got {len(end.joints)}")
+            raise InvalidInput(
+                f"leg {shown(name)}: expected {MOST_JOINTS} joints or fewer, got {len(end.joints)}"
+            )
         touch = self._touch(end, contact)
         chain = self._chain(end, touch.centre_m)
         joints = tuple(self._joint(j) for j in end.joints)
         middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in joints])
         leg = Leg(
-            name=name, joints=joints, chain=chain, foot=touch.link, radius_m=touch.radius_m, stance_rad=middle,
-            contact=contact, doubt=touch.doubt,
-        )  # fmt: skip
+            name=name,
+            joints=joints,
+            chain=chain,
+            foot=touch.link,
+            radius_m=touch.radius_m,
+            stance_rad=middle,
+            contact=contact,
+            doubt=touch.doubt,
+        )
         return leg, touch.index
 
     def _support(self, joint: int) -> tuple[int, ...]:
@@ -250,39 +303,53 @@ class _Tree:
         return float(sum(np.linalg.norm(place) for place in places) + np.linalg.norm(end.tip_m))
 
     def _end(self, joints: tuple[int, ...]) -> _End:
-        """The end of a chain of joints: the link at its last one that is called a foot, or the farthest."""
+        """The end of a chain of joints: the link at its last one that is called a foot, or the
+        farthest."""
         links = [frame for frame in self._bodies if frame.parentJoint == joints[-1]]
         far = {frame.name: float(np.linalg.norm(frame.placement.translation)) for frame in links}
         links = [frame for frame in links if not SENSOR.search(frame.name)] or links
         most = max(far[frame.name] for frame in links)
-        called = [frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= NEAR * most]
+        called = [
+            frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= NEAR * most
+        ]
         foot = max(called or links, key=lambda frame: far[frame.name])
         return _End(
-            joints=joints, foot=foot.name, tip_m=foot.placement.translation.copy(),
+            joints=joints,
+            foot=foot.name,
+            tip_m=foot.placement.translation.copy(),
             names=tuple(self._model.names[j] for j in joints),
-        )  # fmt: skip
+        )
 
     def _depth(self, end: _End) -> float:
         """Depth of the chain's end below the base's origin or its lowest hip, whichever is higher
         [m]."""
         leg, _ = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
-        return float(feet[:, 2].min()) - max(0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts()))
+        return float(feet[:, 2].min()) - max(
+            0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts())
+        )
 
     def _firsts(self) -> list[int]:
-        return [j for j in range(self._base + 1, self._model.njoints) if self._model.parents[j] == self._base]
+        return [
+            j
+            for j in range(self._base + 1, self._model.njoints)
+            if self._model.parents[j] == self._base
+        ]
 
     def _longest(self, ends: list[_End]) -> _End:
         """Longest of the ends of one child of the base."""
         return max(ends, key=lambda end: (len(end.joints), self._length(end)))
 
     def _second(self, ends: list[_End]) -> _End | None:
-        """A second foot beside the longest chain's, where one child of the base has two: fingers and heels are none."""
+        """A second foot beside the longest chain's, where one child of the base has two: fingers
+        and heels are none."""
         best = self._longest(ends)
         place = self._at_zero(best)
         for end in ends:
-            own = len(set(end.joints) - set(best.joints))
-            if own > 1 and float(np.linalg.norm(self._at_zero(end) - place)) > APART * self._length(best):
+            count = len(set(end.joints) - set(best.joints))
+            if count > 1 and float(
+                np.linalg.norm(self._at_zero(end) - place)
+            ) > APART * self._length(best):
                 return end
         return None
 
@@ -298,7 +365,12 @@ class _Tree:
         return Chain(
             rotations=np.array([place.rotation for place in places]),
             origins=np.array([place.translation for place in places]),
-            axes=np.array([twist[:3] if flat else twist[3:] for twist, flat in zip(twists, slides, strict=True)]),
+            axes=np.array(
+                [
+                    twist[:3] if flat else twist[3:]
+                    for twist, flat in zip(twists, slides, strict=True)
+                ]
+            ),
             slides=slides,
             tip_m=tip,
         )
@@ -307,28 +379,40 @@ class _Tree:
         """A joint's limits, a whole turn where it has none."""
         model, name = self._model, str(self._model.names[j])
         column, row = model.joints[j].idx_q, model.joints[j].idx_v
-        lower, upper = float(model.lowerPositionLimit[column]), float(model.upperPositionLimit[column])
+        lower, upper = (
+            float(model.lowerPositionLimit[column]),
+            float(model.upperPositionLimit[column]),
+        )
         slides = bool(np.linalg.norm(self._twists[j][3:]) < 0.5)
         if slides and not lower < upper:
             raise InvalidInput(
                 f"joint {shown(name)}: expected a lower limit below the upper one, got {lower:g}, {upper:g}"
             )
-        if not slides and (model.joints[j].nq == 2 or not lower < upper or upper - lower > FULL_TURN):
+        if not slides and (
+            model.joints[j].nq == 2 or not lower < upper or upper - lower > FULL_TURN
+        ):
             inside = lower <= -np.pi and upper >= np.pi
             lower = -np.pi if inside or model.joints[j].nq == 2 or not lower < upper else lower
             upper = lower + 2.0 * np.pi
-            self.doubts.append((f"joint {name}", "turns freely, its limits are a whole turn apart or more"))
+            self.doubts.append(
+                (f"joint {name}", "turns freely, its limits are a whole turn apart or more")
+            )
         torque, velocity = float(model.effortLimit[row]), float(model.velocityLimit[row])
         return Joint(
-            name=name, lower_rad=lower, upper_rad=upper, slides=slides,
-            torque_nm=torque if np.isfinite(torque) else 0.0, velocity_rad_s=velocity if np.isfinite(velocity) else 0.0,
-        )  # fmt: skip
+            name=name,
+            lower_rad=lower,
+            upper_rad=upper,
+            slides=slides,
+            torque_nm=torque if np.isfinite(torque) else 0.0,
+            velocity_rad_s=velocity if np.isfinite(velocity) else 0.0,
+        )
 
     def _touch(self, end: _End, contact: FootContact | None) -> Touch:
         """Shape with which the leg touches, in the last joint's frame."""
         body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
         places = {
-            frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation)) for frame in body
+            frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation))
+            for frame in body
         }
         turn, place = places[end.foot]
         if contact is not None:
@@ -342,7 +426,9 @@ class _Tree:
             return Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
         tip = 2.0 * self._model.inertias[end.joints[-1]].lever if touch is None else touch.centre_m
         if not doubt:
-            self.doubts.append((f"link {link}", "has no link for its foot, its farthest end is taken for it"))
+            self.doubts.append(
+                (f"link {link}", "has no link for its foot, its farthest end is taken for it")
+            )
         return Touch(link=link, centre_m=np.asarray(tip), radius_m=0.0, index=-1, doubt=doubt)
 
 
@@ -360,9 +446,9 @@ def _check_apart(ends: Mapping[str, _End]) -> None:
 def _names(ends: Sequence[_End]) -> list[str]:
     """A leg's name is what its joints' names begin with, or end with, or its foot's."""
     for guess in (_beginning, _ending, lambda end: end.foot):
-        found = [guess(end) for end in ends]
-        if all(found) and len(set(found)) == len(found):
-            return found
+        names = [guess(end) for end in ends]
+        if all(names) and len(set(names)) == len(names):
+            return names
     return [f"leg{i + 1}" for i in range(len(ends))]
 
 

@@ -1,10 +1,10 @@
 """Legs to first order: feet, levers of their joints and how these move, for many postures at once.
 
-The lever of joint j is ∂p_F/∂q_j of its own foot, so that a force f on the foot takes the torque −lever · f. With a_j
-the unit vector that a joint turns about (0 where it slides)
+The lever of joint j is ∂p_F/∂q_j of its own foot, so that a force f on the foot takes the torque
+−lever · f. With a_j the unit vector that a joint turns about (0 where it slides)
 
-    ∂lever_j/∂q_k = a_min(j, k) × lever_max(j, k)     for joints of one leg,
-    ∂lever_j/∂δ   = δ × lever_j                        for a small rotation δ of the base about the world's axes.
+    ∂lever_j/∂q_k = a_min(j, k) × lever_max(j, k)     for joints of one leg, ∂lever_j/∂δ   = δ ×
+    lever_j                        for a small rotation δ of the base about the world's axes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from .leg import Leg
 class LegSlopes:
     """K postures of N legs with J joints in all, turned into the world.
 
-    feet: R_WB p_BF, shape (K, N, 3) [m]. levers: of every joint, shape (K, J, 3) [m]; axes: a, shape (K, J, 3).
+    feet: R_WB p_BF, shape (K, N, 3) [m]. levers: of every joint, shape (K, J, 3) [m]; axes: a,
+    shape (K, J, 3).
     """
 
     feet: Array
@@ -39,7 +40,9 @@ class LegSlopes:
             turns = leg.chain.frames(q)[0]
             feet.append(foot[:, None])
             levers.append(jacobian.transpose(0, 2, 1))
-            axes.append(np.einsum("knij,nj->kni", turns, leg.chain.axes) * ~leg.chain.slides[:, None])
+            axes.append(
+                np.einsum("knij,nj->kni", turns, leg.chain.axes) * ~leg.chain.slides[:, None]
+            )
             begin += len(leg.joints)
         back = rotations.transpose(0, 2, 1)
         return cls(
@@ -55,7 +58,8 @@ class LegSlopes:
 
 
 def turning(rotation_rad: Array) -> Array:
-    """The left Jacobian of rotation vectors: R(Θ + δ) ≈ exp([D δ]×) R(Θ), shapes (K, 3) to (K, 3, 3)."""
+    """The left Jacobian of rotation vectors: R(Θ + δ) ≈ exp([D δ]×) R(Θ), shapes (K, 3) to (K, 3,
+    3)."""
     angle = np.linalg.norm(rotation_rad, axis=-1)[:, None, None]
     x, y, z = rotation_rad.T
     zero = np.zeros_like(x)

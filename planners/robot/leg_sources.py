@@ -1,8 +1,8 @@
 """Sources of a robot's legs: its own file, its limbs, which have legs drawn up for them, or
 nowhere.
 
-There is one class for each, and every question whose answer depends on legs is a method of it: callers ask
-``robot.source`` and do not look which of them it is.
+There is one class for each, and every question whose answer depends on legs is a method of it:
+callers ask ``robot.source`` and do not look which of them it is.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def no_legs(name: str) -> InvalidInput:
 class LegSource(ABC):
     """Knowledge about the legs of one robot.
 
-    own: whether legs and reach are those of a file, so that plans keep to inner sets of the legs and have joints,
-    and proofs are over outer sets.
+    own: whether legs and reach are those of a file, so that plans keep to inner sets of the legs
+    and have joints, and proofs are over outer sets.
     """
 
     own: bool = False
@@ -48,17 +48,21 @@ class LegSource(ABC):
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The robot joint by joint; loads pinocchio.
 
-        servo: of drawn-up legs, in place of the robot's own. Raises InvalidInput where no legs are known.
+        servo: of drawn-up legs, in place of the robot's own. Raises InvalidInput where no legs are
+        known.
         """
 
     def own_model(self) -> RobotModel:
         """The model of the robot's own file. Raises InvalidInput for a robot without one."""
-        raise InvalidInput(f"robot: expected one with legs of its own, got {self.name}, which is but its limbs")
+        raise InvalidInput(
+            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
+        )
 
     @property
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, limb by limb, from the base outward; none where no legs are known."""
+        """Names of all joints, limb by limb, from the base outward; none where no legs are
+        known."""
 
     @property
     def foot_names(self) -> tuple[str, ...]:
@@ -166,7 +170,14 @@ class DrawnLegs(LegSource):
     """Legs of four joints that are drawn up for every limb, and the servo that drives them."""
 
     def __init__(
-        self, name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, identity: str = "", *, said: bool
+        self,
+        name: str,
+        mass_kg: float,
+        limbs: Sequence[Limb],
+        servo: Servo,
+        identity: str = "",
+        *,
+        said: bool,
     ) -> None:
         super().__init__(name, len(limbs))
         self._mass_kg, self._limbs, self._servo = mass_kg, limbs, servo
@@ -200,7 +211,8 @@ class DrawnLegs(LegSource):
         return ""
 
     def to_json(self) -> dict[str, Any]:
-        """The identity, and the servo where the limbs do not say it, as those of the default hexapod do."""
+        """The identity, and the servo where the limbs do not say it, as those of the default
+        hexapod do."""
         named = {"identity": self._identity} if self._identity else {}
         return named | ({"legs": to_json(self._servo)} if self._said else {})
 
@@ -208,7 +220,8 @@ class DrawnLegs(LegSource):
 class NoLegs(LegSource):
     """A mass and the reach of limbs.
 
-    identity: that of the robot whose reach it is; empty where it is no robot's. point: whether feet are points.
+    identity: that of the robot whose reach it is; empty where it is no robot's. point: whether feet
+    are points.
     """
 
     def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:

@@ -17,9 +17,9 @@ from .reach import ReachRows
 class LegLimits:
     """Limits of a leg that moves fast, for leaps.
 
-    hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m]. speed_m_s: largest rate at which hip and toe
-    move apart or together [m/s]; power_w: largest power at the toe, either way [W]; fold_m: least distance of hip and
-    toe [m]. Raises InvalidInput for numbers out of range.
+    hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m]. speed_m_s: largest rate at
+    which hip and toe move apart or together [m/s]; power_w: largest power at the toe, either way
+    [W]; fold_m: least distance of hip and toe [m]. Raises InvalidInput for numbers out of range.
     """
 
     hip_m: Array
@@ -38,18 +38,20 @@ class LegLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
-    """One limb: its shoulder in the body frame (Lin et al.'s v, E11) and the radius of its spherical workspace.
+    """One limb: its shoulder in the body frame (Lin et al.'s v, E11) and the radius of its
+    spherical workspace.
 
     Arguments:
         name: a word.
         shoulder_m: p_BS, shape (3,) [m].
         reach_m: Δ_FK of E11 [m].
-        reach_rows: half-spaces that the toe is in, too; where they alone should count, reach_m is that of a ball which
-            holds them.
-        sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None for a point foot.
-            Reach and steps are of the centre.
-        hip_m: where the leg begins in the body frame, shape (3,) [m]; a surface has to face it. None for the shoulder,
-            which of a leg from a file is the centre of a ball and may be below the ground.
+        reach_rows: half-spaces that the toe is in, too; where they alone should count, reach_m is
+            that of a ball which holds them.
+        sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None
+            for a point foot. Reach and steps are of the centre.
+        hip_m: where the leg begins in the body frame, shape (3,) [m]; a surface has to face it.
+            None for the shoulder, which of a leg from a file is the centre of a ball and may be
+            below the ground.
         leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.
@@ -71,13 +73,25 @@ class Limb:
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
-        object.__setattr__(self, "shoulder_m", read_only(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
-        object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
+        object.__setattr__(
+            self, "shoulder_m", read_only(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m")
+        )
+        object.__setattr__(
+            self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0)
+        )
         if self.sole_m is not None:
-            object.__setattr__(self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m"))
+            object.__setattr__(
+                self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m")
+            )
         if self.hip_m is not None:
-            object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m"))
+            object.__setattr__(
+                self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m")
+            )
 
     def hip_at(self, shoulder_m: Array) -> Array:
         """Place where the leg begins when its shoulder is here, shape (3,) [m]."""
-        return shoulder_m if self.hip_m is None else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)
+        return (
+            shoulder_m
+            if self.hip_m is None
+            else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)
+        )

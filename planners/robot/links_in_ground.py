@@ -21,11 +21,13 @@ PATCH_M = 1e-3
 
 
 class LinksInGround:
-    """Shapes of links over one ground. points: whose hulls the shapes are, a shape each, (K, 3) [m]; feet: the limb
-    that touches with a shape, −1 for none; radii_m: of the limbs' feet. Shapes are where they are with R_WS and p_WS,
-    (S, 3, 3), (S, 3)."""
+    """Shapes of links over one ground. points: whose hulls the shapes are, a shape each, (K, 3)
+    [m]; feet: the limb that touches with a shape, −1 for none; radii_m: of the limbs' feet. Shapes
+    are where they are with R_WS and p_WS, (S, 3, 3), (S, 3)."""
 
-    def __init__(self, ground: Ground, points: Sequence[Array], feet: Sequence[int], radii_m: Array) -> None:
+    def __init__(
+        self, ground: Ground, points: Sequence[Array], feet: Sequence[int], radii_m: Array
+    ) -> None:
         self.ground, self._feet = ground, np.array(feet)
         self._patches_m = np.sqrt(2.0 * radii_m * PATCH_M) + PATCH_M
         self._surfaces = [surface_points(each, APART_M) for each in points]
@@ -33,19 +35,28 @@ class LinksInGround:
     def depths(
         self, turns: Array, origins: Array, low: Array, high: Array, bodies: WholeBody
     ) -> Iterator[tuple[int, int, float]]:
-        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep they are, −inf of what
-        is above [m]; of feet that stand on it what is outside the patch on which they touch."""
+        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep
+        they are, −inf of what is above [m]; of feet that stand on it what is outside the patch on
+        which they touch."""
         near = self.ground.near(low.reshape(-1, 3), high.reshape(-1, 3)).reshape(low.shape[:2])
         for shape in np.flatnonzero(near.any(axis=0)).tolist():
-            its, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
-            points = self._surfaces[shape] @ np.swapaxes(turns[its, shape], 1, 2) + origins[its, shape, None]
+            moments, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
+            points = (
+                self._surfaces[shape] @ np.swapaxes(turns[moments, shape], 1, 2)
+                + origins[moments, shape, None]
+            )
             depths = self.ground.depth_inside(points)
             if limb >= 0:
-                apart = np.linalg.norm(points - bodies.toes_m[its, None, limb], axis=2) > self._patches_m[limb]
-                depths = np.where(apart | ~bodies.stands[its, None, limb], depths, -np.inf)
-            for t, depth in zip(its.tolist(), depths.max(axis=1).tolist(), strict=True):
+                apart = (
+                    np.linalg.norm(points - bodies.toes_m[moments, None, limb], axis=2)
+                    > self._patches_m[limb]
+                )
+                depths = np.where(apart | ~bodies.stands[moments, None, limb], depths, -np.inf)
+            for t, depth in zip(moments.tolist(), depths.max(axis=1).tolist(), strict=True):
                 yield t, shape, depth
 
     def depth(self, turns: Array, origins: Array, shape: int) -> float:
         """Depth of a shape in the ground [m]."""
-        return float(self.ground.depth(self._surfaces[shape] @ turns[shape].T + origins[shape]).max())
+        return float(
+            self.ground.depth(self._surfaces[shape] @ turns[shape].T + origins[shape]).max()
+        )

@@ -25,16 +25,18 @@ if TYPE_CHECKING:
 
 HEXAPOD = "hexapod"
 SAME = 1e-9
-"""A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by so much [m]."""
+"""A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
+so much [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
-    name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of. model: of its own
-    file. relative_reach: where feet may be from a foot that is put down. inertia_kgm2: about the centre of mass, of a
-    robot that leaps. legs: the servo of legs that are drawn up. absent: legs that it has, and whose place nobody says.
+    name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of.
+    model: of its own file. relative_reach: where feet may be from a foot that is put down.
+    inertia_kgm2: about the centre of mass, of a robot that leaps. legs: the servo of legs that are
+    drawn up. absent: legs that it has, and whose place nobody says.
     """
 
     name: str
@@ -78,17 +80,21 @@ class Robot:
         name: a word.
         mass_kg: of all of it [kg].
         limbs: one or more, of different names.
-        model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
-        drawn: the servo of legs that are drawn up for its limbs, where someone asks for such legs. The limbs of the
-            default hexapod always have them.
-        identity: name and digest of the model that it is of; empty where there is none, as of the default hexapod.
-        relative_reach: where feet may be from a foot that is put down, in order of limb, then of the other.
-        inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps ask for; None for
-            that of the model, if there is one.
-        absent: legs that it has beside its limbs, and whose place nobody says: their bodies are not judged.
+        model: the robot's own legs, joint by joint, from its file; None where no more is known than
+            its limbs.
+        drawn: the servo of legs that are drawn up for its limbs, where someone asks for such legs.
+            The limbs of the default hexapod always have them.
+        identity: name and digest of the model that it is of; empty where there is none, as of the
+            default hexapod.
+        relative_reach: where feet may be from a foot that is put down, in order of limb, then of
+            the other.
+        inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps
+            ask for; None for that of the model, if there is one.
+        absent: legs that it has beside its limbs, and whose place nobody says: their bodies are not
+            judged.
     Raises:
-        InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another mass or of other
-            legs, or drawn legs beside a model.
+        InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another
+            mass or of other legs, or drawn legs beside a model.
     Source:
         Lin et al. §II.
     Example:
@@ -112,20 +118,30 @@ class Robot:
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
-        object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0))
+        object.__setattr__(
+            self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0)
+        )
         where = f"robot {self.name}: "
         object.__setattr__(self, "limbs", checked_members(self.limbs, Limb, f"{where}limbs"))
         reach = checked_members(self.relative_reach, RelativeReach, f"{where}relative_reach")
         object.__setattr__(self, "relative_reach", reach)
         names = [limb.name for limb in self.limbs]
         if len(set(names)) != len(names) or not names:
-            raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
+            raise InvalidInput(
+                f"robot {self.name}: expected one or more limbs of different names, got {names}"
+            )
         pairs = [(each.limb, each.other) for each in self.relative_reach]
         self.select([name for pair in pairs for name in pair])
-        if pairs != sorted(set(pairs), key=lambda pair: (names.index(pair[0]), names.index(pair[1]))):
-            raise InvalidInput(f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs")
+        if pairs != sorted(
+            set(pairs), key=lambda pair: (names.index(pair[0]), names.index(pair[1]))
+        ):
+            raise InvalidInput(
+                f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs"
+            )
         if self.inertia_kgm2 is not None:
-            object.__setattr__(self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2"))
+            object.__setattr__(
+                self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2")
+            )
         object.__setattr__(self, "absent", checked_members(self.absent, str, f"{where}absent"))
         if not isinstance(self.identity, str):
             raise InvalidInput(f"{where}identity: expected text, got {shown(self.identity)}")
@@ -138,15 +154,17 @@ class Robot:
         if self.drawn is not None:
             checked_members((self.drawn,), Servo, f"{where}drawn")
             if self.model is not None:
-                raise InvalidInput(f"{where}drawn: expected no drawn legs beside those of its model, got both")
+                raise InvalidInput(
+                    f"{where}drawn: expected no drawn legs beside those of its model, got both"
+                )
         elif self.model is None and self._is_hexapod():
             object.__setattr__(self, "drawn", Servo())
 
     def _is_hexapod(self) -> bool:
         """Tell whether name and limbs are those of the default hexapod, whatever it carries."""
-        if self.name != HEXAPOD or len(self.limbs) != len(own := _hexapod_limbs()):
+        if self.name != HEXAPOD or len(self.limbs) != len(limbs := _hexapod_limbs()):
             return False
-        return all(_same_limb(limb, other) for limb, other in zip(self.limbs, own, strict=True))
+        return all(_same_limb(limb, other) for limb, other in zip(self.limbs, limbs, strict=True))
 
     def _check(self, model: RobotModel) -> None:
         """Raise InvalidInput unless the model is that of a robot of this mass and these limbs."""
@@ -161,14 +179,16 @@ class Robot:
                 f"{self.mass_kg:.9g}"
             )
         if any(limb.sole_m is not None for limb in self.limbs):
-            raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
+            raise InvalidInput(
+                f"robot {self.name}: expected point feet with a model of its legs, got soles"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values of its limbs, and of what makes its legs."""
         reach = {"relative_reach": to_json(self.relative_reach)} if self.relative_reach else {}
-        own = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
+        record = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
         absent = {"absent": list(self.absent)} if self.absent else {}
-        return own | reach | self.source.to_json() | absent
+        return record | reach | self.source.to_json() | absent
 
     @property
     def source(self) -> LegSource:
@@ -176,8 +196,10 @@ class Robot:
         if self.model is not None:
             return OwnLegs(self.model)
         if self.drawn is not None:
-            said = self.drawn != Servo() or not self._is_hexapod()
-            return DrawnLegs(self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=said)
+            differs = self.drawn != Servo() or not self._is_hexapod()
+            return DrawnLegs(
+                self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
+            )
         return NoLegs(self.name, len(self.limbs), self.identity)
 
     @property
@@ -192,13 +214,19 @@ class Robot:
         """Robot over the inner sets of its legs, which they surely reach, or over the outer ones,
         which hold all that they might reach.
 
-        Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace that has an inside.
+        Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace
+        that has an inside.
         """
         from .reach_sets import limbs_over  # measures legs, which is slow to import
 
         limbs = limbs_over(self.source.own_model(), which)
         soles = (limb.sole_m for limb in self.limbs)
-        return replace(self, limbs=tuple(replace(limb, sole_m=sole) for limb, sole in zip(limbs, soles, strict=True)))
+        return replace(
+            self,
+            limbs=tuple(
+                replace(limb, sole_m=sole) for limb, sole in zip(limbs, soles, strict=True)
+            ),
+        )
 
     @property
     def servo(self) -> Servo:
@@ -207,16 +235,19 @@ class Robot:
 
     @property
     def inertia(self) -> Array | None:
-        """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None where nobody says."""
+        """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None
+        where nobody says."""
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
         return self.source.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
-        """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,) [m].
+        """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,)
+        [m].
 
-        Of a model it is the centre of mass as it stands, which Lin et al. take for the body's origin; else it is 0.
+        Of a model it is the centre of mass as it stands, which Lin et al. take for the body's
+        origin; else it is 0.
         """
         return self.source.origin_m
 
@@ -226,7 +257,8 @@ class Robot:
         return tuple(limb.name for limb in self.limbs)
 
     def select(self, names: Sequence[str]) -> tuple[Limb, ...]:
-        """Return the limbs of these names, in this order. Raises InvalidInput for a name the robot does not have."""
+        """Return the limbs of these names, in this order. Raises InvalidInput for a name the robot
+        does not have."""
         by_name = {limb.name: limb for limb in self.limbs}
         for name in names:
             checked_choice(name, "leg", by_name)
@@ -234,13 +266,16 @@ class Robot:
 
 
 def checked_inertia(value: Any, where: str) -> Array:
-    """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3) [kg m²]."""
+    """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3)
+    [kg m²]."""
     matrix = read_only(value, (3, 3), where)
     if not np.allclose(matrix, matrix.T, atol=1e-9 + 1e-6 * float(np.abs(matrix).max())):
         raise InvalidInput(f"{where}: expected a symmetric matrix, got {matrix.tolist()}")
     moments = np.linalg.eigvalsh(matrix)
     if moments[0] <= 0.0 or moments[0] + moments[1] < (1.0 - 1e-6) * moments[2]:
-        raise InvalidInput(f"{where}: expected moments that a body can have, got {moments.round(6).tolist()}")
+        raise InvalidInput(
+            f"{where}: expected moments that a body can have, got {moments.round(6).tolist()}"
+        )
     return matrix
 
 
@@ -276,5 +311,8 @@ def _hexapod_limbs() -> tuple[Limb, ...]:
 def _same_limb(one: Limb, other: Limb) -> bool:
     """Tell whether both have one name, shoulder and ball of reach, and nothing else."""
     plain = one.reach_rows is None and one.sole_m is None
-    near = abs(one.reach_m - other.reach_m) <= SAME and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
+    near = (
+        abs(one.reach_m - other.reach_m) <= SAME
+        and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
+    )
     return plain and near and one.name == other.name

@@ -1,8 +1,9 @@
 """A robot's own model inside other files: the corrected URDF's text, and what makes legs of it.
 
-Nothing but this is needed to have the robot again: the text goes through ``model_of`` as the file did, and hulls stand
-for its meshes, which nobody looks for. Older files have no hulls but folders, which are not looked into: what they say
-of the robot is read, and its meshes are bodies of unknown shape.
+Nothing but this is needed to have the robot again: the text goes through ``model_of`` as the file
+did, and hulls stand for its meshes, which nobody looks for. Older files have no hulls but folders,
+which are not looked into: what they say of the robot is read, and its meshes are bodies of unknown
+shape.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class _Keys(BaseModel):
 
 
 class LegJson(_Keys):
-    """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where a person says it,
-    what it touches with."""
+    """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where
+    a person says it, what it touches with."""
 
     name: Word
     foot: Word
@@ -44,7 +45,8 @@ class LegJson(_Keys):
 
 
 class ModelJson(_Keys):
-    """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its digest.
+    """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its
+    digest.
 
     mesh_folders: of older files, which have no hulls; not looked into.
     """
@@ -60,7 +62,8 @@ class ModelJson(_Keys):
 
 
 def model_to_json(model: RobotModel) -> dict[str, Any]:
-    """JSON-ready values of a robot's model. Raises InvalidInput for a URDF that is too long to be kept."""
+    """JSON-ready values of a robot's model. Raises InvalidInput for a URDF that is too long to be
+    kept."""
     if model.older is not None:
         return dict(model.older)
     if len(model.urdf) > MOST_LETTERS:
@@ -71,7 +74,8 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
         "urdf": model.urdf,
         "legs": [
             {
-                "name": leg.name, "foot": leg.foot,
+                "name": leg.name,
+                "foot": leg.foot,
                 "stance_rad": dict(zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)),
                 **({} if leg.contact is None else {"contact": to_json(leg.contact)}),
             }
@@ -80,21 +84,26 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
         "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
         "hulls": hulls_to_text(model.shapes),
         "digest": model.digest,
-    }  # fmt: skip
+    }
 
 
 def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links that may touch."""
+    """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links
+    that may touch."""
     model = robot.get("model")
-    own = {} if model is None else {"model": {name: model[name] for name in ("digest", "disabled_pairs")}}
-    return {**robot, **own}
+    record = (
+        {}
+        if model is None
+        else {"model": {name: model[name] for name in ("digest", "disabled_pairs")}}
+    )
+    return {**robot, **record}
 
 
 def model_from_json(data: Mapping[str, Any], name: str) -> RobotModel:
     """The model that ``model_to_json`` wrote, of a robot of this name.
 
-    Raises InvalidInput, in one line, for keys that are wrong, a URDF that is none, legs that it does not have, and a
-    digest of another one.
+    Raises InvalidInput, in one line, for keys that are wrong, a URDF that is none, legs that it
+    does not have, and a digest of another one.
     """
     from .robot_model import model_of  # what a file without a model does without
 
@@ -102,24 +111,35 @@ def model_from_json(data: Mapping[str, Any], name: str) -> RobotModel:
     feet = {leg.name: leg.foot for leg in raw.legs}
     stances = {joint: angle for leg in raw.legs for joint, angle in leg.stance_rad.items()}
     if len(feet) != len(raw.legs):
-        raise InvalidInput(f"model: legs: expected different names, got {', '.join(leg.name for leg in raw.legs)}")
-    found = model_of(
-        raw.urdf, where="model: urdf", folder=None, hulls=hulls_of_text(raw.hulls or ""), feet=feet,
-        posture_rad=stances, name=name,
+        raise InvalidInput(
+            f"model: legs: expected different names, got {', '.join(leg.name for leg in raw.legs)}"
+        )
+    model = model_of(
+        raw.urdf,
+        where="model: urdf",
+        folder=None,
+        hulls=hulls_of_text(raw.hulls or ""),
+        feet=feet,
+        posture_rad=stances,
+        name=name,
         contacts={leg.name: leg.contact for leg in raw.legs if leg.contact is not None},
-    )  # fmt: skip
-    for leg, said in zip(found.legs, raw.legs, strict=True):
-        if leg.joint_names != tuple(said.stance_rad):
+    )
+    for leg, leg_record in zip(model.legs, raw.legs, strict=True):
+        if leg.joint_names != tuple(leg_record.stance_rad):
             raise InvalidInput(
                 f"model: leg {leg.name}: expected the joints {', '.join(leg.joint_names)}, "
-                f"got {', '.join(said.stance_rad)}"
+                f"got {', '.join(leg_record.stance_rad)}"
             )
-    own = found.digest if raw.hulls is not None else _older_digest(raw)
-    elsewhere = any(leg.foot != said.foot for leg, said in zip(found.legs, raw.legs, strict=True))
-    if own != raw.digest or (elsewhere and raw.hulls is not None):
-        raise InvalidInput("model: digest mismatch: the URDF or its legs are not those that were written")
+    digest = model.digest if raw.hulls is not None else _older_digest(raw)
+    elsewhere = any(
+        leg.foot != leg_record.foot for leg, leg_record in zip(model.legs, raw.legs, strict=True)
+    )
+    if digest != raw.digest or (elsewhere and raw.hulls is not None):
+        raise InvalidInput(
+            "model: digest mismatch: the URDF or its legs are not those that were written"
+        )
     older = raw.model_dump(exclude_none=True) if raw.hulls is None else None
-    return found.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
+    return model.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
 
 
 def _older_digest(raw: ModelJson) -> str:

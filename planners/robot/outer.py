@@ -1,17 +1,20 @@
-"""A convex set that holds everything a foot can reach, with a proof: what proofs of *infeasible* may stand on.
+"""A convex set that holds everything a foot can reach, with a proof: what proofs of *infeasible*
+may stand on.
 
-The set is built from the foot inward, a joint at a time. Let what lies outward of joint i be within conv(V) ⊕ B(ε),
-V points of the joint's frame, B(ε) a ball. Turning by q moves a point v along a circle of radius r(v), its distance
-from the axis. Between two angles that are δ apart, a point of the circle is within δ²·r/8 of the chord (a function's
-distance from its linear interpolation is at most δ²/8 times its largest second derivative, here r); the same holds
-for points of conv(V), whose distance from the axis is at most max r(v), as a distance from a line is convex. The chord
-is between the two turned points. So what lies outward of joint i − 1 is within
+The set is built from the foot inward, a joint at a time. Let what lies outward of joint i be within
+conv(V) ⊕ B(ε), V points of the joint's frame, B(ε) a ball. Turning by q moves a point v along a
+circle of radius r(v), its distance from the axis. Between two angles that are δ apart, a point of
+the circle is within δ²·r/8 of the chord (a function's distance from its linear interpolation is at
+most δ²/8 times its largest second derivative, here r); the same holds for points of conv(V), whose
+distance from the axis is at most max r(v), as a distance from a line is convex. The chord is
+between the two turned points. So what lies outward of joint i − 1 is within
 
     conv{Z(q_j) v} ⊕ B(ε + δ² max r(v) / 8),   q_j a grid of steps δ over the joint's whole range.
 
-A joint that slides moves along the chord itself and adds nothing. Only the extreme points of each hull are kept, so the
-cost grows with the number of joints, not with its exponent. Points may be thinned by rounding, which adds how far they
-moved to ε. At the base, half-spaces d·p ≤ max d·v + ε in any directions d hold everything that is reachable.
+A joint that slides moves along the chord itself and adds nothing. Only the extreme points of each
+hull are kept, so the cost grows with the number of joints, not with its exponent. Points may be
+thinned by rounding, which adds how far they moved to ε. At the base, half-spaces d·p ≤ max d·v + ε
+in any directions d hold everything that is reachable.
 """
 
 from __future__ import annotations
@@ -38,8 +41,8 @@ ROUNDING_M = 1e-9
 class OuterSet:
     """{p : normals p ≤ offsets}, and a ball that holds the same; all in the base's frame.
 
-    normals: unit vectors, shape (D, 3); offsets_m: shape (D,) [m]. centre_m, radius_m: of the ball. slack_m: ε, by how
-    much the set is larger than the hull of points that are reached [m].
+    normals: unit vectors, shape (D, 3); offsets_m: shape (D,) [m]. centre_m, radius_m: of the ball.
+    slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
     """
 
     normals: Array
@@ -51,20 +54,26 @@ class OuterSet:
     def contains(self, points: Array) -> np.ndarray:
         """Tell which points, shape (K, 3) [m], are in the set and in the ball, shape (K,)."""
         within = np.all(points @ self.normals.T <= self.offsets_m, axis=1)
-        return np.asarray(within & (np.linalg.norm(points - self.centre_m, axis=1) <= self.radius_m))
+        return np.asarray(
+            within & (np.linalg.norm(points - self.centre_m, axis=1) <= self.radius_m)
+        )
 
 
 def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> OuterSet:
-    """The outer set of a leg's foot. steps: the finer, the smaller ε; directions: the more, the nearer to the hull."""
+    """The outer set of a leg's foot. steps: the finer, the smaller ε; directions: the more, the
+    nearer to the hull."""
     points, slack = hull_points(leg, steps)
     normals = sphere_directions(directions)
     offsets = (points @ normals.T).max(axis=0) + slack
     centre, radius = enclosing_ball(points)
-    return OuterSet(normals=normals, offsets_m=offsets, centre_m=centre, radius_m=radius + slack, slack_m=slack)
+    return OuterSet(
+        normals=normals, offsets_m=offsets, centre_m=centre, radius_m=radius + slack, slack_m=slack
+    )
 
 
 def hull_points(leg: Leg, steps: int) -> tuple[Array, float]:
-    """Points in the base's frame, shape (K, 3), and ε such that every foot is within ε of their convex hull [m]."""
+    """Points in the base's frame, shape (K, 3), and ε such that every foot is within ε of their
+    convex hull [m]."""
     chain = leg.chain
     points, slack = chain.tip[None], ROUNDING_M
     for i in reversed(range(chain.joints)):
@@ -73,7 +82,10 @@ def hull_points(leg: Leg, steps: int) -> tuple[Array, float]:
             angles = np.array([lower, upper])
         else:
             angles = np.linspace(lower, upper, steps + 1)
-            step, radius = (upper - lower) / steps, float(np.hypot(points[:, 0], points[:, 1]).max())
+            step, radius = (
+                (upper - lower) / steps,
+                float(np.hypot(points[:, 0], points[:, 1]).max()),
+            )
             slack += step**2 * radius / 8.0
         turned = chain.outward(i, np.repeat(points.T[:, :, None], len(angles), axis=2), angles)
         points = _extreme(turned.reshape(3, -1).T)
@@ -96,16 +108,18 @@ def _extreme(points: Array) -> Array:
 
 
 def _thinned(points: Array, most: float) -> tuple[Array, float]:
-    """Fewer points, none of the old ones farther than ``most`` from one of the new [m], and how far the farthest is."""
+    """Fewer points, none of the old ones farther than ``most`` from one of the new [m], and how far
+    the farthest is."""
     size = 2.0 * most / np.sqrt(3.0)
     cells = np.unique(np.round(points / size), axis=0) * size
-    kept = _extreme(cells)
+    extreme = _extreme(cells)
     moved = float(np.linalg.norm(points - np.round(points / size) * size, axis=1).max())
-    return kept, moved
+    return extreme, moved
 
 
 def sphere_directions(count: int) -> Array:
-    """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape (count + 6, 3)."""
+    """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape
+    (count + 6, 3)."""
     k = np.arange(count) + 0.5
     height, azimuth = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     flat = np.sqrt(1.0 - height**2)
@@ -114,7 +128,8 @@ def sphere_directions(count: int) -> Array:
 
 
 def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
-    """Centre and radius of a ball that holds all points, hardly larger than the smallest (Bădoiu and Clarkson) [m]."""
+    """Centre and radius of a ball that holds all points, hardly larger than the smallest (Bădoiu
+    and Clarkson) [m]."""
     centre = points.mean(axis=0)
     for k in range(rounds):
         far = points[np.argmax(np.einsum("ki,ki->k", points - centre, points - centre))]

@@ -1,7 +1,8 @@
 """Numbers of a robot's file that no robot has: doubts, a line each, that name the link.
 
-A body's principal moments a ≤ b ≤ c are at least 0, c ≤ a + b, and c ≤ m R² where all of it is within R of its centre
-of mass. A robot with a trunk that weighs nothing, or feet that do, is one whose masses were forgotten.
+A body's principal moments a ≤ b ≤ c are at least 0, c ≤ a + b, and c ≤ m R² where all of it is
+within R of its centre of mass. A robot with a trunk that weighs nothing, or feet that do, is one
+whose masses were forgotten.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from .solids import shape_points
 Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
 ROUNDED, ROUNDED_KGM2 = 0.05, 4e-6
-"""By how much rounding may break the triangle's inequality: as a share of the largest moment, and in all [kg m²].
+"""By how much rounding may break the triangle's inequality: as a share of the largest moment, and
+in all [kg m²].
 
-A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a largest moment of 3e-6."""
+A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a largest moment of
+3e-6."""
 SLIGHT = 1e-3
-"""A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's frame with a
-placeholder."""
+"""A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's
+frame with a placeholder."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
 LEAST_SHARE = 0.01
@@ -41,8 +44,8 @@ REST = 0.05
 
 
 def link_inertia(link: Element) -> tuple[float, Array, Array]:
-    """Mass [kg], centre in the link, shape (3,) [m], and principal moments, shape (3,) [kg m²], zeros for a link
-    without. Raises InvalidInput for what is no number."""
+    """Mass [kg], centre in the link, shape (3,) [m], and principal moments, shape (3,) [kg m²],
+    zeros for a link without. Raises InvalidInput for what is no number."""
     where = f"link {shown(link.get('name', ''))}"
     inertial = link.find("inertial")
     if inertial is None:
@@ -52,7 +55,9 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
         mass = 0.0 if element is None else float(element.get("value", "0"))
         element = inertial.find("inertia")
         names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        entries = [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
+        entries = (
+            [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
+        )
     except ValueError:
         raise InvalidInput(f"{where}: expected a mass and moments of inertia in numbers") from None
     if not np.isfinite([mass, *entries]).all():
@@ -96,7 +101,8 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
 
 
 def impossible(mass_kg: float, moments: Array) -> str:
-    """Why no body has this mass and these principal moments, in order, shape (3,) [kg m²]; empty where one may."""
+    """Why no body has this mass and these principal moments, in order, shape (3,) [kg m²]; empty
+    where one may."""
     small, middle, large = (float(moment) for moment in moments)
     room = max(ROUNDED * abs(large), ROUNDED_KGM2)
     if mass_kg < 0.0:
@@ -131,13 +137,19 @@ def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -
 
 def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:
     """A link that a joint, or none, carries."""
-    return next((name for name, mount in mounts.items() if (mount.leg, mount.joint) == (leg, joint)), "?")
+    return next(
+        (name for name, mount in mounts.items() if (mount.leg, mount.joint) == (leg, joint)), "?"
+    )
 
 
 def wrong_links(root: Element) -> str:
-    """The links whose mass or inertia no body has, and why, in one line; empty where there is none."""
-    whys = [(link.get("name", ""), impossible(mass, moments)) for link in root.findall("link")
-            for mass, _, moments in [link_inertia(link)]]  # fmt: skip
+    """The links whose mass or inertia no body has, and why, in one line; empty where there is
+    none."""
+    whys = [
+        (link.get("name", ""), impossible(mass, moments))
+        for link in root.findall("link")
+        for mass, _, moments in [link_inertia(link)]
+    ]
     return "; ".join(f"link {shown(name)}: {why}" for name, why in whys if why)
 
 
@@ -153,13 +165,18 @@ def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
     follow a leg's joint or rest elsewhere, and those whose limits do not let them be there."""
     of_legs = {name for leg in legs for name in leg.joint_names}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    mimics = {name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None}
+    mimics = {
+        name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None
+    }
     for name, joint in joints.items():
         where, kind, limit = f"joint {name}", joint.get("type"), joint.find("limit")
         if name in of_legs or kind == "fixed":
             continue
         if name in mimics:
-            leader, offset = _leader(name, mimics), _number(mimics[name], "offset", f"{where}: mimic")
+            leader, offset = (
+                _leader(name, mimics),
+                _number(mimics[name], "offset", f"{where}: mimic"),
+            )
             if leader in of_legs or leader in mimics:
                 yield f"{where}: follows {leader}, which plans do not: make it a fixed joint"
             elif abs(offset) > REST:
@@ -173,7 +190,9 @@ def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
 def _leader(name: str, mimics: Mapping[str, Element]) -> str:
     """The joint that one follows in the end."""
     seen = [name]
-    while (mimic := mimics.get(seen[-1])) is not None and (further := mimic.get("joint", "")) not in seen:
+    while (mimic := mimics.get(seen[-1])) is not None and (
+        further := mimic.get("joint", "")
+    ) not in seen:
         seen.append(further)
     return seen[-1]
 

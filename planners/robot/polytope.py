@@ -17,14 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polytope:
-    """{p : normals p ≤ offsets}, bounded and with an inside; normals: unit, shape (F, 3); offsets_m: shape (F,) [m]."""
+    """{p : normals p ≤ offsets}, bounded and with an inside; normals: unit, shape (F, 3);
+    offsets_m: shape (F,) [m]."""
 
     normals: Array
     offsets_m: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "normals", read_only(self.normals, (None, 3), "normals"))
-        object.__setattr__(self, "offsets_m", read_only(self.offsets_m, (len(self.normals),), "offsets_m"))
+        object.__setattr__(
+            self, "offsets_m", read_only(self.offsets_m, (len(self.normals),), "offsets_m")
+        )
 
     def contains(self, points: Array) -> np.ndarray:
         """Tell which points, shape (K, 3) [m], are inside, shape (K,)."""
@@ -32,21 +35,26 @@ class Polytope:
 
     @cached_property
     def largest_ball(self) -> Array:
-        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m]. Raises InvalidInput for none."""
+        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m]. Raises
+        InvalidInput for none."""
         from scipy.optimize import linprog  # slow to import
 
         rows = np.column_stack([self.normals, np.ones(len(self.normals))])
-        found = linprog([0.0, 0.0, 0.0, -1.0], rows, self.offsets_m, bounds=[(None, None)] * 3 + [(0.0, None)])
-        if found.status != 0 or found.x is None or not found.x[3] > 0.0:
+        result = linprog(
+            [0.0, 0.0, 0.0, -1.0], rows, self.offsets_m, bounds=[(None, None)] * 3 + [(0.0, None)]
+        )
+        if result.status != 0 or result.x is None or not result.x[3] > 0.0:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
-        return np.asarray(found.x)
+        return np.asarray(result.x)
 
     @cached_property
     def _dual(self) -> HalfspaceIntersection:
         from scipy.spatial import HalfspaceIntersection, QhullError  # slow to import
 
         try:
-            return HalfspaceIntersection(np.column_stack([self.normals, -self.offsets_m]), self.largest_ball[:3])
+            return HalfspaceIntersection(
+                np.column_stack([self.normals, -self.offsets_m]), self.largest_ball[:3]
+            )
         except QhullError:
             raise InvalidInput("polytope: expected one that is bounded and has an inside") from None
 
@@ -62,40 +70,47 @@ class Polytope:
 
     def cut(self, normals: Array, offsets: Array) -> Polytope:
         """The part of it in some more half-spaces."""
-        return Polytope(normals=np.vstack([self.normals, normals]), offsets_m=np.append(self.offsets_m, offsets))
+        return Polytope(
+            normals=np.vstack([self.normals, normals]), offsets_m=np.append(self.offsets_m, offsets)
+        )
 
     def sample(self, count: int, rng: np.random.Generator) -> Array:
         """Points spread evenly over it, shape (count, 3) [m]."""
         corners = self.vertices
         low, high = corners.min(axis=0), corners.max(axis=0)
-        found, kept = list[Array](), 0
-        while kept < count:
+        result, size = list[Array](), 0
+        while size < count:
             points = rng.uniform(low, high, (3 * count, 3))
-            found.append(points[self.contains(points)])
-            kept += len(found[-1])
-        return np.vstack(found)[:count]
+            result.append(points[self.contains(points)])
+            size += len(result[-1])
+        return np.vstack(result)[:count]
 
     def largest_box(self) -> Array:
-        """Low and high corner of the largest upright box inside, shape (2, 3) [m]: max Σ log(high − low)."""
+        """Low and high corner of the largest upright box inside, shape (2, 3) [m]: max Σ log(high −
+        low)."""
         centre, radius = np.split(self.largest_ball, [3])
         sides = np.hstack([-np.eye(3), np.eye(3)])
-        return self._box(sides, np.zeros(3), np.concatenate([centre - 0.5 * radius, centre + 0.5 * radius]))
+        return self._box(
+            sides, np.zeros(3), np.concatenate([centre - 0.5 * radius, centre + 0.5 * radius])
+        )
 
     def box_about(self, point: Array, room_m: float) -> Array:
-        """Low and high corner of the upright box inside that has most room about a point, on all its sides, shape
-        (2, 3) [m]: max Σ log(high − point) + log(point − low).
+        """Low and high corner of the upright box inside that has most room about a point, on all
+        its sides, shape (2, 3) [m]: max Σ log(high − point) + log(point − low).
 
         Raises InvalidInput where a ball of ``room_m`` about the point is not inside.
         """
         room = float(np.min(self.offsets_m - self.normals @ point))
         if not room >= room_m > 0.0:
-            raise InvalidInput(f"polytope: expected {room_m:.3g} m about a point to be inside, got {room:.3g}")
+            raise InvalidInput(
+                f"polytope: expected {room_m:.3g} m about a point to be inside, got {room:.3g}"
+            )
         sides, middle = np.diag([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]), np.tile(point, 2)
         return self._box(sides, sides @ middle, middle + 0.5 * room * np.repeat([-1.0, 1.0], 3))
 
     def _box(self, sides: Array, shifts: Array, start: Array) -> Array:
-        """The box inside for which Σ log(sides x − shifts) of its corners x = (low, high) is largest, from one that is
-        inside.
+        """The box inside for which Σ log(sides x − shifts) of its corners x = (low, high) is
+        largest, from one that is inside.
 
         The corner that a face n looks at is low or high by the signs of n: a concave programme.
         """
@@ -109,9 +124,14 @@ class Polytope:
         def slope(x: Array) -> Array:
             return np.asarray(-sides.T @ (1.0 / np.maximum(sides @ x - shifts, 1e-9)))
 
-        kept = LinearConstraint(rows, -np.inf, self.offsets_m)
-        found = minimize(loss, start, jac=slope, method="SLSQP", constraints=kept, options={"maxiter": 100}).x
-        best = found if loss(found) < loss(start) else start
-        over, room = rows @ (best - start), self.offsets_m - rows @ start  # drawn back until every corner is inside
+        constraint = LinearConstraint(rows, -np.inf, self.offsets_m)
+        result = minimize(
+            loss, start, jac=slope, method="SLSQP", constraints=constraint, options={"maxiter": 100}
+        ).x
+        best = result if loss(result) < loss(start) else start
+        over, room = (
+            rows @ (best - start),
+            self.offsets_m - rows @ start,
+        )  # drawn back until every corner is inside
         share = float(np.min(room[over > room] / over[over > room], initial=1.0))
         return np.asarray((start + share * (best - start)).reshape(2, 3))

@@ -1,9 +1,11 @@
-"""Limbs of a robot's model as the contact planner sees them: for each leg the half-spaces that its toe is in.
+"""Limbs of a robot's model as the contact planner sees them: for each leg the half-spaces that its
+toe is in.
 
-Plans take inner sets, proofs outer ones. A toe planned in the inner polytope is one that the leg reaches; that no plan
-exists within inner sets proves nothing of the robot. The outer set holds all that the leg reaches, so that a proof over
-outer sets is one. The toe is on the foot's surface, a radius away from the foot's centre in a direction that the
-terrain decides: the inner set is that much smaller, the outer one that much larger.
+Plans take inner sets, proofs outer ones. A toe planned in the inner polytope is one that the leg
+reaches; that no plan exists within inner sets proves nothing of the robot. The outer set holds all
+that the leg reaches, so that a proof over outer sets is one. The toe is on the foot's surface, a
+radius away from the foot's centre in a direction that the terrain decides: the inner set is that
+much smaller, the outer one that much larger.
 """
 
 from __future__ import annotations
@@ -30,13 +32,15 @@ def limbs_over(
 ) -> tuple[Limb, ...]:
     """The limbs of a model over these sets of its legs, from its centre of mass as it stands.
 
-    workspaces: of its legs; measured, or taken from the cache, where not given. Raises InvalidInput for a leg whose
-    foot is larger than its inner set, for one whose workspace has no inside, and where a person has to say first what
-    a leg touches with, or which way is up.
+    workspaces: of its legs; measured, or taken from the cache, where not given. Raises InvalidInput
+    for a leg whose foot is larger than its inner set, for one whose workspace has no inside, and
+    where a person has to say first what a leg touches with, or which way is up.
     """
     robot.check_known()
     measured = workspaces_of(robot) if workspaces is None else workspaces
-    return tuple(_limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, measured, strict=True))
+    return tuple(
+        _limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, measured, strict=True)
+    )
 
 
 def standing_toes(robot: RobotModel) -> Array:
@@ -50,7 +54,12 @@ def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:
     """One leg: its set as half-spaces, and a ball that holds them."""
     if sets == "outer":
         outer = workspace.outer
-        normals, bounds, centre, radius = outer.normals, outer.offsets_m + leg.radius_m, outer.centre_m, outer.radius_m
+        normals, bounds, centre, radius = (
+            outer.normals,
+            outer.offsets_m + leg.radius_m,
+            outer.centre_m,
+            outer.radius_m,
+        )
         radius = radius + leg.radius_m
     else:
         inner = workspace.inner
@@ -58,4 +67,6 @@ def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:
         centre, radius = enclosing_ball(inner.vertices)
     rows = ReachRows(normals=normals, bounds_m=bounds - normals @ com_m)
     hip_m = leg.hip_m - com_m
-    return Limb(name=leg.name, shoulder_m=centre - com_m, reach_m=radius, reach_rows=rows, hip_m=hip_m)
+    return Limb(
+        name=leg.name, shoulder_m=centre - com_m, reach_m=radius, reach_rows=rows, hip_m=hip_m
+    )

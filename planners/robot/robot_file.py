@@ -1,4 +1,5 @@
-"""A robot by what a person calls it: a name, a URDF, or a YAML file that names a URDF and corrects it."""
+"""A robot by what a person calls it: a name, a URDF, or a YAML file that names a URDF and corrects
+it."""
 
 from __future__ import annotations
 
@@ -34,24 +35,28 @@ class LegKeys(BaseModel):
 
 
 class RobotKeys(BaseModel):
-    """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of robots.
+    """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of
+    robots.
 
-    provider: an installed package that has the URDF, example-robot-data or pybullet. urdf: the robot. srdf: pairs
-    of links that may touch, and a posture to stand in. packages: folders where ``package://`` names lead. name: in
-    place of the URDF's. feet: the links that are feet, by the names that their legs shall have, or a list. contacts:
-    what a foot touches with where it is no ball: point_m in its link, and radius_m of a ball about that, by foot, leg
-    or pattern. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how
+    provider: an installed package that has the URDF, example-robot-data or pybullet. urdf: the
+    robot. srdf: pairs of links that may touch, and a posture to stand in. packages: folders where
+    ``package://`` names lead. name: in place of the URDF's. feet: the links that are feet, by the
+    names that their legs shall have, or a list. contacts: what a foot touches with where it is no
+    ball: point_m in its link, and radius_m of a ball about that, by foot, leg or pattern. joints:
+    corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how
     the URDF's root lies in a frame whose z points up, where its own does not.
 
-    For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how high above the centre
-    of mass a foot may be; inner_m, how far a foot stays from the planes half way to the others [m].
+    For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how
+    high above the centre of mass a foot may be; inner_m, how far a foot stays from the planes half
+    way to the others [m].
 
-    For leaps: legs, by name or pattern, with speed_m_s, power_w and fold_m in place of what the joints' efforts,
-    velocities and limits give.
+    For leaps: legs, by name or pattern, with speed_m_s, power_w and fold_m in place of what the
+    joints' efforts, velocities and limits give.
 
-    In older files feet is a list, posture_rad a list of all joints' angles in pinocchio's order, and ranges_rad says
-    how far below and above that posture the joints of a leg may go, for the first foot's leg, and mirrored for joints
-    that the posture mirrors; voxel_m and steps are read, and are of no use any more.
+    In older files feet is a list, posture_rad a list of all joints' angles in pinocchio's order,
+    and ranges_rad says how far below and above that posture the joints of a leg may go, for the
+    first foot's leg, and mirrored for joints that the posture mirrors; voxel_m and steps are read,
+    and are of no use any more.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -78,15 +83,18 @@ class RobotKeys(BaseModel):
 def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotModel:
     """The robot of a name, a ``.urdf`` file, or a ``.yaml`` file that names one.
 
-    name: hexapod, one of ``catalogue``, or a path. srdf: in place of the one that a YAML file names. Raises
-    InvalidInput, in one line, for anything else.
+    name: hexapod, one of ``catalogue``, or a path. srdf: in place of the one that a YAML file
+    names. Raises InvalidInput, in one line, for anything else.
     """
     path = robot_path(name)
     if path.suffix in YAML:
         return model_of_keys(read_keys(path), path, srdf)
     if path.suffix == ".urdf":
         return model_of(
-            read_text(path), where=str(path), folder=path.parent.resolve(), srdf="" if srdf is None else read_text(srdf)
+            read_text(path),
+            where=str(path),
+            folder=path.parent.resolve(),
+            srdf="" if srdf is None else read_text(srdf),
         )
     if str(name) in BUILT_IN:
         return hexapod_model()
@@ -143,19 +151,29 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
 
         def model(keys: RobotKeys) -> RobotModel:
             return model_of(
-                text, where=str(urdf), folder=urdf.parent.resolve(),
+                text,
+                where=str(urdf),
+                folder=urdf.parent.resolve(),
                 packages=[(folder / each).resolve() for each in keys.packages],
-                srdf=stands, feet=keys.feet, contacts=keys.contacts,
-                joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                srdf=stands,
+                feet=keys.feet,
+                contacts=keys.contacts,
+                joints=keys.joints,
+                name=keys.name,
+                root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
-            )  # fmt: skip
+            )
 
         if isinstance(keys.posture_rad, list):
             joints = list(built(text, str(urdf)).names)[2:]
             keys = _with_feet(keys)
-            keys = keys.model_copy(update={"posture_rad": _posture(keys.posture_rad, joints, model(keys))})
+            keys = keys.model_copy(
+                update={"posture_rad": _posture(keys.posture_rad, joints, model(keys))}
+            )
         if keys.ranges_rad is not None:
-            keys = keys.model_copy(update={"joints": {**keys.joints, **_limits(model(keys), keys.ranges_rad)}})
+            keys = keys.model_copy(
+                update={"joints": {**keys.joints, **_limits(model(keys), keys.ranges_rad)}}
+            )
         return model(keys)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
@@ -164,27 +182,36 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
 def _with_feet(keys: RobotKeys) -> RobotKeys:
     """An older file's feet by names: what stands before the first _ of each."""
     feet = {foot.split("_")[0]: foot for foot in keys.feet}
-    return keys if isinstance(keys.feet, dict) or len(feet) < len(keys.feet) else keys.model_copy(update={"feet": feet})
+    return (
+        keys
+        if isinstance(keys.feet, dict) or len(feet) < len(keys.feet)
+        else keys.model_copy(update={"feet": feet})
+    )
 
 
 def _posture(angles: Any, joints: Sequence[str], model: RobotModel) -> dict[str, float]:
-    """An older file's angles, which are of all joints in pinocchio's order, by the names of the legs' joints."""
+    """An older file's angles, which are of all joints in pinocchio's order, by the names of the
+    legs' joints."""
     if len(angles) != len(joints):
         raise InvalidInput(f"posture_rad: expected {len(joints)} joint angles, got {len(angles)}")
-    said = dict(zip(joints, angles, strict=True))
-    return {name: said[name] for leg in model.legs for name in leg.joint_names}
+    posture = dict(zip(joints, angles, strict=True))
+    return {name: posture[name] for leg in model.legs for name in leg.joint_names}
 
 
-def _limits(model: RobotModel, ranges_rad: Sequence[tuple[float, float]]) -> dict[str, JointCorrection]:
+def _limits(
+    model: RobotModel, ranges_rad: Sequence[tuple[float, float]]
+) -> dict[str, JointCorrection]:
     """Joint limits from how far the joints of a leg may go from the posture in which it stands."""
     below, above = np.array(ranges_rad, dtype=np.float64).reshape(-1, 2).T
-    found = {}
+    result = {}
     for leg in model.legs:
         if len(leg.joints) != len(below):
-            raise InvalidInput(f"ranges_rad: expected {len(leg.joints)}, one a joint of a leg, got {len(below)}")
+            raise InvalidInput(
+                f"ranges_rad: expected {len(leg.joints)}, one a joint of a leg, got {len(below)}"
+            )
         mirrored = np.sign(leg.stance_rad) * np.sign(model.legs[0].stance_rad) < 0
         low = np.maximum(leg.stance_rad - np.where(mirrored, above, below), leg.lower_rad)
         high = np.minimum(leg.stance_rad + np.where(mirrored, below, above), leg.upper_rad)
         for name, *limits in zip(leg.joint_names, low.tolist(), high.tolist(), strict=True):
-            found[name] = JointCorrection(limits_rad=(limits[0], limits[1]))
-    return found
+            result[name] = JointCorrection(limits_rad=(limits[0], limits[1]))
+    return result

@@ -1,7 +1,9 @@
-"""A robot from its URDF, as everything that needs more than shoulders and reach sees it: legs, joints, masses, shapes.
+"""A robot from its URDF, as everything that needs more than shoulders and reach sees it: legs,
+joints, masses, shapes.
 
-Joints are always meant by name. The order is the file's: legs as their first joints come in it, joints from the base
-outward; pinocchio has an order of its own, by name, which stays in ``leg_search``.
+Joints are always meant by name. The order is the file's: legs as their first joints come in it,
+joints from the base outward; pinocchio has an order of its own, by name, which stays in
+``leg_search``.
 """
 
 from __future__ import annotations
@@ -42,13 +44,14 @@ from .urdf_reader import (
 )
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
-"""Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
+"""Postures of an SRDF that are taken for the one in which the robot stands, the first that is
+there."""
 ROTOR_S2 = 2e-4
-"""A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in units of what holds the
-robot's weight at a leg's length [Nm]."""
+"""A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in
+units of what holds the robot's weight at a leg's length [Nm]."""
 STIFFNESS, DAMPING_S = 1.0, 0.04
-"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's weight at a leg's
-length [Nm], and Kd / Kp [s]."""
+"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's
+weight at a leg's length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
@@ -66,8 +69,8 @@ class Remark:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
-    """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame, shape (3,) [m], and
-    inertia about it, shape (3, 3) [kg m²]."""
+    """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame,
+    shape (3,) [m], and inertia about it, shape (3, 3) [kg m²]."""
 
     mass_kg: float
     com_m: Array
@@ -78,11 +81,12 @@ class Body:
 class RobotModel:
     """A legged robot.
 
-    urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
-    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. gaps: what a
-    person has to say of it in a YAML file before anything is planned, a line each. older: of a model out of a file from
-    before there were hulls, what that file says of it: digests there are of this. servo: the drive of every joint of
-    legs that are drawn up; None where a robot's own file says what its joints can.
+    urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every
+    link by name. disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or
+    is hard to believe. gaps: what a person has to say of it in a YAML file before anything is
+    planned, a line each. older: of a model out of a file from before there were hulls, what that
+    file says of it: digests there are of this. servo: the drive of every joint of legs that are
+    drawn up; None where a robot's own file says what its joints can.
     """
 
     name: str
@@ -101,10 +105,13 @@ class RobotModel:
         return {name: value for name, value in vars(self).items() if name not in ("tree", "built")}
 
     def changed(self, **fields: Any) -> RobotModel:
-        """The model with other values of some fields, and with what was parsed and built of the same URDF."""
+        """The model with other values of some fields, and with what was parsed and built of the
+        same URDF."""
         made = replace(self, **fields)
         if made.urdf is self.urdf:
-            vars(made).update({name: vars(self)[name] for name in ("tree", "built") if name in vars(self)})
+            vars(made).update(
+                {name: vars(self)[name] for name in ("tree", "built") if name in vars(self)}
+            )
         return made
 
     @cached_property
@@ -129,12 +136,15 @@ class RobotModel:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the corrected URDF, the legs and their feet, and the hulls of the meshes that it names."""
+        """SHA-256 of the corrected URDF, the legs and their feet, and the hulls of the meshes that
+        it names."""
         legs = [(leg.name, leg.foot, leg.stance_rad.tolist()) for leg in self.legs]
         content = hashlib.sha256(urdf_digest_text(self.urdf, legs).encode())
         for leg in self.legs:
             if leg.contact is not None:
-                content.update(f"\0contact\0{leg.contact.point_m.tolist()}\0{leg.contact.radius_m}".encode())
+                content.update(
+                    f"\0contact\0{leg.contact.point_m.tolist()}\0{leg.contact.radius_m}".encode()
+                )
         for i, shape in enumerate(self.shapes):
             if shape.corners_m is not None:
                 for part in (shape.corners_m, *shape.parts_m):
@@ -143,7 +153,8 @@ class RobotModel:
 
     @property
     def identity(self) -> str:
-        """Name and the beginning of the digest: what data sets and envelopes say that they were learned for."""
+        """Name and the beginning of the digest: what data sets and envelopes say that they were
+        learned for."""
         return f"{self.name}-{self.digest[:IDENTITY_DIGITS]}"
 
     @property
@@ -154,15 +165,19 @@ class RobotModel:
 
     @property
     def unrunnable(self) -> tuple[str, ...]:
-        """Why plans and walks of the robot cannot be run as its file is, a line each: joints that slide, and passive
-        ones, which only a file of actuators gives something to hold with."""
-        idle = [(joint.name, IDLE) for leg in self.legs for joint in leg.joints
-                if not joint.slides and (joint.torque_nm <= 0.0 or joint.velocity_rad_s <= 0.0)]  # fmt: skip
+        """Why plans and walks of the robot cannot be run as its file is, a line each: joints that
+        slide, and passive ones, which only a file of actuators gives something to hold with."""
+        idle = [
+            (joint.name, IDLE)
+            for leg in self.legs
+            for joint in leg.joints
+            if not joint.slides and (joint.torque_nm <= 0.0 or joint.velocity_rad_s <= 0.0)
+        ]
         return self.lines_of([*_sliding(self.legs), *idle])
 
     def check_known(self) -> None:
-        """Raise InvalidInput, in one line, where a person has to say something of the robot before it is planned for:
-        what a leg touches with, or which way is up."""
+        """Raise InvalidInput, in one line, where a person has to say something of the robot before
+        it is planned for: what a leg touches with, or which way is up."""
         if self.gaps:
             raise InvalidInput(f"robot {self.name}: {self.gaps[0]}")
         check_contacts(self.legs, self.name, self.shapes, self.mounts)
@@ -176,14 +191,16 @@ class RobotModel:
 
     @property
     def carried_nm(self) -> float:
-        """Torque that holds the robot's weight at the length of a leg: the unit of what its drives are guessed by."""
+        """Torque that holds the robot's weight at the length of a leg: the unit of what its drives
+        are guessed by."""
         length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
         return self.body.mass_kg * GRAVITY_M_S2 * length_m
 
     @property
     def drive(self) -> tuple[float, float, float]:
-        """Kp [Nm/rad], Kd [Nm s/rad] and the rotor's inertia behind the gears [kg m²] of every joint, where no file of
-        actuators says them: the servo's where legs are drawn up, else those that such a weight needs.
+        """Kp [Nm/rad], Kd [Nm s/rad] and the rotor's inertia behind the gears [kg m²] of every
+        joint, where no file of actuators says them: the servo's where legs are drawn up, else those
+        that such a weight needs.
 
         The verifier, the runner and the worlds of simulation have them from here.
         """
@@ -194,13 +211,17 @@ class RobotModel:
 
     @property
     def torque_doubts(self) -> tuple[tuple[str, str], ...]:
-        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one that none has.
+        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one
+        that none has.
 
         A servo's limit, which someone says, is believed.
         """
         if self.servo is not None:
             return ()
-        return tuple((subject.removeprefix("joint "), text) for subject, text in _torque_doubts(self.legs, self.body))
+        return tuple(
+            (subject.removeprefix("joint "), text)
+            for subject, text in _torque_doubts(self.legs, self.body)
+        )
 
     def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
         """Doubts on joints, a line for all joints of the same."""
@@ -211,7 +232,9 @@ class RobotModel:
 
         angles: of each leg, shape (n,) [rad].
         """
-        placed = [leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)]
+        placed = [
+            leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)
+        ]
         frames = dict[str, tuple[Array, Array]]()
         for name, mount in self.mounts.items():
             if mount.leg is None:
@@ -223,7 +246,8 @@ class RobotModel:
 
 
 def urdf_digest_text(urdf: str, legs: Sequence[tuple[str, str, list[float]]]) -> str:
-    """The text whose SHA-256 was a robot's digest before hulls were part of it, and is where there are none.
+    """The text whose SHA-256 was a robot's digest before hulls were part of it, and is where there
+    are none.
 
     legs: name, foot and posture of each.
     """
@@ -247,13 +271,15 @@ def model_of(
 ) -> RobotModel:
     """The robot of a URDF's text.
 
-    where: what messages call the file. folder, packages: where meshes are; folder None where none is to be looked for.
-    hulls: of meshes, each with its parts after it, by the number of their shape, in place of their files. srdf: text
-    of an SRDF, for pairs of links that may touch and a posture to stand in. feet: links, by the names of their legs or
-    alone; searched for where none is given. contacts: what feet touch with, by leg, foot or pattern, where that is not
-    a ball at the leg's end. joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or
-    pattern. name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
-    Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
+    where: what messages call the file. folder, packages: where meshes are; folder None where none
+    is to be looked for. hulls: of meshes, each with its parts after it, by the number of their
+    shape, in place of their files. srdf: text of an SRDF, for pairs of links that may touch and a
+    posture to stand in. feet: links, by the names of their legs or alone; searched for where none
+    is given. contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at
+    the leg's end. joints: corrections, by name or pattern. posture_rad: of the standing robot, by
+    joint or pattern. name: in place of the URDF's. root_rpy_rad: of a root whose z does not point
+    up, in a frame whose z does. Raises InvalidInput, in one line, for a file that is no URDF of a
+    robot with legs and masses.
     """
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
     root = parsed(text, where)
@@ -265,36 +291,46 @@ def model_of(
     model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
-        shapes, broken = with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
+        shapes, broken = (
+            with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
+        )
         order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
-        found = legs_of(model, shapes, order, named, contacts)
-        guesses = list(found.guesses)
-        standing_in = _mounts(model, found.legs, at_rest(model))
-        rounded, balls = with_balls(root, found.legs, shapes, standing_in, found.indices)
+        legs_found = legs_of(model, shapes, order, named, contacts)
+        guesses = list(legs_found.guesses)
+        standing_in = _mounts(model, legs_found.legs, at_rest(model))
+        rounded, balls = with_balls(root, legs_found.legs, shapes, standing_in, legs_found.indices)
         if balls:
             text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
             shapes = with_same_hulls(again, shapes)
             guesses.insert(0, f"balls for {', '.join(balls)}")
-        _check_mimics(root, found.legs)
+        _check_mimics(root, legs_found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
-        gaps = (*found.gaps, *rest_gaps(root, found.legs))
-        legs, more = _stand(found.legs, posture_rad, semantics)
+        gaps = (*legs_found.gaps, *rest_gaps(root, legs_found.legs))
+        legs, more = _stand(legs_found.legs, posture_rad, semantics)
         body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
-    doubts = [*found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
+    doubts = [*legs_found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     made = RobotModel(
-        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=mounts, gaps=gaps,
+        name=called,
+        urdf=text,
+        legs=legs,
+        body=body,
+        shapes=shapes,
+        mounts=mounts,
+        gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
-        remarks=(*(Remark(kind="guess", text=each) for each in (*guesses, *more)),
-                 *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts)))),
-    )  # fmt: skip
+        remarks=(
+            *(Remark(kind="guess", text=each) for each in (*guesses, *more)),
+            *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts))),
+        ),
+    )
     if not balls:
         vars(made).update(tree=root, built=model)
     return made
@@ -305,28 +341,39 @@ def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
     for leg in legs:
         for name in leg.joint_names:
             if (mimic := mimics.get(name)) is not None:
-                raise InvalidInput(f"joint {shown(name)}: expected a joint of its own, it mimics {mimic.get('joint')}")
+                raise InvalidInput(
+                    f"joint {shown(name)}: expected a joint of its own, it mimics {mimic.get('joint')}"
+                )
 
 
 def _stand(
     legs: tuple[Leg, ...], posture_rad: Mapping[str, float] | None, srdf: Element | None
 ) -> tuple[tuple[Leg, ...], list[str]]:
-    """The legs with the posture that a person or the SRDF says, or a guessed one; and what was guessed."""
+    """The legs with the posture that a person or the SRDF says, or a guessed one; and what was
+    guessed."""
     guesses = list[str]()
-    said, names = dict[str, float](), {name: None for leg in legs for name in leg.joint_names}
-    states = {} if srdf is None else {state.get("name", ""): state for state in srdf.findall("group_state")}
+    angles, names = dict[str, float](), {name: None for leg in legs for name in leg.joint_names}
+    states = (
+        {}
+        if srdf is None
+        else {state.get("name", ""): state for state in srdf.findall("group_state")}
+    )
     state = next((states[name] for name in STANCES if name in states), None)
     if state is not None:
         for joint in state.findall("joint"):
             name, value = joint.get("name", ""), joint.get("value", "")
             if name in names and len(value.split()) <= 1:  # several: of a joint that is no leg's
-                said[name] = _angle(value, f"srdf: group_state {shown(state.get('name'))}: joint {shown(name)}")
+                angles[name] = _angle(
+                    value, f"srdf: group_state {shown(state.get('name'))}: joint {shown(name)}"
+                )
     for pattern, angle in (posture_rad or {}).items():
-        said.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
+        angles.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
     stood, unsaid = [], []
     for leg in legs:
-        if all(name in said for name in leg.joint_names):
-            stance = np.clip([said[name] for name in leg.joint_names], leg.lower_rad, leg.upper_rad)
+        if all(name in angles for name in leg.joint_names):
+            stance = np.clip(
+                [angles[name] for name in leg.joint_names], leg.lower_rad, leg.upper_rad
+            )
         else:
             stance = standing(leg)
             unsaid.append(leg.name)
@@ -347,19 +394,24 @@ def _angle(text: str, where: str) -> float:
 
 
 def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Array]:
-    """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base at the origin."""
+    """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base
+    at the origin."""
     pin = pinocchio()
     data, rest = model.createData(), at_rest(model)
     for leg in legs:
         for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
             joint = model.joints[model.getJointId(name)]
-            rest[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            rest[joint.idx_q : joint.idx_q + joint.nq] = (
+                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
     pin.ccrba(model, data, rest, np.zeros(model.nv))
     mass, inertia, com = float(data.Ig.mass), np.array(data.Ig.inertia), np.array(data.com[0])
     sound = bool(np.isfinite([mass, *com, *inertia.ravel()]).all())
     if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
         wrong = wrong_links(root)
-        raise InvalidInput(f"expected links with mass and inertia, got {mass:g} kg in all{wrong and ': '}{wrong:.300}")
+        raise InvalidInput(
+            f"expected links with mass and inertia, got {mass:g} kg in all{wrong and ': '}{wrong:.300}"
+        )
     return Body(mass_kg=mass, com_m=com, inertia_kgm2=0.5 * (inertia + inertia.T)), rest
 
 
@@ -368,22 +420,31 @@ def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
     pin = pinocchio()
     data = model.createData()
     pin.framesForwardKinematics(model, data, rest)
-    carriers = {name: (i, k) for i, leg in enumerate(legs) for k, name in enumerate(leg.joint_names)}
-    found = dict[str, Mount]()
+    carriers = {
+        name: (i, k) for i, leg in enumerate(legs) for k, name in enumerate(leg.joint_names)
+    }
+    mounts = dict[str, Mount]()
     for number, frame in enumerate(model.frames):
         if frame.type != pin.FrameType.BODY:
             continue
         leg, joint = carriers.get(model.names[frame.parentJoint], (None, -1))
         place = frame.placement if leg is not None else data.oMf[number]
-        found[frame.name] = Mount(
-            leg=leg, joint=joint, rotation=np.array(place.rotation), origin_m=np.array(place.translation)
+        mounts[frame.name] = Mount(
+            leg=leg,
+            joint=joint,
+            rotation=np.array(place.rotation),
+            origin_m=np.array(place.translation),
         )
-    return found
+    return mounts
 
 
 def _not_there(mesh: str) -> str:
     """Message about a mesh that is missing."""
-    hint = "; a YAML file's packages: say where package:// leads" if mesh.startswith("package:") else ""
+    hint = (
+        "; a YAML file's packages: say where package:// leads"
+        if mesh.startswith("package:")
+        else ""
+    )
     return f"no such file, not drawn{hint}"
 
 
@@ -391,7 +452,9 @@ def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
     """One line a doubt, whatever number of joints, links or meshes it is of."""
     subjects = dict[str, list[str]]()
     for subject, text in doubts:
-        subjects.setdefault(f"{subject.partition(' ')[0]}\0{text}", []).append(subject.partition(" ")[2])
+        subjects.setdefault(f"{subject.partition(' ')[0]}\0{text}", []).append(
+            subject.partition(" ")[2]
+        )
     lines = []
     for key, names in subjects.items():
         kind, _, text = key.partition("\0")
@@ -412,7 +475,9 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
         most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
             if joint.torque_nm <= 0.0:
-                doubts.append((f"joint {joint.name}", f"no {'force' if joint.slides else 'torque'} limit"))
+                doubts.append(
+                    (f"joint {joint.name}", f"no {'force' if joint.slides else 'torque'} limit")
+                )
             elif not joint.slides and joint.torque_nm > most:
                 doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
     return doubts

@@ -19,7 +19,9 @@ def rotation_of(vector: ArrayLike) -> Array:
     return _rotation_of(np.array(vector, dtype=np.float64).tobytes())
 
 
-@lru_cache(maxsize=64)  # of one control period, and of the postures of one plan: each is asked for several times
+@lru_cache(
+    maxsize=64
+)  # of one control period, and of the postures of one plan: each is asked for several times
 def _rotation_of(vector: bytes) -> Array:
     matrix = rotations_of(np.frombuffer(vector))
     matrix.flags.writeable = False
@@ -29,13 +31,15 @@ def _rotation_of(vector: bytes) -> Array:
 def rotations_of(vectors: Array) -> Array:
     """Rotation matrices of many vectors, shape (…, 3) to (…, 3, 3), by quaternions.
 
-    SciPy's ``Rotation.from_rotvec(vectors).as_matrix()`` gives the same numbers to the last bit; its import takes
-    longer than a plan takes to find.
+    SciPy's ``Rotation.from_rotvec(vectors).as_matrix()`` gives the same numbers to the last bit;
+    its import takes longer than a plan takes to find.
     """
     x, y, z = np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)
     angle = np.sqrt(x * x + y * y + z * z)
     square, each = angle * angle, angle.ravel().tolist()
-    large = np.array([math.sin(0.5 * a) / a if a > SMALL_RAD else 0.0 for a in each]).reshape(angle.shape)
+    large = np.array([math.sin(0.5 * a) / a if a > SMALL_RAD else 0.0 for a in each]).reshape(
+        angle.shape
+    )
     scale = np.where(angle > SMALL_RAD, large, 0.5 - square / 48.0 + square * square / 3840.0)
     w = np.array([math.cos(0.5 * a) for a in each]).reshape(angle.shape)
     x, y, z = scale * x, scale * y, scale * z
@@ -50,7 +54,8 @@ def rotations_of(vectors: Array) -> Array:
 
 
 def between_rotations(first: Array, last: Array, share: Array) -> Array:
-    """Rotations a share of the way from one to another, each by less than half a turn about one axis: (L, 3, 3)."""
+    """Rotations a share of the way from one to another, each by less than half a turn about one
+    axis: (L, 3, 3)."""
     turn = np.swapaxes(first, 1, 2) @ last
     skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))
     axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)

@@ -9,8 +9,9 @@ from ..files.arrays import checked
 from ..files.codec import Within, check_limits
 
 JOINTS = ("yaw", "hip", "roll", "knee")
-"""The joints of a limb from the shoulder outwards: about the body's z, the limb's y (down positive), the thigh, and the
-limb's y again. A foot below its shoulder is on the axis of yaw: there roll moves it sideways."""
+"""The joints of a limb from the shoulder outwards: about the body's z, the limb's y (down
+positive), the thigh, and the limb's y again. A foot below its shoulder is on the axis of yaw: there
+roll moves it sideways."""
 
 FOOT_RADIUS_M = 0.012
 """Radius of a foot that is drawn up."""
@@ -24,10 +25,11 @@ Angle = Annotated[float, TURN]
 
 @dataclass(frozen=True, kw_only=True)
 class Servo:
-    """Limits of every joint, and the position loop τ = Kp (q* − q) − Kd q̇ inside the servo that drives it.
+    """Limits of every joint, and the position loop τ = Kp (q* − q) − Kd q̇ inside the servo that
+    drives it.
 
-    lower_rad, upper_rad: of yaw, hip, roll and knee. rotor_kg_m2: inertia of the rotor, seen behind the gears.
-    torque_nm, velocity_rad_s: limits. stiffness_nm_rad, damping_nms_rad: Kp and Kd.
+    lower_rad, upper_rad: of yaw, hip, roll and knee. rotor_kg_m2: inertia of the rotor, seen behind
+    the gears. torque_nm, velocity_rad_s: limits. stiffness_nm_rad, damping_nms_rad: Kp and Kd.
     """
 
     lower_rad: tuple[Angle, Angle, Angle, Angle] = (-1.9, -1.8, -2.6, -0.05)

@@ -18,19 +18,23 @@ from ..files.validation import shown
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
 PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 SIZES: dict[str, tuple[str, ...]] = {
-    "sphere": ("radius",), "box": ("size",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
-}  # fmt: skip
+    "sphere": ("radius",),
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
     """One shape of a link, in the link's frame.
 
-    size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a mesh its scale, shape (3,).
-    rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m]. mesh: its file, or None where none was found.
-    collides: is it the link's body, or only what it looks like? corners_m: of a mesh that is a link's body the corners
-    of its convex hull, at its scale, in the shape's own frame, shape (K, 3) [m]; None where they are not known.
-    parts_m: where the hull is much larger than the mesh, the corners of convex parts that hold it, likewise.
+    size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a mesh
+    its scale, shape (3,). rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m].
+    mesh: its file, or None where none was found. collides: is it the link's body, or only what it
+    looks like? corners_m: of a mesh that is a link's body the corners of its convex hull, at its
+    scale, in the shape's own frame, shape (K, 3) [m]; None where they are not known. parts_m: where
+    the hull is much larger than the mesh, the corners of convex parts that hold it, likewise.
     """
 
     link: str
@@ -46,16 +50,23 @@ class Shape:
     def __post_init__(self) -> None:
         if self.parts_m:
             where = f"link {shown(self.link)}: part of the hull"
-            object.__setattr__(self, "parts_m", tuple(read_only(part, (None, 3), where) for part in self.parts_m))
+            object.__setattr__(
+                self, "parts_m", tuple(read_only(part, (None, 3), where) for part in self.parts_m)
+            )
         if self.corners_m is not None:
             corners = read_only(self.corners_m, (None, 3), f"link {shown(self.link)}: hull")
             object.__setattr__(self, "corners_m", corners)
 
     @property
     def far_m(self) -> Array:
-        """The point of a round or boxed shape that is farthest from the link's origin, about, shape (3,) [m]."""
+        """The point of a round or boxed shape that is farthest from the link's origin, about, shape
+        (3,) [m]."""
         half = {"sphere": [0, 0, 0], "box": 0.5 * self.size_m, "mesh": [0, 0, 0]}.get(self.kind)
-        corner = np.array([0.0, 0.0, 0.5 * self.size_m[-1]]) if half is None else np.asarray(half, dtype=np.float64)
+        corner = (
+            np.array([0.0, 0.0, 0.5 * self.size_m[-1]])
+            if half is None
+            else np.asarray(half, dtype=np.float64)
+        )
         ends = self.rotation @ np.diag(corner)
         out = np.sign(ends.T @ self.origin_m)
         longest = int(np.argmax(corner))
@@ -67,8 +78,9 @@ def shapes_of(
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """All shapes of a URDF, and the names of the meshes that are not there.
 
-    folder: of the URDF, None where no mesh is to be looked for; packages: folders in which ``package://NAME`` is a
-    folder, or which are that package. Raises InvalidInput for sizes that no shape has.
+    folder: of the URDF, None where no mesh is to be looked for; packages: folders in which
+    ``package://NAME`` is a folder, or which are that package. Raises InvalidInput for sizes that no
+    shape has.
     """
     names = dict.fromkeys(mesh.get("filename", "") for mesh in root.findall("link/*/geometry/mesh"))
     files = {name: None if folder is None else mesh_file(name, folder, packages) for name in names}
@@ -90,8 +102,9 @@ def shape_elements(root: Element) -> list[tuple[str, Element, bool]]:
 def mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
     """The file of a mesh, or None where there is none.
 
-    ``package://NAME/rest`` is looked for in ``packages``, in the URDF's folder and those above it, and where ROS has
-    its packages, and then from a folder above the URDF that ``rest`` names; other names from the URDF's folder.
+    ``package://NAME/rest`` is looked for in ``packages``, in the URDF's folder and those above it,
+    and where ROS has its packages, and then from a folder above the URDF that ``rest`` names; other
+    names from the URDF's folder.
     """
     try:
         return next((path for path in _places(name, folder, packages) if path.is_file()), None)
@@ -114,7 +127,9 @@ def _places(name: str, folder: Path, packages: Sequence[Path]) -> Iterator[Path]
         if place.name == package:
             yield place / inside
         yield place / package / inside
-    folders = Path(inside).parts[:-1]  # the URDF's folder was copied out of its package: from a folder it still has
+    folders = Path(inside).parts[
+        :-1
+    ]  # the URDF's folder was copied out of its package: from a folder it still has
     for place in (here, *here.parents):
         if place.name in folders and ".." not in folders:
             yield place.joinpath(*Path(inside).parts[folders.index(place.name) + 1 :])
@@ -128,7 +143,10 @@ def _ros_places() -> Iterator[Path]:
 
 def disabled_pairs(root: Element) -> frozenset[frozenset[str]]:
     """Pairs of links that an SRDF lets touch, or that never do."""
-    pairs = (frozenset((pair.get("link1", ""), pair.get("link2", ""))) for pair in root.findall("disable_collisions"))
+    pairs = (
+        frozenset((pair.get("link1", ""), pair.get("link2", "")))
+        for pair in root.findall("disable_collisions")
+    )
     return frozenset(pairs)
 
 
@@ -138,17 +156,29 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
     where = f"link {shown(link)}: {body.tag}"
     mesh = None
     if body.tag == "mesh":
-        size, mesh = _numbers(body.get("scale", "1 1 1"), 3, where), meshes[body.get("filename", "")]
+        size, mesh = (
+            _numbers(body.get("scale", "1 1 1"), 3, where),
+            meshes[body.get("filename", "")],
+        )
     else:
-        size = [x for key in SIZES[body.tag] for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)]
+        size = [
+            x
+            for key in SIZES[body.tag]
+            for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)
+        ]
         if min(size) < 0.0:
             raise InvalidInput(f"{where}: expected sizes of 0 or more, got {min(size):g}")
     rotation, origin = foothold(element.find("origin"), where)
     kind: Kind = body.tag  # type: ignore[assignment]
     return Shape(
-        link=link, kind=kind, size_m=read_only(size, (None,), where), rotation=rotation, origin_m=origin,
-        collides=collides, mesh=mesh,
-    )  # fmt: skip
+        link=link,
+        kind=kind,
+        size_m=read_only(size, (None,), where),
+        rotation=rotation,
+        origin_m=origin,
+        collides=collides,
+        mesh=mesh,
+    )
 
 
 def foothold(origin: Element | None, where: str) -> tuple[Array, Array]:
@@ -168,9 +198,9 @@ def foothold(origin: Element | None, where: str) -> tuple[Array, Array]:
 
 def _numbers(text: str, count: int, where: str) -> list[float]:
     try:
-        found = [float(part) for part in text.split()]
+        numbers = [float(part) for part in text.split()]
     except ValueError:
-        found = []
-    if len(found) != count:
+        numbers = []
+    if len(numbers) != count:
         raise InvalidInput(f"{where}: expected {count} numbers, got {shown(text)}")
-    return found
+    return numbers

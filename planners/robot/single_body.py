@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 class Foot:
     """One foot: where it stands by default and the box R_i that it can reach (W4).
 
-    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside the box from
-    reach_min_m to reach_max_m; hip_m: where its leg begins.
+    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside
+    the box from reach_min_m to reach_max_m; hip_m: where its leg begins.
     """
 
     name: str
@@ -42,7 +42,9 @@ class Foot:
     def __post_init__(self) -> None:
         checked_name(self.name, "name")
         for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
-            object.__setattr__(self, name, read_only(getattr(self, name), (3,), f"foot {self.name}: {name}"))
+            object.__setattr__(
+                self, name, read_only(getattr(self, name), (3,), f"foot {self.name}: {name}")
+            )
         if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
             raise InvalidInput(
                 f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
@@ -62,7 +64,8 @@ DEEPEST = 0.5
 class _WalkerKeys:
     """The keys of a walker, see ``GaitRobot``.
 
-    model: of its own file. legs: limits of the legs in leaps, by name or pattern. source: of its numbers, for people.
+    model: of its own file. legs: limits of the legs in leaps, by name or pattern. source: of its
+    numbers, for people.
     """
 
     name: str
@@ -84,11 +87,13 @@ class _WalkerKeys:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitRobot:
-    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (Pan et al. §III-A).
+    """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (Pan et al.
+    §III-A).
 
-    inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²]; stand_height_m: of the centre of
-    mass over level ground in the nominal stance [m]; trunk_half_m: half sides of the trunk's box, shape (3,) [m],
-    which has to stay clear of the terrain; model: the robot of a URDF, which has joints, where it is one.
+    inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²];
+    stand_height_m: of the centre of mass over level ground in the nominal stance [m]; trunk_half_m:
+    half sides of the trunk's box, shape (3,) [m], which has to stay clear of the terrain; model:
+    the robot of a URDF, which has joints, where it is one.
     """
 
     KEYS: ClassVar = _WalkerKeys
@@ -104,33 +109,47 @@ class GaitRobot:
     def __post_init__(self) -> None:
         where = f"robot {checked_name(self.name, 'name')}"
         collect_errors(
-            lambda: object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"{where}: mass_kg", above=0.0)),
+            lambda: object.__setattr__(
+                self, "mass_kg", checked(self.mass_kg, f"{where}: mass_kg", above=0.0)
+            ),
             lambda: object.__setattr__(
                 self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}: inertia_kgm2")
             ),
             lambda: object.__setattr__(
-                self, "stand_height_m", checked(self.stand_height_m, f"{where}: stand_height_m", above=0.0)
+                self,
+                "stand_height_m",
+                checked(self.stand_height_m, f"{where}: stand_height_m", above=0.0),
             ),
-            lambda: object.__setattr__(self, "trunk_half_m", half_sides(self.trunk_half_m, f"{where}: trunk_half_m")),
+            lambda: object.__setattr__(
+                self, "trunk_half_m", half_sides(self.trunk_half_m, f"{where}: trunk_half_m")
+            ),
         )
         names = [foot.name for foot in self.feet]
         if len(names) < 3 or len(set(names)) != len(names):
-            raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
+            raise InvalidInput(
+                f"{where}: expected three or more feet of different names, got {names}"
+            )
         if self.model is not None:
             self._check_model(self.model, where)
         self._check_numbers(where)
 
     def _check_model(self, model: RobotModel, where: str) -> None:
-        """Raise InvalidInput for feet and numbers that are not its model's. It may stand lower, crouched, and not
-        higher."""
+        """Raise InvalidInput for feet and numbers that are not its model's. It may stand lower,
+        crouched, and not higher."""
         if model.leg_names != self.foot_names:
             legs, feet = ", ".join(model.leg_names), ", ".join(self.foot_names)
             raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {feet}")
         mass_kg, inertia = model.body.mass_kg, model.body.inertia_kgm2
         if abs(self.mass_kg - mass_kg) > SAME * mass_kg:
-            raise InvalidInput(f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {self.mass_kg:.8g}")
-        if not float(np.abs(self.inertia_kgm2 - inertia).max()) <= SAME * float(np.abs(inertia).max()):
-            raise InvalidInput(f"{where}: expected the inertia of its model as it stands, got another one")
+            raise InvalidInput(
+                f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {self.mass_kg:.8g}"
+            )
+        if not float(np.abs(self.inertia_kgm2 - inertia).max()) <= SAME * float(
+            np.abs(inertia).max()
+        ):
+            raise InvalidInput(
+                f"{where}: expected the inertia of its model as it stands, got another one"
+            )
         low_m, high_m = (1.0 - DEEPEST) * model.stand_height_m, model.stand_height_m
         if not (1.0 - SAME) * low_m <= self.stand_height_m <= (1.0 + SAME) * high_m:
             raise InvalidInput(
@@ -139,16 +158,20 @@ class GaitRobot:
             )
 
     def _check_numbers(self, where: str) -> None:
-        """Raise InvalidInput for a height at which its feet do not stand, and for an inertia that no mass within it
-        has: tolerances of the verifier are in units of both."""
+        """Raise InvalidInput for a height at which its feet do not stand, and for an inertia that
+        no mass within it has: tolerances of the verifier are in units of both."""
         stands_m = -float(np.mean([foot.nominal_m[2] for foot in self.feet]))
         if not abs(self.stand_height_m - stands_m) <= NEAR * abs(stands_m):
             raise InvalidInput(
                 f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its centre of mass, got "
                 f"{self.stand_height_m:.6g}"
             )
-        corners = [np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m)) for foot in self.feet]
-        most = self.mass_kg * max(float(corner @ corner) for corner in (self.trunk_half_m, *corners))
+        corners = [
+            np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m)) for foot in self.feet
+        ]
+        most = self.mass_kg * max(
+            float(corner @ corner) for corner in (self.trunk_half_m, *corners)
+        )
         if (moment := float(np.linalg.eigvalsh(self.inertia_kgm2)[-1])) > most:
             raise InvalidInput(
                 f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk and its feet go, "
@@ -186,7 +209,8 @@ class GaitRobot:
 
 
 def anymal() -> GaitRobot:
-    """ANYmal, the robot of Pan et al. §V, by its boxes alone; the file says where its numbers come from."""
+    """ANYmal, the robot of Pan et al. §V, by its boxes alone; the file says where its numbers come
+    from."""
     from stancekit.configs import config_path
 
     return GaitRobot.from_yaml(config_path("robots/anymal.yaml"))
@@ -212,7 +236,8 @@ def _anymal_legs() -> RobotModel:
 
 
 def hexapod_walker() -> GaitRobot:
-    """The default hexapod of Lin et al. (``robot.model.hexapod``) as a walker: a uniform disc with six feet.
+    """The default hexapod of Lin et al. (``robot.model.hexapod``) as a walker: a uniform disc with
+    six feet.
 
     The feet stand .15 m outward of the shoulders and .2 m below them, as in Lin et al.'s ground
     problems; their boxes are .2 × .2 × .12 m, whose corners are within the limbs' reach of .35 m.
@@ -224,9 +249,14 @@ def hexapod_walker() -> GaitRobot:
         nominal = limb.shoulder_m * (1.0 + 0.15 / radius_m) - np.array([0.0, 0.0, 0.2])
         half = np.array([0.1, 0.1, 0.06])
         feet.append(
-            Foot(name=limb.name, nominal_m=nominal, reach_min_m=nominal - half, reach_max_m=nominal + half,
-                 hip_m=limb.shoulder_m)
-        )  # fmt: skip
+            Foot(
+                name=limb.name,
+                nominal_m=nominal,
+                reach_min_m=nominal - half,
+                reach_max_m=nominal + half,
+                hip_m=limb.shoulder_m,
+            )
+        )
     thick_m = 0.08
     across = robot.mass_kg * (3.0 * radius_m**2 + thick_m**2) / 12.0
     return GaitRobot(

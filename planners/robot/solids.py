@@ -18,13 +18,15 @@ RINGS = 10
 
 
 def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:
-    """For each link the shapes that it collides with, or where there are none what it looks like."""
+    """For each link the shapes that it collides with, or where there are none what it looks
+    like."""
     bodies = {shape.link for shape in shapes if shape.collides}
     return [shape for shape in shapes if shape.collides or shape.link not in bodies]
 
 
 def shape_points(shape: Shape) -> Array | None:
-    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh without a hull."""
+    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh without a
+    hull."""
     if shape.kind == "box":
         return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
     if shape.kind == "mesh":
@@ -36,14 +38,16 @@ def shape_points(shape: Shape) -> Array | None:
     if shape.kind == "cylinder":
         return np.vstack([rim + np.array([0.0, 0.0, end]) for end in (-half, half)])
     rings = [
-        rim * [np.cos(angle), np.cos(angle), 0.0] + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
+        rim * [np.cos(angle), np.cos(angle), 0.0]
+        + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
         for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, RINGS)
     ]
     return np.vstack(rings)
 
 
 def surface_points(points: Array, apart_m: float) -> Array:
-    """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P, 3) [m]."""
+    """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P,
+    3) [m]."""
     from scipy.spatial import ConvexHull  # slow to import
 
     hull = ConvexHull(points)
@@ -52,22 +56,23 @@ def surface_points(points: Array, apart_m: float) -> Array:
 
 
 def points_on(triangles: Array, apart_m: float) -> Array:
-    """Points all over triangles, shape (F, 3, 3), not much farther apart than this, shape (P, 3) [m]."""
+    """Points all over triangles, shape (F, 3, 3), not much farther apart than this, shape (P, 3)
+    [m]."""
     every = _all_over(triangles.reshape(-1, 3), triangles, apart_m)
     return np.asarray(every[_apart(every, apart_m)])
 
 
 def _all_over(corners: Array, triangles: Array, apart_m: float) -> Array:
     """Corners, and points on triangles that are larger than this."""
-    found = [corners]
+    points = [corners]
     sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     for pieces in np.unique(np.ceil(sides / apart_m)).astype(int):
         if pieces > 1:
-            own = triangles[np.ceil(sides / apart_m) == pieces]
+            part = triangles[np.ceil(sides / apart_m) == pieces]
             i, j = np.triu_indices(pieces + 1)
             shares = np.stack([i, j - i, pieces - j], axis=1) / pieces
-            found.append(np.einsum("sk,tkj->tsj", shares, own).reshape(-1, 3))
-    return np.concatenate(found)
+            points.append(np.einsum("sk,tkj->tsj", shares, part).reshape(-1, 3))
+    return np.concatenate(points)
 
 
 def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:

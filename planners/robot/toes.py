@@ -1,4 +1,5 @@
-"""Joint angles for a robot as plans and walks have it, in the world: its centre of mass, its rotation, and its toes."""
+"""Joint angles for a robot as plans and walks have it, in the world: its centre of mass, its
+rotation, and its toes."""
 
 from __future__ import annotations
 
@@ -24,18 +25,23 @@ class ToeKinematics:
         normals: ArrayLike,
         near: ArrayLike | None = None,
     ) -> LegPostures:
-        """Angles of K stances of N legs, each found from the standing posture, so that knees keep their bend.
+        """Angles of K stances of N legs, each found from the standing posture, so that knees keep
+        their bend.
 
-        com_m: p_WC, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3); toes_m: p_WF, and normals of the ground there,
-        on which a foot is a sphere, shape (K, N, 3). near: all joints in the model's order, shape (K, J) [rad], in
-        place of those of the standing posture.
+        com_m: p_WC, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3); toes_m: p_WF, and normals of
+        the ground there, on which a foot is a sphere, shape (K, N, 3). near: all joints in the
+        model's order, shape (K, J) [rad], in place of those of the standing posture.
         """
         radii = np.array([[leg.radius_m] for leg in self.model.legs])
         centres = np.asarray(toes_m) + radii * np.asarray(normals)
         arms = centres - np.asarray(com_m)[:, None]
         feet = np.einsum("kji,knj->kni", np.asarray(rotation), arms) + self.model.body.com_m
         standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
-        start = np.broadcast_to(standing, (len(feet), len(standing))) if near is None else np.asarray(near)
+        start = (
+            np.broadcast_to(standing, (len(feet), len(standing)))
+            if near is None
+            else np.asarray(near)
+        )
         ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
         return self._solver.solve(feet, near=np.split(start, ends, axis=1))
 

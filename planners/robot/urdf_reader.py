@@ -1,4 +1,5 @@
-"""URDF and SRDF as they come: XML in bounds, the corrections that a person makes to it, and pinocchio as the parser."""
+"""URDF and SRDF as they come: XML in bounds, the corrections that a person makes to it, and
+pinocchio as the parser."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ class JointCorrection(BaseModel):
 def parsed(text: str, where: str) -> Element:
     """The root of a robot's XML, URDF or SRDF.
 
-    Raises InvalidInput unless the text is XML of a robot, without entities of its own and of a depth that is usual.
+    Raises InvalidInput unless the text is XML of a robot, without entities of its own and of a
+    depth that is usual.
     """
     try:
         root = parse_xml(text, "robot", deepest=DEEPEST_XML)
@@ -57,15 +59,20 @@ def parsed(text: str, where: str) -> Element:
 
 
 def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str) -> str:
-    """The URDF with what a person says of its joints written into it, so that whoever reads it reads the same robot.
+    """The URDF with what a person says of its joints written into it, so that whoever reads it
+    reads the same robot.
 
-    corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win. Raises InvalidInput for a name
-    or pattern that fits no joint that moves.
+    corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win. Raises
+    InvalidInput for a name or pattern that fits no joint that moves.
     """
     if not corrections:
         return text
     root = parsed(text, where)
-    joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") != "fixed"}
+    joints = {
+        joint.get("name", ""): joint
+        for joint in root.findall("joint")
+        if joint.get("type") != "fixed"
+    }
     for pattern, correction in corrections.items():
         meant = matching(pattern, joints, f"{where}: joints")
         for joint in (joints[name] for name in meant):
@@ -75,8 +82,13 @@ def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str)
             if limit is None:
                 limit = ElementTree.SubElement(joint, "limit")
             low, high = correction.limits_rad or (None, None)
-            said = {"lower": low, "upper": high, "effort": correction.torque_nm, "velocity": correction.velocity_rad_s}
-            for key, value in said.items():
+            values = {
+                "lower": low,
+                "upper": high,
+                "effort": correction.torque_nm,
+                "velocity": correction.velocity_rad_s,
+            }
+            for key, value in values.items():
                 if value is not None:
                     limit.set(key, repr(value))
     return ElementTree.tostring(root, encoding="unicode")
@@ -92,7 +104,9 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     names = [link.get("name", "") for link in root.findall("link")]
     old = next((name for name in names if name not in children), None)
     if old is None or UPRIGHT in names:
-        raise InvalidInput(f"{where}: expected one root to turn, and no link that is called {UPRIGHT}")
+        raise InvalidInput(
+            f"{where}: expected one root to turn, and no link that is called {UPRIGHT}"
+        )
     ElementTree.SubElement(root, "link", name=UPRIGHT)
     joint = ElementTree.SubElement(root, "joint", name=f"{UPRIGHT}_joint", type="fixed")
     ElementTree.SubElement(joint, "parent", link=UPRIGHT)
@@ -108,18 +122,28 @@ FLIES = ("JointModelFreeFlyer", "JointModelPlanar")
 
 
 def remove_root_joint(root: Element) -> bool:
-    """Make the robot's own base the root of a URDF, where a joint that flies ties that to a bare world.
+    """Make the robot's own base the root of a URDF, where a joint that flies ties that to a bare
+    world.
 
-    Such a joint is the base itself; a bare world has neither weight nor shape. Returns whether there was one.
+    Such a joint is the base itself; a bare world has neither weight nor shape. Returns whether
+    there was one.
     """
     joints = root.findall("joint")
     children = {child.get("link") for child in root.findall("joint/child")}
     for world in [link for link in root.findall("link") if link.get("name") not in children]:
-        own = [joint for joint in joints if (parent := joint.find("parent")) is not None
-               and parent.get("link") == world.get("name")]  # fmt: skip
-        empty = world.find("inertial") is None and world.find("collision") is None and world.find("visual") is None
-        if empty and len(own) == 1 and own[0].get("type") in FLYING:
-            root.remove(own[0])
+        roots = [
+            joint
+            for joint in joints
+            if (parent := joint.find("parent")) is not None
+            and parent.get("link") == world.get("name")
+        ]
+        empty = (
+            world.find("inertial") is None
+            and world.find("collision") is None
+            and world.find("visual") is None
+        )
+        if empty and len(roots) == 1 and roots[0].get("type") in FLYING:
+            root.remove(roots[0])
             root.remove(world)
             return True
     return False
@@ -127,10 +151,12 @@ def remove_root_joint(root: Element) -> bool:
 
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:
     """The names that a name or pattern means. Raises InvalidInput for one that means none."""
-    found = [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
-    if not found:
+    names_found = (
+        [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
+    )
+    if not names_found:
         raise InvalidInput(f"{where}: expected one of {_few(names)}, got {shown(pattern)}")
-    return found
+    return names_found
 
 
 def pinocchio() -> Any:
@@ -155,17 +181,23 @@ def coal() -> Any:
 
 
 def built(text: str, where: str) -> Any:
-    """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio refuses."""
+    """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio
+    refuses."""
     pin = pinocchio()
-    with TemporaryFile() as said:
+    with TemporaryFile() as sink:
         try:
-            with _standard_error(said.fileno()):
+            with _standard_error(sink.fileno()):
                 model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         except Exception as error:  # what pinocchio meets
-            said.seek(0)
-            lines = said.read(10_000).decode(errors="replace").splitlines()
-            reason = next((line.partition("Error:")[2] for line in lines if line.startswith("Error:")), str(error))
-            raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
+            sink.seek(0)
+            lines = sink.read(10_000).decode(errors="replace").splitlines()
+            reason = next(
+                (line.partition("Error:")[2] for line in lines if line.startswith("Error:")),
+                str(error),
+            )
+            raise InvalidInput(
+                f"{where}: expected a URDF: {' '.join(reason.split())[:120]}"
+            ) from None
     base = base_joint(model)
     for j in range(base + 1, model.njoints):
         if model.joints[j].shortname() in FLIES:
@@ -177,8 +209,8 @@ def built(text: str, where: str) -> Any:
 
 
 def base_joint(model: Any) -> int:
-    """pinocchio's number of the joint that carries the base: the last of those that fly, one below the other, from the
-    root on, with nothing beside them."""
+    """pinocchio's number of the joint that carries the base: the last of those that fly, one below
+    the other, from the root on, with nothing beside them."""
     base = 1
     while len(below := model.children[base]) == 1 and model.joints[below[0]].nq == 7:
         base = int(below[0])
@@ -186,7 +218,8 @@ def base_joint(model: Any) -> int:
 
 
 def at_rest(model: Any) -> Any:
-    """pinocchio's neutral posture with the base's frame at the origin, where a file may have it elsewhere."""
+    """pinocchio's neutral posture with the base's frame at the origin, where a file may have it
+    elsewhere."""
     pin = pinocchio()
     rest, data = pin.neutral(model), model.createData()
     pin.forwardKinematics(model, data, rest)
@@ -198,14 +231,15 @@ def at_rest(model: Any) -> Any:
 
 @contextmanager
 def _standard_error(descriptor: int) -> Iterator[None]:
-    """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it refuses."""
-    kept = os.dup(2)
+    """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it
+    refuses."""
+    stderr = os.dup(2)
     os.dup2(descriptor, 2)
     try:
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(stderr, 2)
+        os.close(stderr)
 
 
 def _few(names: Mapping[str, object]) -> str:

@@ -1,10 +1,11 @@
-"""A robot's model as a walker: one rigid body, and for every foot the box of its inner set about where it stands (W4).
+"""A robot's model as a walker: one rigid body, and for every foot the box of its inner set about
+where it stands (W4).
 
-The box R_i of W4 is "the largest rectangular reachable set". Here it is the upright box in the leg's inner polytope
-that has most room about the standing foot, up and down, ahead and back, in and out (the largest product of the six
-distances: the largest volume alone leaves a foot on the border of its box). Boxes of two feet do not cross: each is on
-its own side of the plane half way between where the two stand, so that every foot is nearer to its own place than to
-another's.
+The box R_i of W4 is "the largest rectangular reachable set". Here it is the upright box in the
+leg's inner polytope that has most room about the standing foot, up and down, ahead and back, in and
+out (the largest product of the six distances: the largest volume alone leaves a foot on the border
+of its box). Boxes of two feet do not cross: each is on its own side of the plane half way between
+where the two stand, so that every foot is nearer to its own place than to another's.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ UP.setflags(write=False)
 
 
 def named_walker(name: str | Path) -> GaitRobot:
-    """The walker of a name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
+    """The walker of a name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's
+    numbers.
 
     Raises InvalidInput, in one line, for anything else.
     """
@@ -51,7 +53,10 @@ def named_walker(name: str | Path) -> GaitRobot:
             return GaitRobot.from_yaml(path)
         keys = read_keys(path)
         return walker_of(
-            model_of_keys(keys, path), trunk_half_m=keys.trunk_half_m, ceiling_m=keys.ceiling_m, inner_m=keys.inner_m
+            model_of_keys(keys, path),
+            trunk_half_m=keys.trunk_half_m,
+            ceiling_m=keys.ceiling_m,
+            inner_m=keys.inner_m,
         )
     if path.suffix == ".urdf":
         return walker_of(named_robot(path))
@@ -61,7 +66,8 @@ def named_walker(name: str | Path) -> GaitRobot:
 
 
 def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
-    """A robot as walks have it: as it is, of a ``Robot`` with legs of its own, or as ``named_walker`` reads it.
+    """A robot as walks have it: as it is, of a ``Robot`` with legs of its own, or as
+    ``named_walker`` reads it.
 
     Raises InvalidInput for a ``Robot`` that is but its limbs, and is not the default hexapod.
     """
@@ -71,10 +77,12 @@ def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
         return named_walker(robot)
     if robot.source.own:
         return walker_of(robot.source.own_model())
-    own = hexapod_walker()
-    if robot.limb_names == own.foot_names and robot.mass_kg == own.mass_kg:
-        return own
-    raise InvalidInput(f"robot: expected one with legs of its own for a walk, got {robot.name}, which is but its limbs")
+    default = hexapod_walker()
+    if robot.limb_names == default.foot_names and robot.mass_kg == default.mass_kg:
+        return default
+    raise InvalidInput(
+        f"robot: expected one with legs of its own for a walk, got {robot.name}, which is but its limbs"
+    )
 
 
 def walker_of(
@@ -85,14 +93,16 @@ def walker_of(
     ceiling_m: float = 0.0,
     inner_m: float = 0.0,
 ) -> GaitRobot:
-    """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its trunk.
+    """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its
+    trunk.
 
-    workspaces: of its legs; measured, or taken from the cache, where not given. trunk_half_m: half sides of the trunk's
-    box, shape (3,) [m]; of the shapes that no leg carries where not given. ceiling_m: how high above the centre of mass
-    a foot may be; inner_m: how far a foot stays from the planes half way to the others [m]. Where a foot has no room
-    about it as the model stands, the walker stands a little lower, and its feet where they are.
-    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, for a robot
-    without a trunk, and for one that no gait is for.
+    workspaces: of its legs; measured, or taken from the cache, where not given. trunk_half_m: half
+    sides of the trunk's box, shape (3,) [m]; of the shapes that no leg carries where not given.
+    ceiling_m: how high above the centre of mass a foot may be; inner_m: how far a foot stays from
+    the planes half way to the others [m]. Where a foot has no room about it as the model stands,
+    the walker stands a little lower, and its feet where they are. Raises InvalidInput for a leg
+    without a workspace, or whose foot has no room about it at any height, for a robot without a
+    trunk, and for one that no gait is for.
     """
     if len(model.legs) not in LEGS:
         raise InvalidInput(
@@ -110,16 +120,30 @@ def walker_of(
     room = ROOM * np.array([leg.chain.length_m for leg in model.legs])
     crouch_m = _crouch(model, inner, toes, room)
     toes = toes + crouch_m * UP
-    boxes = [each.box_about(toe, 0.99 * least) for each, toe, least in zip(inner, toes, room, strict=True)]
+    boxes = [
+        each.box_about(toe, 0.99 * least)
+        for each, toe, least in zip(inner, toes, room, strict=True)
+    ]
     feet = [
-        Foot(name=leg.name, nominal_m=toe, reach_min_m=low, reach_max_m=high, hip_m=leg.hip_m - model.body.com_m)
+        Foot(
+            name=leg.name,
+            nominal_m=toe,
+            reach_min_m=low,
+            reach_max_m=high,
+            hip_m=leg.hip_m - model.body.com_m,
+        )
         for leg, toe, (low, high) in zip(model.legs, toes, boxes, strict=True)
     ]
     trunk = _trunk(model) if trunk_half_m is None else half_sides(trunk_half_m, "trunk_half_m")
     return GaitRobot(
-        name=model.name, mass_kg=model.body.mass_kg, inertia_kgm2=model.body.inertia_kgm2, feet=tuple(feet),
-        stand_height_m=model.stand_height_m - crouch_m, trunk_half_m=trunk, model=model,
-    )  # fmt: skip
+        name=model.name,
+        mass_kg=model.body.mass_kg,
+        inertia_kgm2=model.body.inertia_kgm2,
+        feet=tuple(feet),
+        stand_height_m=model.stand_height_m - crouch_m,
+        trunk_half_m=trunk,
+        model=model,
+    )
 
 
 def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: Array) -> float:
@@ -129,11 +153,15 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
     Raises InvalidInput, with the foot that lacks most, where none is deep enough.
     """
     depths = np.linspace(0.0, DEEPEST * model.stand_height_m, CROUCHES)
-    lack = np.array([
-        [least - float(np.min(each.offsets_m - each.normals @ (toe + depth * UP)))
-         for each, toe, least in zip(inner, toes, room_m, strict=True)]
-        for depth in depths
-    ])  # fmt: skip
+    lack = np.array(
+        [
+            [
+                least - float(np.min(each.offsets_m - each.normals @ (toe + depth * UP)))
+                for each, toe, least in zip(inner, toes, room_m, strict=True)
+            ]
+            for depth in depths
+        ]
+    )
     enough = np.flatnonzero(np.all(lack <= 0.0, axis=1))
     if len(enough):
         return float(depths[enough[0]])
@@ -146,7 +174,8 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
 
 
 def _own_side(toes: Array, foot: int, ceiling_m: float, inner_m: float) -> tuple[Array, Array]:
-    """Half-spaces below the ceiling, and nearer to the foot's own place than to another's, seen from above."""
+    """Half-spaces below the ceiling, and nearer to the foot's own place than to another's, seen
+    from above."""
     normals, offsets = [UP], [ceiling_m]
     for other in np.delete(toes, foot, axis=0):
         away = (other - toes[foot]) * [1.0, 1.0, 0.0]
@@ -157,17 +186,22 @@ def _own_side(toes: Array, foot: int, ceiling_m: float, inner_m: float) -> tuple
 
 
 def _trunk(model: RobotModel) -> Array:
-    """Half sides of a box about the centre of mass that has the lower face of what no leg carries, shape (3,) [m].
+    """Half sides of a box about the centre of mass that has the lower face of what no leg carries,
+    shape (3,) [m].
 
     Only the lower face is ever asked for: what is above the centre of mass does not count.
     """
-    found = []
+    corners = []
     for shape in solid_shapes(model.shapes):
         mount = model.mounts[shape.link]
         if mount.leg is None and (points := shape_points(shape)) is not None:
-            found.append((shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T + mount.origin_m)
-    if not found:
-        raise InvalidInput("trunk_half_m: expected shapes of the base, found none: say it in a YAML file")
-    points = np.vstack(found) - model.body.com_m
+            corners.append(
+                (shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
+            )
+    if not corners:
+        raise InvalidInput(
+            "trunk_half_m: expected shapes of the base, found none: say it in a YAML file"
+        )
+    points = np.vstack(corners) - model.body.com_m
     below = max(-float(points[:, 2].min()), 1e-3)
     return np.array([*np.abs(points[:, :2]).max(axis=0), below])

@@ -1,10 +1,11 @@
 """Reachable sets of a leg's foot: sets to plan with, inside of it, and sets to prove with, around
 it.
 
-The inner polytope is grown as IRIS does (Deits and Tedrake, 2015): half-spaces against the voxels that no sampled
-posture reaches, each tangent to an ellipsoid at the nearest of them, the ellipsoid then fitted to what is left. It is
-checked by inverse kinematics on points of its own, and cut where those are out of reach. A plan over it is one that
-the leg can follow; that nothing is possible within it proves nothing. For that there is the outer set of ``outer``.
+The inner polytope is grown as IRIS does (Deits and Tedrake, 2015): half-spaces against the voxels
+that no sampled posture reaches, each tangent to an ellipsoid at the nearest of them, the ellipsoid
+then fitted to what is left. It is checked by inverse kinematics on points of its own, and cut where
+those are out of reach. A plan over it is one that the leg can follow; that nothing is possible
+within it proves nothing. For that there is the outer set of ``outer``.
 """
 
 from __future__ import annotations
@@ -47,11 +48,12 @@ CUBE.setflags(write=False)
 class Workspace:
     """Sets of one leg's foot, in the base's frame.
 
-    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the largest ball in it, centre
-    and radius, shape (4,). box_m: the largest upright box in it, low and high corner, shape (2, 3). outer: holds all
-    that is reachable, proved. reach_m: how far from its first joint the foot gets [m]. cover: share of what is
-    reachable, usefully below the hip, that is in ``inner``; unreachable: share of ``inner`` that is not; both by
-    inverse kinematics on sampled points.
+    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the
+    largest ball in it, centre and radius, shape (4,). box_m: the largest upright box in it, low and
+    high corner, shape (2, 3). outer: holds all that is reachable, proved. reach_m: how far from its
+    first joint the foot gets [m]. cover: share of what is reachable, usefully below the hip, that
+    is in ``inner``; unreachable: share of ``inner`` that is not; both by inverse kinematics on
+    sampled points.
     """
 
     inner: Polytope
@@ -64,7 +66,8 @@ class Workspace:
 
 
 def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
-    """Measure a leg. Raises InvalidInput for one whose foot stays on a surface: it has no inside."""
+    """Measure a leg. Raises InvalidInput for one whose foot stays on a surface: it has no
+    inside."""
     if len(leg.joints) < 3:
         raise InvalidInput(
             f"leg {leg.name}: expected three joints or more for a workspace with an inside, got {len(leg.joints)}"
@@ -122,27 +125,39 @@ class _Voxels:
                     best = worth, normals, offsets
                 if len(within) < 10:
                     break
-                metric, centre = np.cov(within.T) + 1e-6 * self.size**2 * np.eye(3), within.mean(axis=0)
+                metric, centre = (
+                    np.cov(within.T) + 1e-6 * self.size**2 * np.eye(3),
+                    within.mean(axis=0),
+                )
         return self._fewer(best[1], best[2], walls)
 
     def useful(self, count: int, rng: np.random.Generator) -> Array:
-        """Points spread evenly over the voxels that are reached, usefully below the hip, shape (count, 3)."""
+        """Points spread evenly over the voxels that are reached, usefully below the hip, shape
+        (count, 3)."""
         corners = self._centres(self.reached) - 0.5 * self.size
-        points = corners[rng.integers(len(corners), size=8 * count)] + self.size * rng.random((8 * count, 3))
+        points = corners[rng.integers(len(corners), size=8 * count)] + self.size * rng.random(
+            (8 * count, 3)
+        )
         return np.asarray(points[points[:, 2] < self.useful_m][:count])
 
     def _centres(self, cells: np.ndarray) -> Array:
         return np.asarray(self.corner + self.size * (np.argwhere(cells) + 0.5))
 
-    def _tangents(self, walls: Array, metric: Array, centre: Array, home: Array) -> tuple[Array, Array]:
-        """Planes against the walls, the nearest first in the ellipsoid's metric, half a voxel before each."""
+    def _tangents(
+        self, walls: Array, metric: Array, centre: Array, home: Array
+    ) -> tuple[Array, Array]:
+        """Planes against the walls, the nearest first in the ellipsoid's metric, half a voxel
+        before each."""
         inverse = np.linalg.inv(metric)
         away = walls - centre
         left = walls[np.argsort(np.einsum("ki,ki->k", away @ inverse, away))]
         normals, offsets = list[Array](), list[float]()
         while len(left) and len(normals) < MOST_FACES:
             wall = left[0]
-            for normal in (inverse @ (wall - centre), wall - home):  # the second one keeps home inside
+            for normal in (
+                inverse @ (wall - centre),
+                wall - home,
+            ):  # the second one keeps home inside
                 normal = normal / np.linalg.norm(normal)
                 offset = float(normal @ wall) - 0.5 * self.size
                 if normal @ home < offset:
@@ -164,7 +179,8 @@ class _Voxels:
 
 
 def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
-    """The polytope without the parts that inverse kinematics does not reach, tried on fresh points in every round."""
+    """The polytope without the parts that inverse kinematics does not reach, tried on fresh points
+    in every round."""
     for _ in range(CUTS):
         points = inner.sample(CHECKED, rng)
         missed = ~_reached(seeds, points)
@@ -181,8 +197,8 @@ def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
 
 
 def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[Array, Array]:
-    """Half-spaces that leave out missed points, one after the other, each worth the most: DEAR for each of those, less
-    one for each other point that it leaves out."""
+    """Half-spaces that leave out missed points, one after the other, each worth the most: DEAR for
+    each of those, less one for each other point that it leaves out."""
     normals, offsets = list[Array](), list[float]()
     along, value = points @ candidates.T, np.where(missed, DEAR, -1.0)
     order = np.argsort(-along, axis=0).T  # of all points that are left, a row each candidate

@@ -1,4 +1,5 @@
-"""Workspaces of a robot's legs, measured once and kept on disk by the digest of what they depend on."""
+"""Workspaces of a robot's legs, measured once and kept on disk by the digest of what they depend
+on."""
 
 from __future__ import annotations
 
@@ -29,10 +30,12 @@ VERSION = "workspace/2"
 
 
 def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace, ...]:
-    """Workspaces of all legs, in the robot's order; read where a leg like it was measured before, on whatever robot.
+    """Workspaces of all legs, in the robot's order; read where a leg like it was measured before,
+    on whatever robot.
 
-    cached: False measures again and keeps nothing. A file that is damaged counts as none, a folder that cannot be
-    written to keeps none. Raises InvalidInput for a leg without a workspace that has an inside.
+    cached: False measures again and keeps nothing. A file that is damaged counts as none, a folder
+    that cannot be written to keeps none. Raises InvalidInput for a leg without a workspace that has
+    an inside.
     """
     return tuple(_kept(leg) if cached else workspace_of(leg) for leg in robot.legs)
 
@@ -42,8 +45,15 @@ def _kept(leg: Leg) -> Workspace:
     it stands."""
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
-    said = [VERSION, *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad))]
-    path = cache_folder() / "workspaces" / f"{hashlib.sha256(json.dumps(said).encode()).hexdigest()}.npz"
+    key_parts = [
+        VERSION,
+        *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),
+    ]
+    path = (
+        cache_folder()
+        / "workspaces"
+        / f"{hashlib.sha256(json.dumps(key_parts).encode()).hexdigest()}.npz"
+    )
     with suppress(InvalidInput):
         return _read(path)
     measured = workspace_of(leg)
@@ -57,11 +67,15 @@ def _packed(each: Workspace) -> bytes:
     stream = io.BytesIO()
     np.savez_compressed(
         stream,
-        normals=each.inner.normals, offsets=each.inner.offsets_m, ball=each.ball_m, box=each.box_m,
+        normals=each.inner.normals,
+        offsets=each.inner.offsets_m,
+        ball=each.ball_m,
+        box=each.box_m,
         shares=[each.reach_m, each.cover, each.unreachable],
-        outer_normals=each.outer.normals, outer_offsets=each.outer.offsets_m,
+        outer_normals=each.outer.normals,
+        outer_offsets=each.outer.offsets_m,
         outer_ball=[*each.outer.centre_m, each.outer.radius_m, each.outer.slack_m],
-    )  # fmt: skip
+    )
     return stream.getvalue()
 
 
@@ -75,11 +89,19 @@ def _read(path: Path) -> Workspace:
 def _workspace(arrays: Mapping[str, Any]) -> Workspace:
     *centre, radius, slack = arrays["outer_ball"]
     outer = OuterSet(
-        normals=arrays["outer_normals"], offsets_m=arrays["outer_offsets"], centre_m=np.array(centre),
-        radius_m=float(radius), slack_m=float(slack),
-    )  # fmt: skip
+        normals=arrays["outer_normals"],
+        offsets_m=arrays["outer_offsets"],
+        centre_m=np.array(centre),
+        radius_m=float(radius),
+        slack_m=float(slack),
+    )
     reach, cover, unreachable = arrays["shares"]
     return Workspace(
-        inner=Polytope(normals=arrays["normals"], offsets_m=arrays["offsets"]), ball_m=arrays["ball"],
-        box_m=arrays["box"], outer=outer, reach_m=float(reach), cover=float(cover), unreachable=float(unreachable),
-    )  # fmt: skip
+        inner=Polytope(normals=arrays["normals"], offsets_m=arrays["offsets"]),
+        ball_m=arrays["ball"],
+        box_m=arrays["box"],
+        outer=outer,
+        reach_m=float(reach),
+        cover=float(cover),
+        unreachable=float(unreachable),
+    )

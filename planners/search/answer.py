@@ -20,11 +20,13 @@ from ..verify import check_certificate, check_plan
 from .clock import Clock
 
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
-"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its legs."""
+"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
+legs."""
 
 
 class Planner(Protocol):
-    """Anything that answers problems: posture problems, courses, or both. ``name`` is its name on the command line."""
+    """Anything that answers problems: posture problems, courses, or both. ``name`` is its name on
+    the command line."""
 
     name: str
 
@@ -58,8 +60,9 @@ class TimeLimited:
 class Claim:
     """Claim of a planner about a problem, before anybody believes it.
 
-    found: a plan. certificate: that there is none. word: its verdict in its own word, e.g. a solver's
-    "optimal". message: why it has neither, or what else is to be known. details: its figures, by name.
+    found: a plan. certificate: that there is none. word: its verdict in its own word, e.g. a
+    solver's "optimal". message: why it has neither, or what else is to be known. details: its
+    figures, by name.
     """
 
     found: Plan | None = None
@@ -73,8 +76,8 @@ class Claim:
 class Acceptance:
     """When a claim is accepted.
 
-    tolerance: largest violation of any constraint by a posture or a plan, non-dimensional. gap: moment residual that a
-    certificate of a posture problem must prove, non-dimensional.
+    tolerance: largest violation of any constraint by a posture or a plan, non-dimensional. gap:
+    moment residual that a certificate of a posture problem must prove, non-dimensional.
     """
 
     tolerance: float = 1e-6
@@ -98,7 +101,9 @@ class Acceptance:
         plan = claim.found
         if plan is not None:
             plan = plan if plan.problem is problem else replace(plan, problem=problem)
-            report = check_plan(plan, tolerance=self.tolerance, between=False)  # convexity proves the way
+            report = check_plan(
+                plan, tolerance=self.tolerance, between=False
+            )  # convexity proves the way
             if report.accepted:
                 status = Status.FEASIBLE
             else:
@@ -112,18 +117,22 @@ class Acceptance:
             bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
                 status = Status.INFEASIBLE
-                bound, message = (bound, _given(problem)) if posed else (float("inf"), proof.message)
+                bound, message = (
+                    (bound, _given(problem)) if posed else (float("inf"), proof.message)
+                )
             else:
                 message = message or f"certificate refused: {proof.message}"
-        found, seconds = plan if status is Status.FEASIBLE else None, clock.elapsed()
+        solution, seconds = plan if status is Status.FEASIBLE else None, clock.elapsed()
         return Answer(
             status=status,
             method=method,
             problem=problem,
-            solution=found,
+            solution=solution,
             certificate=certificate if status is Status.INFEASIBLE else None,
-            report=report if posed or found is None else None,  # a course's comes with its whole body
-            objective=float("nan") if posed or found is None else objective_of(found),
+            report=report
+            if posed or solution is None
+            else None,  # a course's comes with its whole body
+            objective=float("nan") if posed or solution is None else objective_of(solution),
             bound=bound,
             residual=float("nan") if report is None else report.worst,
             effort=Effort(
@@ -141,7 +150,11 @@ class Acceptance:
 
 def _given(problem: Problem) -> str:
     """Set that a proof of a posture problem is over, where its robot may reach further."""
-    return GIVEN.format(problem.robot.identity) if problem.is_posture and problem.robot.identity else ""
+    return (
+        GIVEN.format(problem.robot.identity)
+        if problem.is_posture and problem.robot.identity
+        else ""
+    )
 
 
 def plan_of(
@@ -153,8 +166,8 @@ def plan_of(
     provenance: Mapping[str, Any] | None = None,
     modes: Index | None = None,
 ) -> Plan:
-    """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen; choice: shape (P,), of
-    a posture ``scaled.numbers``."""
+    """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen;
+    choice: shape (P,), of a posture ``scaled.numbers``."""
     chosen = scaled.chosen(choice)
     forces, soles = chosen.forces_si(point)
     return Plan(

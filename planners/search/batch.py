@@ -1,8 +1,10 @@
-"""P exact for batches of posture problems: what they have in common is done at once, and witnesses are canonical.
+"""P exact for batches of posture problems: what they have in common is done at once, and witnesses
+are canonical.
 
-A feasible problem is answered with one posture that follows from the problem alone (``canonical``), whoever else is in
-the batch and whatever found the problem feasible. The cheapest goes first: a short iteration, proposed proofs and
-postures, the lift's certificate, a long iteration, branch and bound.
+A feasible problem is answered with one posture that follows from the problem alone (``canonical``),
+whoever else is in the batch and whatever found the problem feasible. The cheapest goes first: a
+short iteration, proposed proofs and postures, the lift's certificate, a long iteration, branch and
+bound.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from .witness import Iteration
 
 @dataclass(frozen=True, kw_only=True)
 class Decided:
-    """Every problem's outcome. relaxed: canonical points of P̄ that were found on the way, by the problem's index."""
+    """Every problem's outcome. relaxed: canonical points of P̄ that were found on the way, by the
+    problem's index."""
 
     outcomes: list[Answer[Plan]]
     relaxed: dict[int, Plan]
@@ -40,11 +43,13 @@ def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Plan]]:
 
 
 def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = False) -> Decided:
-    """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical witnesses.
+    """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical
+    witnesses.
 
-    points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are looked for.
-    Without proposers certificates are the same, too. ``residual_nm`` is NaN but where the search decided; ``seconds``
-    are a share of what each stage took. Raises InvalidInput where the planner's proposers are for other problems.
+    points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are
+    looked for. Without proposers certificates are the same, too. ``residual_nm`` is NaN but where
+    the search decided; ``seconds`` are a share of what each stage took. Raises InvalidInput where
+    the planner's proposers are for other problems.
     """
     work = _Batch(planner, batch)
     work.find(SHORT)
@@ -94,19 +99,23 @@ class _Batch:
         """Answer what the iteration finds until it has taken so many steps."""
         begin, left = time.perf_counter(), self._left()
         self._iteration.keep(left)
-        found = gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
+        points = gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
         self._took(begin, left)
-        for k, (posture, off) in found.items():
+        for k, (posture, off) in points.items():
             self._feasible(k, posture, off)
 
     def refute(self) -> None:
         """Answer what the lift refutes."""
         begin, left, gap = time.perf_counter(), self._left(), self._accept.gap
         for k in left.tolist():
-            self._lifts[k] = solve_lift(self._planner.programs, self._scaled.problem(k), least_moment=True)
+            self._lifts[k] = solve_lift(
+                self._planner.programs, self._scaled.problem(k), least_moment=True
+            )
         chosen = [k for k in left.tolist() if self._lifts[k].bound > gap]
         certificates = [
-            Certificate(tree=LEAF, multipliers=self._lifts[k].multipliers[None], problem=self._problems[k])
+            Certificate(
+                tree=LEAF, multipliers=self._lifts[k].multipliers[None], problem=self._problems[k]
+            )
             for k in chosen
         ]
         bounds = check_certificates(certificates).tolist()
@@ -117,25 +126,34 @@ class _Batch:
 
     def search(self) -> None:
         """Answer what is left by branch and bound, with the middle of what its toes leave."""
-        found = dict[int, Plan]()
+        postures = dict[int, Plan]()
         for k in self._left().tolist():
             answer = self._planner.solve(self._problems[k], root=self._lifts[k])
             effort = answer.effort
-            self.answers[k] = replace(answer, effort=replace(effort, seconds=effort.seconds + float(self._seconds[k])))
+            self.answers[k] = replace(
+                answer, effort=replace(effort, seconds=effort.seconds + float(self._seconds[k]))
+            )
             if answer.solution is not None:
-                found[k] = answer.solution
-        for k, (posture, off) in with_toes(self._batch, found, tolerance=self._accept.tolerance).items():
+                postures[k] = answer.solution
+        for k, (posture, off) in with_toes(
+            self._batch, postures, tolerance=self._accept.tolerance
+        ).items():
             self.answers[k] = replace(self.answers[k], solution=posture, report=None, residual=off)
 
     def relax(self, points: bool) -> None:
-        """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the lift."""
+        """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the
+        lift."""
         begin, proofs = time.perf_counter(), self._proved
         of = list(proofs)
         if points:
-            of += [k for k, one in self.answers.items() if one.certificate is not None and not one.details["trivial"]]
+            of += [
+                k
+                for k, one in self.answers.items()
+                if one.certificate is not None and not one.details["trivial"]
+            ]
         index = np.array(of, dtype=np.intp)
-        found = relaxed(self._batch.select(index), tolerance=self._accept.tolerance)
-        self.relaxed = {int(index[k]): posture for k, posture in found.items()}
+        postures = relaxed(self._batch.select(index), tolerance=self._accept.tolerance)
+        self.relaxed = {int(index[k]): posture for k, posture in postures.items()}
         self._took(begin, index)
         self._proved = {}
         for k, (certificate, bound) in proofs.items():
@@ -147,15 +165,23 @@ class _Batch:
 
     def _feasible(self, k: int, posture: Plan, off: float) -> None:
         self.answers[k] = Answer(
-            status=Status.FEASIBLE, solution=posture, bound=0.0, residual=off, **self._told(k, nodes=0.0)
+            status=Status.FEASIBLE,
+            solution=posture,
+            bound=0.0,
+            residual=off,
+            **self._told(k, nodes=0.0),
         )
 
     def _refuted(self, k: int, certificate: Certificate, bound: float, *, trivial: bool) -> None:
         message = self._told(k, nodes=1.0, trivial=trivial)
-        self.answers[k] = Answer(status=Status.INFEASIBLE, certificate=certificate, bound=bound, **message)
+        self.answers[k] = Answer(
+            status=Status.INFEASIBLE, certificate=certificate, bound=bound, **message
+        )
 
     def _left(self) -> Index:
-        left = (k for k in range(len(self._batch)) if k not in self.answers and k not in self._proved)
+        left = (
+            k for k in range(len(self._batch)) if k not in self.answers and k not in self._proved
+        )
         return np.array(list(left), dtype=np.intp)
 
     def _told(self, k: int, *, nodes: float, trivial: bool = False) -> dict[str, Any]:

@@ -1,7 +1,9 @@
-"""Canonical postures: of all that a problem has, one that follows from the problem alone, whatever found it feasible.
+"""Canonical postures: of all that a problem has, one that follows from the problem alone, whatever
+found it feasible.
 
-The toes are those that a fixed iteration comes to (``witness``), and with them held the rest is the middle of what is
-left (``centre``), whoever else is in the batch. Where the iteration comes to no end the toes are those that were found.
+The toes are those that a fixed iteration comes to (``witness``), and with them held the rest is the
+middle of what is left (``centre``), whoever else is in the batch. Where the iteration comes to no
+end the toes are those that were found.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ Index = NDArray[np.intp]
 Found = dict[int, tuple[Plan, float]]
 """Postures by the index of their problem, each with its largest violation."""
 SHORT, LONG = 96, 320
-"""Steps of the iteration before a solver is asked, and after: most feasible problems need fewer than the first."""
+"""Steps of the iteration before a solver is asked, and after: most feasible problems need fewer
+than the first."""
 
 
 def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> Found:
@@ -36,33 +39,44 @@ def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6
     return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
 
 
-def gone_on(iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6) -> Found:
-    """``canonical`` of what is left of an iteration over the batch, which goes on until it has taken so many steps."""
+def gone_on(
+    iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6
+) -> Found:
+    """``canonical`` of what is left of an iteration over the batch, which goes on until it has
+    taken so many steps."""
     return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
 
 
 def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
-    """The middle of what these postures' toes leave, by the index of the problem; none where that has no inside."""
+    """The middle of what these postures' toes leave, by the index of the problem; none where that
+    has no inside."""
     index, scaled = np.array(list(found), dtype=np.intp), ScaledBatch.of(batch)
-    toes = np.array([posture.toes_m for posture in found.values()]).reshape(-1, *scaled.friction.shape[1:], 3)
+    toes = np.array([posture.toes_m for posture in found.values()]).reshape(
+        -1, *scaled.friction.shape[1:], 3
+    )
     held = scaled.select(index).held(toes / scaled.like.length_m)
     middles = _accepted(batch.select(index), held, witnesses(held, LONG), tolerance)
     return {int(index[k]): middle for k, middle in middles.items()}
 
 
 def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
-    """Canonical points of P̄, which violate nothing but the balance of moments, where the iteration finds one."""
+    """Canonical points of P̄, which violate nothing but the balance of moments, where the iteration
+    finds one."""
     scaled = ScaledBatch.of(batch)
-    found = _accepted(batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False)
-    return {k: posture for k, (posture, _) in found.items()}
+    postures = _accepted(
+        batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False
+    )
+    return {k: posture for k, (posture, _) in postures.items()}
 
 
-def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
+def without_moments(
+    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
+) -> dict[int, Plan]:
     """``relaxed``, and where the iteration comes to no end ``solved``."""
-    found = relaxed(batch, tolerance=tolerance)
-    rest = np.array([k for k in range(len(batch)) if k not in found], dtype=np.intp)
+    postures = relaxed(batch, tolerance=tolerance)
+    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
     ended = solved(programs, batch.select(rest), tolerance=tolerance)
-    return found | {int(rest[k]): posture for k, posture in ended.items()}
+    return postures | {int(rest[k]): posture for k, posture in ended.items()}
 
 
 def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
@@ -93,5 +107,7 @@ def _accepted(
     postures = some.plans(centred(some, points, moments=moments), problems)
     worst = check_postures(postures, without=() if moments else ("moment_balance",)).tolist()
     return {
-        k: (posture, off) for k, posture, off in zip(index.tolist(), postures, worst, strict=True) if off <= tolerance
+        k: (posture, off)
+        for k, posture, off in zip(index.tolist(), postures, worst, strict=True)
+        if off <= tolerance
     }

@@ -1,10 +1,12 @@
-"""The choice of patches: depth-first branch and bound whose node problem is the lift on the candidates still open.
+"""The choice of patches: depth-first branch and bound whose node problem is the lift on the
+candidates still open.
 
-At every node the shares are rounded to a choice, and the lift on that choice alone, in its own one-candidate program,
-is solved first: where it has no point, no projection can find a plan, and the multipliers that say so cost one small
-solve. These Farkas cuts are kept: they close other nodes without a solve, tell which foothold to branch on, the one
-whose other candidates weaken the cut most, and guide a dive before the first branching. Where the lift has a point and
-P2 finds no plan, stances that cannot be held alone leave nogoods, which do the same.
+At every node the shares are rounded to a choice, and the lift on that choice alone, in its own
+one-candidate program, is solved first: where it has no point, no projection can find a plan, and
+the multipliers that say so cost one small solve. These Farkas cuts are kept: they close other nodes
+without a solve, tell which foothold to branch on, the one whose other candidates weaken the cut
+most, and guide a dive before the first branching. Where the lift has a point and P2 finds no plan,
+stances that cannot be held alone leave nogoods, which do the same.
 """
 
 from __future__ import annotations
@@ -33,9 +35,11 @@ WHOLE = 1e-4
 LEAST = 3e-6
 """A gap is relative to the objective, or to this where the objective is smaller."""
 DIVES, SWEEPS, CUT_PRICE, GUMBEL = 12, 4, 200.0, 0.3
-"""Of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise on the preference."""
+"""Of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise on the
+preference."""
 Project = Callable[[Scaled, Point, bool], Point]
-"""A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else patiently."""
+"""A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else
+patiently."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +47,8 @@ class SearchLimits:
     """Limits at which a search stops. gap: relative to the best plan's objective; None stops at the
     first plan.
 
-    share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no plan for.
+    share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no
+    plan for.
     """
 
     max_nodes: int
@@ -54,12 +59,18 @@ class SearchLimits:
 class ChoiceSearch:
     """Depth-first over the choices of one course.
 
-    found: the best choice, (P,), and its point. bound: on the objective, of what was searched. complete: whether the
-    tree was searched to its end, every leaf refuted; else message says why not.
+    found: the best choice, (P,), and its point. bound: on the objective, of what was searched.
+    complete: whether the tree was searched to its end, every leaf refuted; else message says why
+    not.
     """
 
     def __init__(
-        self, programs: Programs, scaled: Scaled, project: Project, limits: SearchLimits, clock: Clock
+        self,
+        programs: Programs,
+        scaled: Scaled,
+        project: Project,
+        limits: SearchLimits,
+        clock: Clock,
     ) -> None:
         self._programs, self._scaled, self._limits, self._clock = programs, scaled, limits, clock
         self._onto_surface = project
@@ -80,7 +91,9 @@ class ChoiceSearch:
         """Search until there is a plan as good as asked for, nothing left, or a limit."""
         if self._scaled.options > 1:
             self._guess()
-        stack = [(float("-inf"), self._scaled.opened())]  # bounds and open candidates of what is left
+        stack = [
+            (float("-inf"), self._scaled.opened())
+        ]  # bounds and open candidates of what is left
         ended = [float("inf")]  # bounds of parts given up
         while stack and not (self._limits.gap is None and self.found is not None):
             if self.nodes >= self._limits.max_nodes or self._late():
@@ -108,15 +121,22 @@ class ChoiceSearch:
         """The proof that there is no plan, where the tree was searched to its end."""
         if self.found is not None or self._open_end or not self._leaves:
             return None
-        return Certificate(tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves))
+        return Certificate(
+            tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves)
+        )
 
     def _guess(self) -> None:
-        """Try the first candidates that have friction, which are the nearest, and where P1 alone has a point on them
-        those that the root likes best; then dive, unless the root is refuted, or the limit is met."""
+        """Try the first candidates that have friction, which are the nearest, and where P1 alone
+        has a point on them those that the root likes best; then dive, unless the root is refuted,
+        or the limit is met."""
         guess = nearest(self._scaled)
         self._try(guess, hasty=True)
         self.guessed = self.found is not None
-        if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None or self._late():
+        if (
+            self.found is not None
+            or self._cuts.refuting(self._scaled.opened()) is not None
+            or self._late()
+        ):
             return
         self._root = root = self._solve(self._scaled)
         if root.status is ConicStatus.INFEASIBLE:
@@ -163,7 +183,10 @@ class ChoiceSearch:
             self._prove(nogood, opened)
             return []
         cut = self._cuts.refuting(opened)
-        lifted, self._root = None if cut is not None else self._root or self._solve(self._scaled.only(opened)), None
+        lifted, self._root = (
+            None if cut is not None else self._root or self._solve(self._scaled.only(opened)),
+            None,
+        )
         if lifted is not None and lifted.status is ConicStatus.INFEASIBLE:
             cut = self._cuts.add(lifted.multipliers)
         if cut is not None or lifted is None:
@@ -207,7 +230,11 @@ class ChoiceSearch:
             return p, int(choice[p])
         nogood = self._nogoods.refuting(np.eye(self._scaled.options)[choice])
         loose = None if nogood is None else self._nogoods.blame(nogood, opened)
-        p = loose if loose is not None else int(np.where(several, 1.0 - shares.max(axis=1), -1.0).argmax())
+        p = (
+            loose
+            if loose is not None
+            else int(np.where(several, 1.0 - shares.max(axis=1), -1.0).argmax())
+        )
         return p, int(choice[p])
 
     def _prove(self, nogood: int, opened: Array) -> None:
@@ -219,12 +246,16 @@ class ChoiceSearch:
     def _try(self, choice: Index, lifted: LiftAnswer | None = None, *, hasty: bool = False) -> None:
         """Look for a plan on one choice, unless it was looked at.
 
-        lifted: a point of the lift that makes this choice already. hasty: where the first steps of P2 do not reach one,
-        nothing is learned, and the choice may be looked at again.
+        lifted: a point of the lift that makes this choice already. hasty: where the first steps of
+        P2 do not reach one, nothing is learned, and the choice may be looked at again.
         """
         key = tuple(int(r) for r in choice)
         only = np.eye(self._scaled.options)[choice]
-        if key in self._tried or self._cuts.refuting(only) is not None or self._nogoods.refuting(only) is not None:
+        if (
+            key in self._tried
+            or self._cuts.refuting(only) is not None
+            or self._nogoods.refuting(only) is not None
+        ):
             return
         self._tried.add(key)
         lifted = lifted or self._solve(self._scaled.chosen(choice))
@@ -238,7 +269,8 @@ class ChoiceSearch:
                 self._tried.remove(key)
 
     def _blame_stances(self, choice: Index) -> None:
-        """Learn cuts of single stances that the lift refutes on a choice: they say more than one over all frames."""
+        """Learn cuts of single stances that the lift refutes on a choice: they say more than one
+        over all frames."""
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         for stance, (frame, _) in enumerate(layout.stances):
             key = (stance, *choice[list(layout.holds[frame])].tolist())
@@ -262,10 +294,14 @@ class ChoiceSearch:
             self.found, self.upper = (choice, point), cost(chosen, point)
 
     def _beaten(self, bound: float) -> bool:
-        """Tell whether no plan of this bound is better than the one there is by more than the gap.
-        """
+        """Tell whether no plan of this bound is better than the one there is by more than the
+        gap."""
         gap = self._limits.gap
-        return gap is not None and self.found is not None and bound >= self.upper - gap * max(self.upper, LEAST)
+        return (
+            gap is not None
+            and self.found is not None
+            and bound >= self.upper - gap * max(self.upper, LEAST)
+        )
 
     def _late(self) -> bool:
         share = self._limits.share if self.tried and self.found is None else 1.0
@@ -278,13 +314,15 @@ class ChoiceSearch:
 
 
 def nearest(scaled: Scaled) -> Index:
-    """The first open candidate of every foothold that has friction, or its first, by number, shape (P,)."""
+    """The first open candidate of every foothold that has friction, or its first, by number, shape
+    (P,)."""
     grips = scaled.by_candidate(np.where(scaled.friction > 0.0, 2.0, 1.0), 0.0)
     return np.asarray(np.argmax(grips, axis=1), dtype=np.int_)
 
 
 def _preference(scaled: Scaled) -> Array:
-    """Log of how much a candidate is liked before anything is known: near, and with friction; −inf where none is."""
+    """Log of how much a candidate is liked before anything is known: near, and with friction; −inf
+    where none is."""
     grips = scaled.by_candidate((scaled.friction > 0.0).astype(np.float64), 0.0)
     rank = np.cumsum(grips, axis=1) - 1.0
     liked = np.where(grips > 0.0, 0.7 * 0.35 ** np.maximum(rank, 0.0), 0.01)

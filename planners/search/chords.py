@@ -8,7 +8,8 @@ from ..files.arrays import Array
 
 
 def halving_chord(piece: Array) -> tuple[float, float]:
-    """Border coordinates of a chord that halves a polygon: a triangle's median to its longest edge, else a diagonal."""
+    """Border coordinates of a chord that halves a polygon: a triangle's median to its longest edge,
+    else a diagonal."""
     count = len(piece)
     if count > 3:
         return 0.0, float(count // 2)
@@ -18,7 +19,8 @@ def halving_chord(piece: Array) -> tuple[float, float]:
 
 
 def cut(piece: Array, first: float, second: float) -> tuple[Array, Array]:
-    """The two parts of a convex polygon on either side of a chord, as ``Certificate`` orders them."""
+    """The two parts of a convex polygon on either side of a chord, as ``Certificate`` orders
+    them."""
     count = len(piece)
 
     def point(coordinate: float) -> Array:

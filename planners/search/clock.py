@@ -16,7 +16,8 @@ class Clock:
     Arguments:
         begin: of the work, ``time.perf_counter()`` [s].
         time_limit_s: after which it ends [s].
-        max_solves: likewise, a number of solves; with no limit of time, results are the same on a busy computer.
+        max_solves: likewise, a number of solves; with no limit of time, results are the same on a
+            busy computer.
         compile_s: time spent on compiling models [s].
         solver_s: time in the solver itself [s].
         solves: so far.
@@ -32,7 +33,9 @@ class Clock:
     @classmethod
     def start(cls, time_limit_s: float = math.inf, max_solves: float | None = None) -> Clock:
         """Begin now; no limit of solves where None."""
-        return cls(time.perf_counter(), time_limit_s, math.inf if max_solves is None else max_solves)
+        return cls(
+            time.perf_counter(), time_limit_s, math.inf if max_solves is None else max_solves
+        )
 
     def elapsed(self) -> float:
         """Seconds since the beginning, compiling included [s]."""
@@ -44,7 +47,9 @@ class Clock:
 
     def left(self, share: float = 1.0) -> tuple[float, float]:
         """Time [s] and solves that are left of this share."""
-        return max(share * self.time_limit_s - self.elapsed(), 0.0), max(share * self.max_solves - self.solves, 0.0)
+        return max(share * self.time_limit_s - self.elapsed(), 0.0), max(
+            share * self.max_solves - self.solves, 0.0
+        )
 
     @property
     def limit(self) -> str:

@@ -1,12 +1,14 @@
-"""Cuts in space: best-first branch and bound on candidates, pieces of patches and force boxes, for any M ≥ 1.
+"""Cuts in space: best-first branch and bound on candidates, pieces of patches and force boxes, for
+any M ≥ 1.
 
-The lower bound is the lift with the least moment residual, the upper bound SCP from its toes. A node confines footholds
-to some candidates, candidates to pieces of their patches, stance contacts to boxes of forces; on a piece of no size the
-lift is exact, so bisection ends. A node whose moment residual is proved above the gap is closed; when all are, the tree
-and the lift's multipliers are the certificate. A posture problem is the case of one frame.
+The lower bound is the lift with the least moment residual, the upper bound SCP from its toes. A
+node confines footholds to some candidates, candidates to pieces of their patches, stance contacts
+to boxes of forces; on a piece of no size the lift is exact, so bisection ends. A node whose moment
+residual is proved above the gap is closed; when all are, the tree and the lift's multipliers are
+the certificate. A posture problem is the case of one frame.
 
-Copies of one hard stance over many frames multiply the tree, so the stances of a plan are tried ``alone`` first, each a
-relaxation of it (``nogoods``).
+Copies of one hard stance over many frames multiply the tree, so the stances of a plan are tried
+``alone`` first, each a relaxation of it (``nogoods``).
 """
 
 from __future__ import annotations
@@ -34,28 +36,35 @@ LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
 WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 PATCH_UNIT_M = 0.2
-"""A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
+"""A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut
+the patch instead."""
 NEAR_ENDS = 0.1
-"""A force interval is split where the lift has the force, but no nearer to an end than this share of it."""
+"""A force interval is split where the lift has the force, but no nearer to an end than this share
+of it."""
 FLAT = 0.1
-"""Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only forces are split."""
+"""Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only
+forces are split."""
 WORTH, WORTH_LEAST = 3.0, 2e-3
-"""Below the root, SCP steps on only where the first toes leave less than this many bounds, and this, of moment."""
+"""Below the root, SCP steps on only where the first toes leave less than this many bounds, and
+this, of moment."""
 PROVABLE = None
-"""As a gap: a node counts as refuted where the verifier can be expected to accept what its multipliers prove."""
+"""As a gap: a node counts as refuted where the verifier can be expected to accept what its
+multipliers prove."""
 WIDENED = 5e-6
-"""What a proof loses, a unit of its multipliers, since the verifier widens every constraint before it counts."""
+"""What a proof loses, a unit of its multipliers, since the verifier widens every constraint before
+it counts."""
 STEPS = 4
 """Most linearised steps of SCP at a node."""
 BENEATH = 0.9
-"""A point that leaves less than this share of the gap says that no proof will be accepted; of the lift's bound at the
-root, in units of what a point may leave, ``ABOVE`` says that no point will."""
+"""A point that leaves less than this share of the gap says that no proof will be accepted; of the
+lift's bound at the root, in units of what a point may leave, ``ABOVE`` says that no point will."""
 ABOVE = 20.0
 
 
 @dataclass(kw_only=True, eq=False)
 class Node:
-    """A part of a problem, what the lift says there, and how it was split: a row of the certificate's tree."""
+    """A part of a problem, what the lift says there, and how it was split: a row of the
+    certificate's tree."""
 
     scaled: Scaled
     lift: LiftAnswer
@@ -75,10 +84,11 @@ class Node:
 class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
-    gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation that a point may have.
-    max_nodes, deadline (``time.perf_counter()``), max_solves: where to stop. root: the lift of the problem, where it is
-    solved already. wanted: of a search that counts only where it comes to this; it stops when it cannot any more.
-    found: choice, (P,), and point; stopped: why there is neither.
+    gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation
+    that a point may have. max_nodes, deadline (``time.perf_counter()``), max_solves: where to stop.
+    root: the lift of the problem, where it is solved already. wanted: of a search that counts only
+    where it comes to this; it stops when it cannot any more. found: choice, (P,), and point;
+    stopped: why there is neither.
     """
 
     def __init__(
@@ -97,7 +107,9 @@ class CutSearch:
         self._programs, self._gap, self._wanted = programs, gap, wanted
         self._on_surface = max(SURFACE, 0.5 * tolerance)
         self._max_nodes, self._deadline, self._max_solves = max_nodes, deadline, max_solves
-        self._whole = scaled if scaled.weights is None else replace(scaled, weights=None)  # it has no objective
+        self._whole = (
+            scaled if scaled.weights is None else replace(scaled, weights=None)
+        )  # it has no objective
         self.solves = self.nodes = 0
         self.seconds = 0.0
         self.stopped = ""
@@ -136,12 +148,15 @@ class CutSearch:
         return Certificate(tree=np.array(tree), multipliers=np.array(multipliers))
 
     def _proved(self, lift: LiftAnswer) -> float:
-        """The moment residual that counts: what the lift bounds, less what the verifier will take off."""
+        """The moment residual that counts: what the lift bounds, less what the verifier will take
+        off."""
         if self._gap is not None or not np.isfinite(lift.bound):
             return lift.bound
         stances = len(lift.scaled.layout.stances)
         sizes = np.abs(lift.multipliers)
-        return lift.bound - WIDENED * float(sizes.sum() / max(sizes[3 * stances : 6 * stances].sum(), 1e-12))
+        return lift.bound - WIDENED * float(
+            sizes.sum() / max(sizes[3 * stances : 6 * stances].sum(), 1e-12)
+        )
 
     def _node(self, scaled: Scaled, lift: LiftAnswer | None = None) -> Node:
         self.solves += 1
@@ -151,9 +166,13 @@ class CutSearch:
         return Node(scaled=scaled, lift=lift)
 
     def _project(self, node: Node) -> bool:
-        """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not only the node's."""
+        """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not
+        only the node's."""
         choice, start = node.lift.rounded()
-        worth, steps = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST, STEPS
+        worth, steps = (
+            float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST,
+            STEPS,
+        )
         if self._wanted is Status.INFEASIBLE:  # a point only saves the rest of the search
             steps = STEPS // 2 if node is self.root else 0
         point = scp(self._programs, self._whole.chosen(choice), start, steps=steps, worth=worth)
@@ -169,7 +188,9 @@ class CutSearch:
         point below all proofs."""
         beneath = self._gap is not None and self._least <= BENEATH * self._gap
         above = node is self.root and node.lift.bound > ABOVE * self._on_surface
-        vain = (self._wanted is Status.INFEASIBLE and beneath) or (self._wanted is Status.FEASIBLE and above)
+        vain = (self._wanted is Status.INFEASIBLE and beneath) or (
+            self._wanted is Status.FEASIBLE and above
+        )
         if vain:
             self.stopped = f"{self._wanted} is out of the question"
         return vain
@@ -185,7 +206,8 @@ class CutSearch:
 
 
 def bent_patches(scaled: Scaled, most: float) -> Array:
-    """1 where the pieces of a whole patch do not cover it to ``most``: what they leave out is taken off every bound.
+    """1 where the pieces of a whole patch do not cover it to ``most``: what they leave out is taken
+    off every bound.
 
     Shape (P, options).
     """
@@ -196,12 +218,13 @@ def bent_patches(scaled: Scaled, most: float) -> Array:
 def branch(
     scaled: Scaled, lift: LiftAnswer, contact: int | None = None, bent: Array | None = None
 ) -> tuple[tuple[float, ...], list[Scaled]]:
-    """A row of a certificate's tree that splits a problem where its lift is loose, and the two parts, which cover it.
+    """A row of a certificate's tree that splits a problem where its lift is loose, and the two
+    parts, which cover it.
 
-    First a foothold torn between candidates; then the force box of the stance contact and component whose f_u / λ_u
-    differ most, at the force that the lift has there, or, where what the cones leave of the box is narrower than its
-    patch, the patch. contact: where another one is wanted. bent: of
-    which patches only the forces may be split, (P, options).
+    First a foothold torn between candidates; then the force box of the stance contact and component
+    whose f_u / λ_u differ most, at the force that the lift has there, or, where what the cones
+    leave of the box is narrower than its patch, the patch. contact: where another one is wanted.
+    bent: of which patches only the forces may be split, (P, options).
     """
     torn = _torn(scaled, lift)
     if torn is not None:
@@ -245,7 +268,8 @@ def _bend(border: Array) -> float:
 
 
 def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
-    """The foothold that is least decided between its candidates, and the best of these; None where all are."""
+    """The foothold that is least decided between its candidates, and the best of these; None where
+    all are."""
     if all(len(counts) == 1 for counts in scaled.layout.corners):
         return None
     shares = scaled.by_candidate(lift.shares, 0.0)
@@ -255,7 +279,8 @@ def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
 
 
 def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
-    """One stance as a problem of one frame, with its footholds and the rows of its contacts in the whole one.
+    """One stance as a problem of one frame, with its footholds and the rows of its contacts in the
+    whole one.
 
     Every plan holds an answer of it: limbs that do not carry are in reach of their footholds, too.
     """
@@ -263,23 +288,35 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
     frame, limbs = layout.stances[stance]
     footholds = np.array(layout.holds[frame], dtype=np.int_)
     contacts = np.flatnonzero(layout.contacts[0] == stance)
-    kept = np.concatenate([np.flatnonzero(layout.candidate_footholds == p) for p in footholds])
+    candidates = np.concatenate(
+        [np.flatnonzero(layout.candidate_footholds == p) for p in footholds]
+    )
     vertices = np.concatenate([np.flatnonzero(layout.vertex_footholds == p) for p in footholds])
     part = replace(
         scaled,
         layout=replace(
-            layout, holds=(tuple(range(layout.limbs)),), stances=((0, limbs),), pushes=0, stands=False,
+            layout,
+            holds=(tuple(range(layout.limbs)),),
+            stances=((0, limbs),),
+            pushes=0,
+            stands=False,
             wrench=layout.wrench,
             corners=tuple(layout.corners[p] for p in footholds),
         ),
         which=tuple(scaled.which[p] for p in footholds),
-        vertices=scaled.vertices[vertices], frames=scaled.frames[kept], friction=scaled.friction[kept],
-        offsets=scaled.offsets[kept] if layout.points else scaled.offsets,
-        force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
-        com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
-        direction=np.zeros((0, 3)), progress=np.zeros(0), standing=np.zeros((0, 3)),
+        vertices=scaled.vertices[vertices],
+        frames=scaled.frames[candidates],
+        friction=scaled.friction[candidates],
+        offsets=scaled.offsets[candidates] if layout.points else scaled.offsets,
+        force_min=scaled.force_min[contacts],
+        force_max=scaled.force_max[contacts],
+        com=scaled.com[[frame]],
+        com_radius=scaled.com_radius[[frame]],
+        direction=np.zeros((0, 3)),
+        progress=np.zeros(0),
+        standing=np.zeros((0, 3)),
         wrench=scaled.wrench[[stance % layout.unpushed]] if layout.wrench else np.zeros((0, 6)),
-    )  # fmt: skip
+    )
     return part, footholds, contacts
 
 
@@ -296,5 +333,5 @@ def spreads(lift: LiftAnswer) -> Array:
 
 def _largest(layout: Layout, shares: Array, foothold: int) -> int:
     """The candidate of a foothold that has most of it, among all candidates."""
-    own = np.flatnonzero(layout.candidate_footholds == foothold)
-    return int(own[shares[own].argmax()])
+    candidates = np.flatnonzero(layout.candidate_footholds == foothold)
+    return int(candidates[shares[candidates].argmax()])

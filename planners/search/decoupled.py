@@ -1,8 +1,10 @@
-"""The decoupled planner (Lin et al.'s ref. [3]): positions first, with no knowledge of forces, then forces for them.
+"""The decoupled planner (Lin et al.'s ref. [3]): positions first, with no knowledge of forces, then
+forces for them.
 
-The baseline that coupling is measured against. Its positions meet E1 and E11 and have the same objective; which of
-several patches a toe takes is rounded from the shares. Then toes and body are held, and every stance gets forces, if it
-can. Where friction decides, the positions are blind to it, and the second stage's failure never reaches the first.
+The baseline that coupling is measured against. Its positions meet E1 and E11 and have the same
+objective; which of several patches a toe takes is rounded from the shares. Then toes and body are
+held, and every stance gets forces, if it can. Where friction decides, the positions are blind to
+it, and the second stage's failure never reaches the first.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ from .either import Kind
 
 
 class Positions:
-    """Body and toes of all key frames without forces, for one layout: E1, E11, limits and objective."""
+    """Body and toes of all key frames without forces, for one layout: E1, E11, limits and
+    objective."""
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
@@ -49,10 +52,13 @@ class Positions:
         return positions(given.scaled)
 
     def solve(self, scaled: Scaled) -> tuple[ConicSolution, Index, Point]:
-        """The solution, the candidates of the largest shares by number, (P,), and the point without forces."""
+        """The solution, the candidates of the largest shares by number, (P,), and the point without
+        forces."""
         layout, solution = self.layout, self.rows.solve(Given(scaled))
         weights = np.maximum(solution.value("weights"), 0.0)
-        shares = np.bincount(layout.vertex_candidates, weights, minlength=len(layout.candidate_footholds))
+        shares = np.bincount(
+            layout.vertex_candidates, weights, minlength=len(layout.candidate_footholds)
+        )
         toes, total = np.zeros((layout.footholds, 3)), np.zeros(layout.footholds)
         np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
         np.add.at(total, layout.vertex_footholds, weights)
@@ -69,15 +75,19 @@ class Positions:
 
 
 class DecoupledPlanner:
-    """Positions, rounded to one patch a toe, then forces for them; what either stage cannot do is not tried again.
+    """Positions, rounded to one patch a toe, then forces for them; what either stage cannot do is
+    not tried again.
 
-    Feasible or undecided; infeasible where there are no positions at all, which has the same certificate as the lift.
+    Feasible or undecided; infeasible where there are no positions at all, which has the same
+    certificate as the lift.
     """
 
     name = "decoupled"
     answers: ClassVar[Kind] = "courses"
 
-    def __init__(self, *, acceptance: Acceptance = Acceptance(), programs: Programs | None = None) -> None:
+    def __init__(
+        self, *, acceptance: Acceptance = Acceptance(), programs: Programs | None = None
+    ) -> None:
         self.acceptance = acceptance
         self.programs = programs or Programs()
 
@@ -87,8 +97,12 @@ class DecoupledPlanner:
         details: dict[str, float] = {}
         solution, choice, point = self._place(scaled, clock)
         if solution.status is ConicStatus.INFEASIBLE:
-            proof = Certificate(tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None])
-            return self.acceptance.answer(course, Claim(certificate=proof), method=self.name, clock=clock)
+            proof = Certificate(
+                tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None]
+            )
+            return self.acceptance.answer(
+                course, Claim(certificate=proof), method=self.name, clock=clock
+            )
         bound = solution.bound * course.length_scale_m**2 if solution.solved else float("nan")
         chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
@@ -103,14 +117,17 @@ class DecoupledPlanner:
             if point.residual > 0.5 * self.acceptance.tolerance:
                 message += f": {self._worst_stance(course, chosen, placed)}"
         if point.residual <= 0.5 * self.acceptance.tolerance:
-            plan, message = plan_of(course, scaled, choice, point, provenance={"planner": self.name}), ""
+            plan, message = (
+                plan_of(course, scaled, choice, point, provenance={"planner": self.name}),
+                "",
+            )
         claim = Claim(found=plan, message=message, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:
-        found = self.programs.get(Positions, scaled.layout).solve(scaled)
-        clock.count(1, found[0].seconds)
-        return found
+        solution = self.programs.get(Positions, scaled.layout).solve(scaled)
+        clock.count(1, solution[0].seconds)
+        return solution
 
     def _worst_stance(self, course: Problem, chosen: Scaled, placed: Point) -> str:
         """Stance that its positions leave most moment, or no balance of forces at all."""
@@ -118,9 +135,12 @@ class DecoupledPlanner:
         for index, stance in enumerate(course.stances):
             part, footholds, contacts = alone(chosen, index)
             at = Point(
-                com=placed.com[[stance.frame]], rotation=placed.rotation[[stance.frame]], toes=placed.toes[footholds],
-                forces=np.zeros((len(contacts), 3)), residual=float("inf"),
-            )  # fmt: skip
+                com=placed.com[[stance.frame]],
+                rotation=placed.rotation[[stance.frame]],
+                toes=placed.toes[footholds],
+                forces=np.zeros((len(contacts), 3)),
+                residual=float("inf"),
+            )
             residual = project(self.programs, "fix-p", part, at).residual
             if residual > worst:
                 worst = residual

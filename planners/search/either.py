@@ -1,4 +1,5 @@
-"""One planner per method: it answers postures and courses, by two parts that are made when they are first asked."""
+"""One planner per method: it answers postures and courses, by two parts that are made when they are
+first asked."""
 
 from __future__ import annotations
 
@@ -17,14 +18,16 @@ Kind = Literal["postures", "courses"]
 class EitherPlanner:
     """The planner of a method that nobody has said what it will be asked.
 
-    name: of the method. make: by kind of question, a function that makes the planner of it, or raises InvalidInput.
+    name: of the method. make: by kind of question, a function that makes the planner of it, or
+    raises InvalidInput.
     """
 
     def __init__(self, name: str, make: Mapping[Kind, Callable[[], Planner]]) -> None:
         self.name, self._make, self._made = name, make, dict[Kind, Planner]()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for its kind."""
+        """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for
+        its kind."""
         return self.part(kind_of(problem)).solve(problem)
 
     def part(self, kind: Kind) -> Planner:

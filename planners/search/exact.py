@@ -1,9 +1,11 @@
-"""The exact planners: a posture decided by cuts in space; a course planned to within a gap of its best plan.
+"""The exact planners: a posture decided by cuts in space; a course planned to within a gap of its
+best plan.
 
-A posture is feasible with a witness or infeasible with a certificate (``cuts``). A course is first searched over its
-patches to the end (``choice``): where the lift is tight that closes the gap, or refutes the course. What it leaves open
-is cut in space, best first: the lift is the lower bound of the objective; fix-toes, SCP and descent from its toes are
-the upper bound. A course that only cuts in space refute gets its certificate from ``two_stage.decide``.
+A posture is feasible with a witness or infeasible with a certificate (``cuts``). A course is first
+searched over its patches to the end (``choice``): where the lift is tight that closes the gap, or
+refutes the course. What it leaves open is cut in space, best first: the lift is the lower bound of
+the objective; fix-toes, SCP and descent from its toes are the upper bound. A course that only cuts
+in space refute gets its certificate from ``two_stage.decide``.
 """
 
 from __future__ import annotations
@@ -42,9 +44,9 @@ class ExactPlanner:
     """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
 
     acceptance: problems whose least moment residual lies between its two figures stay undecided.
-    max_nodes, max_solves, time_limit_s: where to stop and say undecided. proposers: asked before any solver, and
-    decided on by the verifier, where problems come in batches (``batch``); one problem alone is solved sooner than they
-    are asked.
+    max_nodes, max_solves, time_limit_s: where to stop and say undecided. proposers: asked before
+    any solver, and decided on by the verifier, where problems come in batches (``batch``); one
+    problem alone is solved sooner than they are asked.
     """
 
     name = "exact"
@@ -61,7 +63,9 @@ class ExactPlanner:
         proposers: Proposer | None = None,
     ) -> None:
         if not time_limit_s >= 0.0:
-            raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
+            raise InvalidInput(
+                f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}"
+            )
         checked_int(max_nodes, "max_nodes", least=0)
         self.acceptance = acceptance
         self.max_nodes, self.max_solves = max_nodes, max_solves
@@ -74,9 +78,10 @@ class ExactPlanner:
 
         root: the lift of the problem with the least moment, where it is solved already.
 
-        Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a moment residual above
-        ``acceptance.gap``, both checked by the verifier; or UNDECIDED with the reason. details: nodes of the tree, and
-        trivial, 1.0 where not even P̄ has an answer. The verdict depends on the problem alone.
+        Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a
+        moment residual above ``acceptance.gap``, both checked by the verifier; or UNDECIDED with
+        the reason. details: nodes of the tree, and trivial, 1.0 where not even P̄ has an answer.
+        The verdict depends on the problem alone.
         """
         clock, scaled = Clock.start(), Scaled.of(problem)
         search = self.search(scaled, root=root)
@@ -89,25 +94,35 @@ class ExactPlanner:
         )
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
-    def search(self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None) -> CutSearch:
+    def search(
+        self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None
+    ) -> CutSearch:
         """The search that ``solve`` has the claim of verified, when it has run.
 
-        root: as for ``solve``. wanted: where only this answer counts, which is then the same to the last bit; the
-        search ends where it cannot come any more.
+        root: as for ``solve``. wanted: where only this answer counts, which is then the same to the
+        last bit; the search ends where it cannot come any more.
         """
         search = CutSearch(
-            self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
-            max_nodes=self.max_nodes, deadline=time.perf_counter() + self.time_limit_s,
-            max_solves=math.inf if self.max_solves is None else self.max_solves, root=root, wanted=wanted,
-        )  # fmt: skip
+            self.programs,
+            scaled,
+            gap=self.acceptance.gap,
+            tolerance=self.acceptance.tolerance,
+            max_nodes=self.max_nodes,
+            deadline=time.perf_counter() + self.time_limit_s,
+            max_solves=math.inf if self.max_solves is None else self.max_solves,
+            root=root,
+            wanted=wanted,
+        )
         search.run()
         return search
 
 
 class ExactCoursePlanner(TimeLimited):
-    """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a limit.
+    """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a
+    limit.
 
-    gap: relative. max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is proved so far.
+    gap: relative. max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is
+    proved so far.
     """
 
     name = "exact"
@@ -131,28 +146,34 @@ class ExactCoursePlanner(TimeLimited):
         self.programs = programs or Programs()
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
+        """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it
+        without a proof."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStageCoursePlanner(
-            gap=self.gap, max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, programs=self.programs
+            gap=self.gap,
+            max_nodes=self.max_nodes,
+            time_limit_s=self.time_limit_s,
+            programs=self.programs,
         )
         head = choices.search(scaled, clock)
         proof, details = head.certificate(), {"nodes": float(head.nodes), "cuts": 0.0}
-        found, upper, lower, stopped = head.found, head.upper, head.bound, ""
+        best, upper, lower, stopped = head.found, head.upper, head.bound, ""
         if proof is None and not head.closed:
             tail = _BestPlan(self, head, scaled, clock)
             tail.run()
-            found, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
+            best, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
             details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
-        if found is None and proof is None and not stopped:
-            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
+        if best is None and proof is None and not stopped:
+            best, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
             details["nodes"] += nodes
-            if found is not None:  # the solver refuted, by its tolerance, a part that has a plan
-                upper, lower = cost(scaled.chosen(found[0]), found[1]), head.bound
+            if best is not None:  # the solver refuted, by its tolerance, a part that has a plan
+                upper, lower = cost(scaled.chosen(best[0]), best[1]), head.bound
                 stopped = "the search for the best plan lost this one"
         plan, word = None, "" if stopped or proof is not None else "infeasible"
-        if found is not None:
-            plan = plan_of(course, scaled, *found, provenance={"planner": self.name, "gap": self.gap})
+        if best is not None:
+            plan = plan_of(
+                course, scaled, *best, provenance={"planner": self.name, "gap": self.gap}
+            )
             details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
             word = "" if stopped else "optimal"
         bound = float("nan") if word == "infeasible" else lower * course.length_scale_m**2
@@ -170,9 +191,12 @@ class _Node:
 
 
 class _BestPlan:
-    """Best-first branch and bound in space for the best plan, from what the search over patches knows."""
+    """Best-first branch and bound in space for the best plan, from what the search over patches
+    knows."""
 
-    def __init__(self, planner: ExactCoursePlanner, head: ChoiceSearch, scaled: Scaled, clock: Clock) -> None:
+    def __init__(
+        self, planner: ExactCoursePlanner, head: ChoiceSearch, scaled: Scaled, clock: Clock
+    ) -> None:
         self._planner, self._programs, self._clock = planner, planner.programs, clock
         self._scaled = scaled
         self.best: tuple[Index, Point] | None = head.found
@@ -213,7 +237,9 @@ class _BestPlan:
             self.stopped = "the conic solver gave up on a part of the course"
 
     def _closed(self, bound: float) -> bool:
-        return self.best is not None and bound >= self.upper - self._planner.gap * max(self.upper, LEAST)
+        return self.best is not None and bound >= self.upper - self._planner.gap * max(
+            self.upper, LEAST
+        )
 
     def _node(self, part: Scaled, above: _Node | None = None) -> _Node:
         self.nodes += 1
@@ -232,10 +258,13 @@ class _BestPlan:
             self._lost = min(self._lost, node.bound)
 
     def _project(self, node: _Node) -> None:
-        """A plan from the node's toes. The whole course's patches and boxes hold, not only the node's."""
+        """A plan from the node's toes. The whole course's patches and boxes hold, not only the
+        node's."""
         choice, start = node.lift.rounded()
         chosen = self._scaled.chosen(choice)
-        point = project(self._programs, "fix-toes" if self.best is not None else "scp", chosen, start)
+        point = project(
+            self._programs, "fix-toes" if self.best is not None else "scp", chosen, start
+        )
         self._clock.count(point.solves, point.seconds)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:
             self._keep(choice, point, cost(chosen, point))
@@ -248,18 +277,22 @@ class _BestPlan:
             self.best, self.upper = (choice, point), value
 
     def _branch(self, node: _Node) -> list[Scaled]:
-        """Two parts that cover the node: a candidate's, where shares are torn, or halves in space."""
+        """Two parts that cover the node: a candidate's, where shares are torn, or halves in
+        space."""
         row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift), self._bent)
         self.cuts += row[0] != 1.0
         return parts
 
 
 def _most_gained(lift: LiftAnswer) -> int:
-    """The stance contact at which the lift gains the most moment: by forces that its vertices spread."""
+    """The stance contact at which the lift gains the most moment: by forces that its vertices
+    spread."""
     part, layout = lift.scaled, lift.scaled.layout
     contact, vertex = layout.contact_vertices
     share, points = lift.weights[vertex], part.bearing_vertices
-    world = np.matmul(part.frames[layout.vertex_candidates[vertex]], lift.by_vertex[..., None])[..., 0]
+    world = np.matmul(part.frames[layout.vertex_candidates[vertex]], lift.by_vertex[..., None])[
+        ..., 0
+    ]
     starts = np.searchsorted(contact, np.arange(len(part.force_min)))
     toe, total = np.add.reduceat(share[:, None] * points, starts), np.add.reduceat(world, starts)
     gained = np.add.reduceat(_cross(points, world), starts) - _cross(toe, total)

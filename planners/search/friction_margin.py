@@ -1,7 +1,7 @@
 """Plans that keep a reserve of friction: found on a course that is made more slippery than it is.
 
-A plan for less friction is one for more, as cones only grow; executed, its feet have something in hand. So have those
-of a plan that does not balance on an edge (``support_margin``).
+A plan for less friction is one for more, as cones only grow; executed, its feet have something in
+hand. So have those of a plan that does not balance on an edge (``support_margin``).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ CAUTION = 0.5
 EACH = 0.5
 """Fraction of what is left of that which one of them may use."""
 SPARE, SPARE_S = 1.0, 1.0
-"""A push that nothing depends on, as of a robot whose legs are drawn up or not known, is looked for as long as the plan
-took, and at least so long [s]; what is begun is ended."""
+"""A push that nothing depends on, as of a robot whose legs are drawn up or not known, is looked for
+as long as the plan took, and at least so long [s]; what is begun is ended."""
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
@@ -50,7 +50,9 @@ def slippery(course: Problem, share: float) -> Problem:
         replace(foothold, candidates=tuple(dulled(patch) for patch in foothold.candidates))
         for foothold in course.footholds
     )
-    return replace(course, terrain=tuple(dulled(patch) for patch in course.terrain), footholds=footholds)
+    return replace(
+        course, terrain=tuple(dulled(patch) for patch in course.terrain), footholds=footholds
+    )
 
 
 def plan_with_reserve(
@@ -63,15 +65,16 @@ def plan_with_reserve(
 ) -> Answer[Plan]:
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
-    Where some stance of that plan bears no push, one whose stances do is taken; and where there is none, and the plan
-    balances on an edge, one in which every foot that carries presses with such a share of the weight, the first of
-    ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the course as it is:
-    only that one proves anything of it.
-    ``provenance`` says which of several shares of friction it was, with which share of the weight feet press, and which
-    push, as a share of the weight, every stance bears.
-    deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can be limited
-    (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and ``presses`` may take
-    ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where the planner is not made for the course.
+    Where some stance of that plan bears no push, one whose stances do is taken; and where there is
+    none, and the plan balances on an edge, one in which every foot that carries presses with such a
+    share of the weight, the first of ``presses`` that has one. Where no share has a plan, the
+    answer for the last one, by default the course as it is: only that one proves anything of it.
+    ``provenance`` says which of several shares of friction it was, with which share of the weight
+    feet press, and which push, as a share of the weight, every stance bears. deadline: when all of
+    this has to end (``time.perf_counter()``), for planners whose time can be limited
+    (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
+    ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where
+    the planner is not made for the course.
     """
     begin, planner = time.perf_counter(), part_of(planner, "courses")
     if len(shares) > 1:
@@ -95,19 +98,32 @@ def plan_with_reserve(
                 if push == 0.0:
                     outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
             assert outcome.solution is not None
-            provenance = {**outcome.solution.provenance, **({"friction_share": share} if len(shares) > 1 else {})}
+            provenance = {
+                **outcome.solution.provenance,
+                **({"friction_share": share} if len(shares) > 1 else {}),
+            }
             if press > 0.0:
                 provenance["press_share"] = press
             if push > 0.0:
                 provenance["push_share"] = push
             plan: Plan = replace(outcome.solution, problem=course, provenance=provenance)
-            exact = share >= 1.0 and outcome.problem is dulled  # a bound of another course bounds nothing here
-            return replace(outcome, solution=plan, problem=course, bound=outcome.bound if exact else float("nan"))
-    return outcome or Answer(status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED)
+            exact = (
+                share >= 1.0 and outcome.problem is dulled
+            )  # a bound of another course bounds nothing here
+            return replace(
+                outcome,
+                solution=plan,
+                problem=course,
+                bound=outcome.bound if exact else float("nan"),
+            )
+    return outcome or Answer(
+        status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED
+    )
 
 
 def in_time(planner: Planner, deadline: float) -> Planner | None:
-    """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where none is.
+    """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where
+    none is.
 
     A planner whose time nobody can limit is the planner itself.
     """
@@ -126,7 +142,9 @@ def _braced(
     share of the weight that they bear: 0 for none."""
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
-    patience_s = math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
+    patience_s = (
+        math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
+    )
     deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:
         limited = None if share <= borne else in_time(_quick(planner), _part_of_time(deadline))
@@ -139,7 +157,11 @@ def _braced(
 
 
 def _firmer(
-    planner: Planner, course: Problem, outcome: Answer[Plan], presses: Sequence[float], deadline: float
+    planner: Planner,
+    course: Problem,
+    outcome: Answer[Plan],
+    presses: Sequence[float],
+    deadline: float,
 ) -> tuple[Answer[Plan], float]:
     """Improve an outcome in which some foot that carries does next to nothing to one in which none
     does, and tell the share of the weight with which its feet press at least: 0 for no such demand.
@@ -158,13 +180,15 @@ def _firmer(
 
 
 def _part_of_time(deadline: float) -> float:
-    """When a try has to end that is not to use up the time of those after it (``time.perf_counter()``)."""
+    """When a try has to end that is not to use up the time of those after it
+    (``time.perf_counter()``)."""
     now = time.perf_counter()
     return now + EACH * (deadline - now)
 
 
 def _quick(planner: Planner) -> Planner:
-    """The planner without cuts in space: nobody waits half a minute for a plan that is only better to have."""
+    """The planner without cuts in space: nobody waits half a minute for a plan that is only better
+    to have."""
     if isinstance(planner, TwoStageCoursePlanner):
         planner = copy(planner)
         planner.cuts = False
@@ -172,7 +196,8 @@ def _quick(planner: Planner) -> Planner:
 
 
 def check_push(course: Problem, planner: Planner) -> None:
-    """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture can bear it."""
+    """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture
+    can bear it."""
     if course.push_n == 0.0:
         return
     if not isinstance(planner, TwoStageCoursePlanner):
@@ -180,7 +205,12 @@ def check_push(course: Problem, planner: Planner) -> None:
             f"push_n: expected 0 N with {planner.name}, got {course.push_n:g} N: two-stage alone knows pushes"
         )
     strongest = max(patch.friction for patch in course.terrain)
-    most = len(course.robot.limbs) * float(course.force_bounds[1].max()) * max(strongest, 1.0) * course.force_n
+    most = (
+        len(course.robot.limbs)
+        * float(course.force_bounds[1].max())
+        * max(strongest, 1.0)
+        * course.force_n
+    )
     if course.push_n > most:
         raise InvalidInput(
             f"push_n: expected at most {most:.4g} N, which all feet together can hold, got {course.push_n:g}"

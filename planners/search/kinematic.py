@@ -1,15 +1,17 @@
-"""Planners of contacts without forces, as published: surfaces by slacks of least sum, or by a mixed-integer program.
+"""Planners of contacts without forces, as published: surfaces by slacks of least sum, or by a
+mixed-integer program.
 
-Tonneau et al., "SL1M: Sparse L1-norm Minimization for contact planning on uneven terrain" (2020): every surface S_j
-that a foot p may be put on has a slack α_j, S_j p ≤ s_j + M α_j. *l1*: α ≥ 0 of least sum; a foot is decided where one
-of its α is zero; the rest is tried, MOST_TRIED combinations in order of their slacks. *mip*: α binary, all of a foot's
-but one are 1. Then, on the chosen surfaces, a quadratic program. Reach is of half-spaces: the centre of mass from the
-feet that carry, feet from the one that moves. It moves up or down, and not sideways, while a foot lands. Nothing here
-knows of friction, weight or balance.
+Tonneau et al., "SL1M: Sparse L1-norm Minimization for contact planning on uneven terrain" (2020):
+every surface S_j that a foot p may be put on has a slack α_j, S_j p ≤ s_j + M α_j. *l1*: α ≥ 0 of
+least sum; a foot is decided where one of its α is zero; the rest is tried, MOST_TRIED combinations
+in order of their slacks. *mip*: α binary, all of a foot's but one are 1. Then, on the chosen
+surfaces, a quadratic program. Reach is of half-spaces: the centre of mass from the feet that carry,
+feet from the one that moves. It moves up or down, and not sideways, while a foot lands. Nothing
+here knows of friction, weight or balance.
 
-The course says the rest: who moves when, the objective of the quadratic program, and the yaw of soles, the first that
-there is room for. What comes out has no forces; ``solve`` looks for some, first for the body where it was planned, then
-for the feet alone, and the verifier judges.
+The course says the rest: who moves when, the objective of the quadratic program, and the yaw of
+soles, the first that there is room for. What comes out has no forces; ``solve`` looks for some,
+first for the body where it was planned, then for the feet alone, and the verifier judges.
 """
 
 from __future__ import annotations
@@ -61,8 +63,8 @@ class Placed:
 
 
 class KinematicPlanner:
-    """choice: how surfaces are chosen. body: whether there is a centre of mass. solver: of the mixed-integer program,
-    ``highs`` or ``scip``. time_limit_s: of each of its solves.
+    """choice: how surfaces are chosen. body: whether there is a centre of mass. solver: of the
+    mixed-integer program, ``highs`` or ``scip``. time_limit_s: of each of its solves.
 
     Raises InvalidInput for another name, and a solver that is not installed.
     """
@@ -70,15 +72,27 @@ class KinematicPlanner:
     answers: ClassVar[Kind] = "courses"
 
     def __init__(
-        self, choice: Choice, *, body: bool = True, solver: str = "highs",
-        time_limit_s: float = 60.0, acceptance: Acceptance = Acceptance(), programs: Programs | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        choice: Choice,
+        *,
+        body: bool = True,
+        solver: str = "highs",
+        time_limit_s: float = 60.0,
+        acceptance: Acceptance = Acceptance(),
+        programs: Programs | None = None,
+    ) -> None:
         checked_choice(choice, "choice", get_args(Choice))
         if solver not in SOLVERS or SOLVERS[solver] not in cp.installed_solvers():
-            raise InvalidInput(f"solver: expected one of {', '.join(SOLVERS)} that is installed, got {solver!r}")
+            raise InvalidInput(
+                f"solver: expected one of {', '.join(SOLVERS)} that is installed, got {solver!r}"
+            )
         self.name = choice if choice == "l1" else f"{choice}, {solver}"
         self.choice, self.body, self.solver = choice, body, solver
-        self.time_limit_s, self.acceptance, self.programs = time_limit_s, acceptance, programs or Programs()
+        self.time_limit_s, self.acceptance, self.programs = (
+            time_limit_s,
+            acceptance,
+            programs or Programs(),
+        )
 
     def place(self, course: Problem, clock: Clock) -> tuple[Placed | None, str]:
         """Feet and body, or why there are none."""
@@ -86,48 +100,56 @@ class KinematicPlanner:
         tried = 0
         for choice in self._choices(model, clock):
             tried += 1
-            found = model.on(choice, clock)
-            if found is not None:
-                toes, com = found
+            placed = model.on(choice, clock)
+            if placed is not None:
+                toes, com = placed
                 return Placed(choice=model.numbers(choice), toes_m=toes, com_m=com, tried=tried), ""
             if clock.elapsed() > self.time_limit_s:
                 return None, "met its time limit"
         if tried:
-            return None, f"no positions on any of the {tried} combinations of surfaces that were tried"
+            return (
+                None,
+                f"no positions on any of the {tried} combinations of surfaces that were tried",
+            )
         return None, model.status
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course; details: ``placed``, ``cpu_s`` of it, ``tried``; ``worst`` violation as planned, ``freed``.
+        """Plan one course; details: ``placed``, ``cpu_s`` of it, ``tried``; ``worst`` violation as
+        planned, ``freed``.
 
-        claim: "feasible" where it has a plan of its own; message: what the verifier says of that with the forces that
-        do best.
+        claim: "feasible" where it has a plan of its own; message: what the verifier says of that
+        with the forces that do best.
         """
         clock, cpu = Clock.start(), time.process_time()
         placed, message = self.place(course, clock)
-        details = {"placed": float(placed is not None), "place_s": clock.elapsed(), "cpu_s": time.process_time() - cpu}
+        details = {
+            "placed": float(placed is not None),
+            "place_s": clock.elapsed(),
+            "cpu_s": time.process_time() - cpu,
+        }
         if placed is None:
             word = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
             claim = Claim(word=word, message=f"kinematics: {message}", details=details)
             return self.acceptance.answer(course, claim, method=self.name, clock=clock)
         details["tried"] = float(placed.tried)
-        plan, as_planned, said = None, False, "there is no body in the plan"
+        plan, as_planned, reason = None, False, "there is no body in the plan"
         if placed.com_m is not None:
             plan = self._with_forces(course, placed, hold_body=True)
             report = check_plan(plan)
-            as_planned, details["worst"], said = report.accepted, report.worst, report.message
+            as_planned, details["worst"], reason = report.accepted, report.worst, report.message
         details["as_planned"] = float(as_planned)
         if not as_planned:
             plan = self._with_forces(course, placed, hold_body=False)
             details["freed"] = float(check_plan(plan).accepted)
-        claim = Claim(found=plan, word="feasible", message=said, details=details)
+        claim = Claim(found=plan, word="feasible", message=reason, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def _choices(self, model: _Model, clock: Clock) -> Iterator[Index]:
         if self.choice == "l1":
             yield from model.by_slacks(clock)
         else:
-            found = model.by_integers(self.solver, self.time_limit_s, clock)
-            yield from [] if found is None else [found]
+            choices = model.by_integers(self.solver, self.time_limit_s, clock)
+            yield from [] if choices is None else [choices]
 
     def _with_forces(self, course: Problem, placed: Placed, *, hold_body: bool) -> Plan:
         """The plan with the forces that leave least moment, the body held or free."""
@@ -135,58 +157,88 @@ class KinematicPlanner:
         chosen, scale = scaled.chosen(placed.choice), scaled.length_m
         com = course.com_nominal_m if placed.com_m is None else placed.com_m
         point = Point(
-            com=com / scale, rotation=np.zeros_like(com), toes=placed.toes_m / scale,
-            forces=np.zeros((len(chosen.layout.contacts[0]), 3)), residual=np.inf,
-        )  # fmt: skip
-        found = project(self.programs, "fix-p" if hold_body else "fix-toes", chosen, point)
-        if not np.isfinite(found.residual):
-            found = replace(point, forces=np.zeros_like(point.forces))
-        return plan_of(course, scaled, placed.choice, found, provenance={"planner": self.name})
+            com=com / scale,
+            rotation=np.zeros_like(com),
+            toes=placed.toes_m / scale,
+            forces=np.zeros((len(chosen.layout.contacts[0]), 3)),
+            residual=np.inf,
+        )
+        projected = project(self.programs, "fix-p" if hold_body else "fix-toes", chosen, point)
+        if not np.isfinite(projected.residual):
+            projected = replace(point, forces=np.zeros_like(point.forces))
+        return plan_of(course, scaled, placed.choice, projected, provenance={"planner": self.name})
 
 
 class _Model:
-    """The terms that all programs share: toes, body and their reach, in cvxpy; candidates as half-spaces."""
+    """The terms that all programs share: toes, body and their reach, in cvxpy; candidates as
+    half-spaces."""
 
     def __init__(self, course: tuple[Problem, list[list[int]]], body: bool) -> None:
         self._course, self._numbers = course
-        its, footholds = self._course, self._course.footholds
+        course_here, footholds = self._course, self._course.footholds
         self.status = ""
-        self._toes, self._com = cp.Variable((len(footholds), 3)), cp.Variable((its.frames, 3))
+        self._toes, self._com = (
+            cp.Variable((len(footholds), 3)),
+            cp.Variable((course_here.frames, 3)),
+        )
         self._sides = [
-            [_sides(region) for region in regions] if put.toe_m is None else []
-            for put, regions in zip(footholds, its.regions, strict=True)
+            [_sides(region) for region in regions] if foothold.toe_m is None else []
+            for foothold, regions in zip(footholds, course_here.regions, strict=True)
         ]
-        self._slacks = {p: cp.Variable(len(sides)) for p, sides in enumerate(self._sides) if len(sides) > 1}
-        stood = [self._toes[p] == put.toe_m for p, put in enumerate(footholds) if put.toe_m is not None]
+        self._slacks = {
+            p: cp.Variable(len(sides)) for p, sides in enumerate(self._sides) if len(sides) > 1
+        }
+        stood = [
+            self._toes[p] == foothold.toe_m
+            for p, foothold in enumerate(footholds)
+            if foothold.toe_m is not None
+        ]
         self._body = body
         self._shared = [*stood, *self._feet(), *(self._reach() if body else [])]
 
     def numbers(self, choice: Index) -> Index:
         """The choice by the numbers of the course's own candidates."""
-        return np.array([own[c] for own, c in zip(self._numbers, choice, strict=True)], dtype=np.int_)
+        return np.array(
+            [of_foothold[c] for of_foothold, c in zip(self._numbers, choice, strict=True)],
+            dtype=np.int_,
+        )
 
     def _feet(self) -> list[cp.Constraint]:
         """Feet from the one that moves."""
-        its, names, terms = self._course, self._course.robot.limb_names, []
-        for frame, lifted in enumerate(its.lifts):
-            for pair in its.robot.relative_reach:
+        course, names, terms = self._course, self._course.robot.limb_names, []
+        for frame, lifted in enumerate(course.lifts):
+            for pair in course.robot.relative_reach:
                 if pair.limb in lifted:
-                    here, there = (its.holds[frame, names.index(name)] for name in (pair.limb, pair.other))
-                    terms.append(pair.rows.normals @ (self._toes[there] - self._toes[here]) <= pair.rows.bounds_m)
+                    here, there = (
+                        course.holds[frame, names.index(name)] for name in (pair.limb, pair.other)
+                    )
+                    terms.append(
+                        pair.rows.normals @ (self._toes[there] - self._toes[here])
+                        <= pair.rows.bounds_m
+                    )
         return terms
 
     def _reach(self) -> list[cp.Constraint]:
         """The centre of mass from the feet that carry."""
-        its, terms = self._course, []
-        for stance in its.stances:
-            com, feet = self._com[stance.frame], its.holds[stance.frame, list(stance.limbs)]
+        course, terms = self._course, []
+        for stance in course.stances:
+            com, feet = self._com[stance.frame], course.holds[stance.frame, list(stance.limbs)]
             for limb, foot in zip(stance.limbs, feet, strict=True):
-                rows = its.robot.limbs[limb].reach_rows
+                rows = course.robot.limbs[limb].reach_rows
                 if rows is None:
-                    raise InvalidInput(f"limb {its.robot.limb_names[limb]}: expected reach as half-spaces, got a ball")
+                    raise InvalidInput(
+                        f"limb {course.robot.limb_names[limb]}: expected reach as half-spaces, got a ball"
+                    )
                 terms.append(rows.normals @ (self._toes[foot] - com) <= rows.bounds_m)
-        lands = [k for k, lifted in enumerate(its.lifts) if lifted and k + 1 < its.frames and not its.lifts[k + 1]]
-        return [*terms, *([self._com[lands, :2] == self._com[[k + 1 for k in lands], :2]] if lands else [])]
+        lands = [
+            k
+            for k, lifted in enumerate(course.lifts)
+            if lifted and k + 1 < course.frames and not course.lifts[k + 1]
+        ]
+        return [
+            *terms,
+            *([self._com[lands, :2] == self._com[[k + 1 for k in lands], :2]] if lands else []),
+        ]
 
     def _on_surfaces(self, slacks: dict[int, cp.Variable]) -> list[cp.Constraint]:
         terms = []
@@ -197,9 +249,14 @@ class _Model:
         return terms
 
     def by_slacks(self, clock: Clock) -> Iterator[Index]:
-        """Choices by the slacks of least sum: the one that they decide, or combinations of what they leave open."""
+        """Choices by the slacks of least sum: the one that they decide, or combinations of what
+        they leave open."""
         total = sum((cp.sum(slack) for slack in self._slacks.values()), cp.Constant(0.0))
-        terms = [*self._shared, *self._on_surfaces(self._slacks), *(slack >= 0 for slack in self._slacks.values())]
+        terms = [
+            *self._shared,
+            *self._on_surfaces(self._slacks),
+            *(slack >= 0 for slack in self._slacks.values()),
+        ]
         if not self._solved(cp.Problem(cp.Minimize(total), terms), cp.HIGHS, clock):
             return
         choice = np.zeros(len(self._sides), dtype=np.int_)
@@ -213,9 +270,21 @@ class _Model:
 
     def by_integers(self, solver: str, time_limit_s: float, clock: Clock) -> Index | None:
         """The choice of the mixed-integer program; None without one, and ``status`` says why."""
-        slacks = {p: cp.Variable(len(sides), boolean=True) for p, sides in enumerate(self._sides) if len(sides) > 1}
-        terms = [*self._shared, *self._on_surfaces(slacks), *(cp.sum(s) == s.size - 1 for s in slacks.values())]
-        options = {"time_limit": time_limit_s} if solver == "highs" else {"scip_params": {"limits/time": time_limit_s}}
+        slacks = {
+            p: cp.Variable(len(sides), boolean=True)
+            for p, sides in enumerate(self._sides)
+            if len(sides) > 1
+        }
+        terms = [
+            *self._shared,
+            *self._on_surfaces(slacks),
+            *(cp.sum(s) == s.size - 1 for s in slacks.values()),
+        ]
+        options = (
+            {"time_limit": time_limit_s}
+            if solver == "highs"
+            else {"scip_params": {"limits/time": time_limit_s}}
+        )
         problem = cp.Problem(cp.Minimize(0.0), terms)
         if not self._solved(problem, SOLVERS[solver], clock, **options):
             return None
@@ -226,25 +295,33 @@ class _Model:
 
     def on(self, choice: Index, clock: Clock) -> tuple[Array, Array | None] | None:
         """The best positions on chosen surfaces, by the course's objective; None without any."""
-        its, weights = self._course, self._course.aim
+        course, weights = self._course, self._course.aim
         terms = [
             sides[c][0] @ self._toes[p] <= sides[c][1]
             for p, (sides, c) in enumerate(zip(self._sides, choice, strict=True))
             if sides
         ]
-        moves = np.argwhere(its.holds[1:] != its.holds[:-1])
-        before, after = (its.holds[moves[:, 0] + k, moves[:, 1]] for k in (0, 1))
-        cost = weights.toe_step * cp.sum_squares(self._toes[after] - self._toes[before]) if len(moves) else 0.0
+        moves = np.argwhere(course.holds[1:] != course.holds[:-1])
+        before, after = (course.holds[moves[:, 0] + k, moves[:, 1]] for k in (0, 1))
+        cost = (
+            weights.toe_step * cp.sum_squares(self._toes[after] - self._toes[before])
+            if len(moves)
+            else 0.0
+        )
         if self._body:
-            cost += weights.goal * cp.sum_squares(self._com[-1] - its.goal_m)
-            cost += weights.com_path * cp.sum_squares(self._com - its.com_nominal_m)
+            cost += weights.goal * cp.sum_squares(self._com[-1] - course.goal_m)
+            cost += weights.com_path * cp.sum_squares(self._com - course.com_nominal_m)
             cost += weights.com_step * cp.sum_squares(cp.diff(self._com, axis=0))
         else:
-            last = [p for p in its.holds[-1] if its.footholds[p].toe_m is None]
-            cost += weights.goal * cp.sum_squares(cp.sum(self._toes[last], axis=0)[:2] / len(last) - its.goal_m[:2])
-        if not self._solved(cp.Problem(cp.Minimize(cost), [*self._shared, *terms]), cp.CLARABEL, clock):
+            last = [p for p in course.holds[-1] if course.footholds[p].toe_m is None]
+            cost += weights.goal * cp.sum_squares(
+                cp.sum(self._toes[last], axis=0)[:2] / len(last) - course.goal_m[:2]
+            )
+        if not self._solved(
+            cp.Problem(cp.Minimize(cost), [*self._shared, *terms]), cp.CLARABEL, clock
+        ):
             return None
-        toes = _settled(its, choice, np.array(self._toes.value))
+        toes = _settled(course, choice, np.array(self._toes.value))
         return toes, np.array(self._com.value) if self._body else None
 
     def _solved(self, problem: cp.Problem, solver: str, clock: Clock, **options: object) -> bool:
@@ -256,7 +333,11 @@ class _Model:
                 self.status = f"the solver gave up: {' '.join(str(error).split()):.80}"
                 return False
         clock.count(1, float(problem.solver_stats.solve_time or 0.0))
-        self.status = "infeasible" if problem.status in ("infeasible", "infeasible_inaccurate") else problem.status
+        self.status = (
+            "infeasible"
+            if problem.status in ("infeasible", "infeasible_inaccurate")
+            else problem.status
+        )
         return bool(problem.status in ("optimal", "optimal_inaccurate"))
 
 
@@ -272,18 +353,32 @@ def _settled(course: Problem, choice: Index, toes_m: Array) -> Array:
     """The toes drawn onto their surfaces, which solvers leave by their tolerances."""
     from ..terrain.polygon import Surface
 
-    found = toes_m.copy()
-    for p, (put, regions) in enumerate(zip(course.footholds, course.regions, strict=True)):
-        found[p] = Surface(regions[int(choice[p])], 0.0).nearest(toes_m[p]) if put.toe_m is None else put.toe_m
-    return found
+    toes = toes_m.copy()
+    for p, (foothold, regions) in enumerate(zip(course.footholds, course.regions, strict=True)):
+        toes[p] = (
+            Surface(regions[int(choice[p])], 0.0).nearest(toes_m[p])
+            if foothold.toe_m is None
+            else foothold.toe_m
+        )
+    return toes
 
 
 def _first_yaws(course: Problem) -> tuple[Problem, list[list[int]]]:
     """The course with each surface offered once, and the numbers that its candidates have there."""
-    kept, numbers = list[Foothold](), list[list[int]]()
-    for put in course.footholds:
-        own = [k for k, patch in enumerate(put.candidates) if all(patch is not other for other in put.candidates[:k])]
-        yaws = tuple(put.yaws_rad[k] for k in own) if put.yaws_rad else ()
-        kept.append(replace(put, candidates=tuple(put.candidates[k] for k in own), yaws_rad=yaws))
-        numbers.append(own)
-    return replace(course, footholds=tuple(kept)), numbers
+    footholds, numbers = list[Foothold](), list[list[int]]()
+    for foothold in course.footholds:
+        numbers_of_yaw = [
+            k
+            for k, patch in enumerate(foothold.candidates)
+            if all(patch is not other for other in foothold.candidates[:k])
+        ]
+        yaws = tuple(foothold.yaws_rad[k] for k in numbers_of_yaw) if foothold.yaws_rad else ()
+        footholds.append(
+            replace(
+                foothold,
+                candidates=tuple(foothold.candidates[k] for k in numbers_of_yaw),
+                yaws_rad=yaws,
+            )
+        )
+        numbers.append(numbers_of_yaw)
+    return replace(course, footholds=tuple(footholds)), numbers

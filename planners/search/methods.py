@@ -1,4 +1,5 @@
-"""The methods that answer postures and courses: a value each, with its settings; their names; what is made of them."""
+"""The methods that answer postures and courses: a value each, with its settings; their names; what
+is made of them."""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ from ..projection.project import PROJECTIONS, Projection
 from .answer import Acceptance, Planner
 from .either import EitherPlanner, Kind, part_of
 
-if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a command waits for nothing else
+if (
+    TYPE_CHECKING
+):  # what a planner needs is imported when it is asked for: a command waits for nothing else
     from ..relaxation.envelope import EnvelopeSet
     from ..relaxation.modes import Modes
 
@@ -41,14 +44,16 @@ SETTINGS: Mapping[str, Any] = MappingProxyType(
         "gap": None,
     }
 )
-"""Settings of methods that a planner from elsewhere can be given, too, and what it reads where it was not."""
+"""Settings of methods that a planner from elsewhere can be given, too, and what it reads where it
+was not."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerOptions:
     """Options of every planner beside the settings of its method.
 
-    A planner from elsewhere is called with one, and reads settings as attributes, for example ``options.envelopes``.
+    A planner from elsewhere is called with one, and reads settings as attributes, for example
+    ``options.envelopes``.
 
     Arguments:
         of: the kind of question that it will be asked; None where that may be either.
@@ -95,8 +100,8 @@ class Method(Protocol):
     def planner(self, options: PlannerOptions) -> Planner:
         """Make the planner of what ``options.of`` says.
 
-        Raises InvalidInput where there is none, or settings do not fit the kind of question; where that may be either,
-        the planner raises it when it is asked.
+        Raises InvalidInput where there is none, or settings do not fit the kind of question; where
+        that may be either, the planner raises it when it is asked.
         """
         ...
 
@@ -116,11 +121,15 @@ class _OfBoth:
 
     def _of_postures(self, options: PlannerOptions) -> Planner:
         """Make the planner of postures."""
-        raise InvalidInput(f"method: expected one for postures, got {self.name}, which plans courses")
+        raise InvalidInput(
+            f"method: expected one for postures, got {self.name}, which plans courses"
+        )
 
     def _of_courses(self, options: PlannerOptions) -> Planner:
         """Make the planner of courses."""
-        raise InvalidInput(f"method: expected one for courses, got {self.name}, which answers postures")
+        raise InvalidInput(
+            f"method: expected one for courses, got {self.name}, which answers postures"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +138,9 @@ class Exact(_OfBoth):
 
     Arguments:
         gap: of courses, relative: a plan this close to the best counts as best.
-        max_solves: convex solves of one answer at most, beside the limit of time; None for no such limit. With
-            a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy computer.
+        max_solves: convex solves of one answer at most, beside the limit of time; None for no such
+            limit. With a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy
+            computer.
     Raises:
         InvalidInput: for numbers that are negative.
     Source:
@@ -175,17 +185,24 @@ class Exact(_OfBoth):
 
 @dataclass(frozen=True, kw_only=True)
 class TwoStage(_OfBoth):
-    """The two stages of Lin et al.: P1, a convex relaxation, then P2, a projection onto the bilinear surface m = p·f.
+    """The two stages of Lin et al.: P1, a convex relaxation, then P2, a projection onto the
+    bilinear surface m = p·f.
 
     Arguments:
-        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any the lift.
-        envelopes: learned boxes that P1 is over; of courses also ``Modes``, between which stances choose.
-        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of postures.
-        reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %, else with all.
-        max_solves: of courses: convex solves of one search at most, beside the limit of time; None for no such limit.
-            With a ``time_limit_s`` that is never met, 1e6, the plan is the same on a busy computer.
+        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any
+            the lift.
+        envelopes: learned boxes that P1 is over; of courses also ``Modes``, between which stances
+            choose.
+        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of
+            postures.
+        reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %,
+            else with all.
+        max_solves: of courses: convex solves of one search at most, beside the limit of time; None
+            for no such limit. With a ``time_limit_s`` that is never met, 1e6, the plan is the same
+            on a busy computer.
     Raises:
-        InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift has no use for.
+        InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift
+            has no use for.
     Source:
         Lin et al. §II, §III.
     Example:
@@ -221,9 +238,13 @@ class TwoStage(_OfBoth):
             return
         over_boxes = RELAXATIONS.get(self.relaxation).over_boxes
         if over_boxes and self.envelopes is None:
-            raise InvalidInput(f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none")
+            raise InvalidInput(
+                f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none"
+            )
         if not over_boxes and self.envelopes is not None:
-            raise InvalidInput(f"envelopes: expected none for the {self.relaxation}, which has no use for them")
+            raise InvalidInput(
+                f"envelopes: expected none for the {self.relaxation}, which has no use for them"
+            )
 
     def _of_postures(self, options: PlannerOptions) -> Planner:
         from .posture import TwoStagePlanner
@@ -267,7 +288,8 @@ class TwoStage(_OfBoth):
 
 @dataclass(frozen=True, kw_only=True)
 class Micp(_OfBoth):
-    """A piecewise McCormick grid, mixed-integer; needs the extra exact for other solvers than HiGHS.
+    """A piecewise McCormick grid, mixed-integer; needs the extra exact for other solvers than
+    HiGHS.
 
     Arguments:
         solver: "highs", "scip" or "gurobi".
@@ -277,7 +299,8 @@ class Micp(_OfBoth):
         gap: of courses, relative; None takes the first point.
         projection: of courses, P2 after the grid.
     Raises:
-        InvalidInput: for a solver, a use or a projection that there is not, and for several envelopes.
+        InvalidInput: for a solver, a use or a projection that there is not, and for several
+            envelopes.
     Source:
         Lin et al. §IV; the grid is that of piecewise McCormick envelopes.
     Example:
@@ -302,7 +325,9 @@ class Micp(_OfBoth):
         check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
         check_argument("intervals", self.intervals, int)
         if self.intervals > MOST_INTERVALS:
-            raise InvalidInput(f"intervals: expected {MOST_INTERVALS} or less, got {shown(self.intervals)}")
+            raise InvalidInput(
+                f"intervals: expected {MOST_INTERVALS} or less, got {shown(self.intervals)}"
+            )
         check_argument("gap", self.gap, float | None)
         check_argument("projection", self.projection, str)
         checked_choice(self.solver, "solver", get_args(Solver))
@@ -318,7 +343,9 @@ class Micp(_OfBoth):
 
         _check_of_postures(self, "envelope_use", "gap", "projection")
         if self.envelopes is not None and len(self.envelopes.envelopes) > 1:
-            raise InvalidInput(f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}")
+            raise InvalidInput(
+                f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}"
+            )
         return MicpPlanner(
             solver=self.solver,
             grid=MicpGrid(intervals=self.intervals),
@@ -363,18 +390,23 @@ class Nlp(_OfBoth):
         from .nlp import NlpPlanner
 
         limit_s = options.limit(POSTURE_LIMIT_S)
-        return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
+        return NlpPlanner(
+            acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs
+        )
 
     def _of_courses(self, options: PlannerOptions) -> Planner:
         from .nlp import NlpPlanner
 
         limit_s = options.limit(COURSE_LIMIT_S)
-        return NlpPlanner(time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs)
+        return NlpPlanner(
+            time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decoupled(_OfBoth):
-    """Positions first and forces after, for courses: a baseline that fails on ice; done long before any time limit.
+    """Positions first and forces after, for courses: a baseline that fails on ice; done long before
+    any time limit.
 
     Source:
         None: the common order of planners without forces.
@@ -393,7 +425,8 @@ class Decoupled(_OfBoth):
 
 
 def _check_of_postures(method: Any, *of_courses: str) -> None:
-    """Raise InvalidInput for a setting that postures have no use for, where it is not what it is by default."""
+    """Raise InvalidInput for a setting that postures have no use for, where it is not what it is by
+    default."""
     for name in of_courses:
         came = getattr(method, name)
         if came != getattr(type(method), name):
@@ -418,7 +451,8 @@ def lift(*, projection: Projection | None = None) -> TwoStage:
 
 
 def _boxes(envelopes: EnvelopeSet | Modes | None) -> EnvelopeSet | None:
-    """The envelopes of postures. Raises InvalidInput for modes, between which only courses can switch."""
+    """The envelopes of postures. Raises InvalidInput for modes, between which only courses can
+    switch."""
     from ..relaxation.modes import Modes
 
     if isinstance(envelopes, Modes):
@@ -448,7 +482,8 @@ OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
 OLD_GROUP = "stancekit.course_planners"
 """The group of entry points that planners of courses were in before."""
 COURSE_ALONE = ("reserve", "envelope_use", "gap")
-"""Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit of solves."""
+"""Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit
+of solves."""
 
 
 def _is_own(it: object) -> bool:
@@ -468,19 +503,23 @@ PLANNERS: Registry[Make] = Registry(
     expected="something to call with PlannerOptions",
     accepts=_accepted,
 )
-"""All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``, which answers
-posture problems, courses, or both. One that answers one kind alone says so by an attribute ``answers``,
-"postures" or "courses"."""
+"""All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``,
+which answers posture problems, courses, or both. One that answers one kind alone says so by an
+attribute ``answers``, "postures" or "courses"."""
 _OLD_COURSE_PLANNERS: Registry[Make] = Registry(
     "planner", OLD_GROUP, {}, expected="something to call with PlannerOptions", accepts=_accepted
 )
-"""Planners of courses alone that packages, or ``register``, have put where they were before, for one release."""
-CALLED: Mapping[Kind | None, str] = MappingProxyType({"postures": "method", "courses": "planner", None: "method"})
+"""Planners of courses alone that packages, or ``register``, have put where they were before, for
+one release."""
+CALLED: Mapping[Kind | None, str] = MappingProxyType(
+    {"postures": "method", "courses": "planner", None: "method"}
+)
 """What messages call a planner."""
 
 
 def known(of: Kind | None = None) -> tuple[str, ...]:
-    """The names of all planners of this kind of question, as far as their names say; nothing is imported."""
+    """The names of all planners of this kind of question, as far as their names say; nothing is
+    imported."""
     more = () if of == "postures" else _OLD_COURSE_PLANNERS.names()
     further = [name for name in (*PLANNERS.names(), *more) if name not in OWN]
     return tuple(dict.fromkeys([*OWN_OF[of], *further]))
@@ -490,17 +529,23 @@ def _named(name: str, of: Kind | None) -> Make:
     """Maker of the planner of this name. Raises InvalidInput for a name that nobody has for this
     kind of question."""
     called = CALLED[of]
-    own = name in OWN  # whose kind of question is known without a look at other packages
-    if own and name not in OWN_OF[of]:
+    is_own = name in OWN  # whose kind of question is known without a look at other packages
+    if is_own and name not in OWN_OF[of]:
         raise PLANNERS.unknown(name, called, known(of))
-    old = _OLD_COURSE_PLANNERS.registered() if own or ".py" in name else _OLD_COURSE_PLANNERS.names()
+    old = (
+        _OLD_COURSE_PLANNERS.registered()
+        if is_own or ".py" in name
+        else _OLD_COURSE_PLANNERS.names()
+    )
     if name in old and (of == "courses" or name not in PLANNERS.names()):
         if of == "postures":
-            raise InvalidInput(f"{called}: expected a planner of postures, got {name}, which answers courses alone")
-        said = f"planner {name} of {OLD_GROUP}, which answers courses alone: {PLANNERS.group} is the group of these now"
-        warnings.warn(said, DeprecationWarning, stacklevel=4)
+            raise InvalidInput(
+                f"{called}: expected a planner of postures, got {name}, which answers courses alone"
+            )
+        message = f"planner {name} of {OLD_GROUP}, which answers courses alone: {PLANNERS.group} is the group of these now"
+        warnings.warn(message, DeprecationWarning, stacklevel=4)
         return _OLD_COURSE_PLANNERS.get(name)
-    return PLANNERS.get(name) if own else PLANNERS.get(name, called=called, known=known(of))
+    return PLANNERS.get(name) if is_own else PLANNERS.get(name, called=called, known=known(of))
 
 
 def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
@@ -511,23 +556,27 @@ def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
     make = _named(name, of)
     if not _is_own(make):
         return tuple(SETTINGS)
-    taken = tuple(inspect.signature(make).parameters)
+    parameters = tuple(inspect.signature(make).parameters)
     if of != "postures":
-        return taken
+        return parameters
     more = "projection" if make is Micp else "max_solves" if make is TwoStage else ""
-    return tuple(one for one in taken if one not in (*COURSE_ALONE, more))
+    return tuple(one for one in parameters if one not in (*COURSE_ALONE, more))
 
 
 def make_planner(
-    method: str | Method, options: PlannerOptions = PlannerOptions(), *, of: Kind | None = None, **settings: Any
+    method: str | Method,
+    options: PlannerOptions = PlannerOptions(),
+    *,
+    of: Kind | None = None,
+    **settings: Any,
 ) -> Planner:
     """Make a planner.
 
-    method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or "FILE.py:NAME", with
-    ``settings``. What is not the package's own answers through the verifier. of: the kind of question that it will be
-    asked, in place of the one in ``options``: what does not fit it is refused at once.
-    Raises InvalidInput for an unknown method, a setting that it does not take, an envelope that is missing, or a solver
-    that is not installed.
+    method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or
+    "FILE.py:NAME", with ``settings``. What is not the package's own answers through the verifier.
+    of: the kind of question that it will be asked, in place of the one in ``options``: what does
+    not fit it is refused at once. Raises InvalidInput for an unknown method, a setting that it does
+    not take, an envelope that is missing, or a solver that is not installed.
     """
     if of is not None and of != options.of:
         options = replace(options, of=of)
@@ -551,13 +600,23 @@ def make_planner(
     with foreign(f"{CALLED[of]} {method}"):
         planner = remake(whole_s)
     return VerifiedPlanner(
-        planner, method, options.acceptance, called=CALLED[of], envelopes=settings.get("envelopes"), remake=remake
+        planner,
+        method,
+        options.acceptance,
+        called=CALLED[of],
+        envelopes=settings.get("envelopes"),
+        remake=remake,
     )
 
 
 def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
-    """The planner of a method of before, which makes planners of courses by another function, for one release."""
-    warnings.warn(f"{method.name}.course_planner is old: planner(options), and options.of", DeprecationWarning, 4)
+    """The planner of a method of before, which makes planners of courses by another function, for
+    one release."""
+    warnings.warn(
+        f"{method.name}.course_planner is old: planner(options), and options.of",
+        DeprecationWarning,
+        4,
+    )
     make: dict[Kind, Callable[[], Planner]] = {
         "postures": lambda: method.planner(options),
         "courses": lambda: method.course_planner(options),
@@ -566,7 +625,8 @@ def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
 
 
 def through_verifier(planner: Planner, of: Kind) -> Planner:
-    """A planner for this kind of question, which answers through the verifier unless it is the package's own."""
+    """A planner for this kind of question, which answers through the verifier unless it is the
+    package's own."""
     from .verified import VerifiedPlanner, check_answers
 
     if type(planner).__module__.startswith("stancekit."):
@@ -581,17 +641,24 @@ def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str,
     for setting, value in settings.items():
         if setting not in taken and not (setting in SETTINGS and value == SETTINGS[setting]):
             came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
-            raise InvalidInput(f"{setting}: expected none for {name}, which has no use for it, got {came}")
-    found: Method = make(**{name: value for name, value in settings.items() if name in taken})
-    return found
+            raise InvalidInput(
+                f"{setting}: expected none for {name}, which has no use for it, got {came}"
+            )
+    method: Method = make(**{name: value for name, value in settings.items() if name in taken})
+    return method
 
 
 def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
-    """A method that is a value, which has its settings already. Raises InvalidInput for others beside them."""
+    """A method that is a value, which has its settings already. Raises InvalidInput for others
+    beside them."""
     if not isinstance(method, Method):
-        raise InvalidInput(f"method: expected a name, or a method like TwoStage(), got {shown(method)}")
+        raise InvalidInput(
+            f"method: expected a name, or a method like TwoStage(), got {shown(method)}"
+        )
     if settings:
-        raise InvalidInput(f"{next(iter(settings))}: expected none beside {method}, which has its settings")
+        raise InvalidInput(
+            f"{next(iter(settings))}: expected none beside {method}, which has its settings"
+        )
     return method
 
 
@@ -600,7 +667,8 @@ def _called(planner: object) -> str:
 
 
 def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]) -> PlannerOptions:
-    """Options for a planner from elsewhere, which may write to what it is given; with a time limit always."""
+    """Options for a planner from elsewhere, which may write to what it is given; with a time limit
+    always."""
     engine = "rows" if options.programs is None else options.programs.engine
     return replace(
         options,

@@ -1,9 +1,11 @@
-"""MICP (Lin et al. §II and Table II, [11]): m = p f over a grid of McCormick cells, by branch and bound in binaries.
+"""MICP (Lin et al. §II and Table II, [11]): m = p f over a grid of McCormick cells, by branch and
+bound in binaries.
 
-The grid is that of ``relaxation.grid``; which candidate patch a toe takes is binary, too. An envelope comes in as rows
-of its own over the whole grid (Lin et al.), or as the box that the grid divides. HiGHS has no second-order cones: with
-tangent planes around them "infeasible" holds for the cones, too, while a point may leave them; with planes inside them
-a point holds, and "infeasible" says nothing. Whatever a solver claims, its point is projected and verified.
+The grid is that of ``relaxation.grid``; which candidate patch a toe takes is binary, too. An
+envelope comes in as rows of its own over the whole grid (Lin et al.), or as the box that the grid
+divides. HiGHS has no second-order cones: with tangent planes around them "infeasible" holds for the
+cones, too, while a point may leave them; with planes inside them a point holds, and "infeasible"
+says nothing. Whatever a solver claims, its point is projected and verified.
 """
 
 from __future__ import annotations
@@ -34,12 +36,14 @@ LEAST_S = 1e-3
 
 
 class MicpPlanner(TimeLimited):
-    """The papers' planner: claims of a mixed-integer solver, of which only verified witnesses become an answer.
+    """The papers' planner: claims of a mixed-integer solver, of which only verified witnesses
+    become an answer.
 
-    solver: "highs", "scip" or "gurobi". envelope: a box over the stance contacts, or a learned set of one; it confines
-    the search, so that "infeasible" then speaks of the envelope only. gap: relative, to which a course's objective is
-    minimised (with planes from below, by tangents of its squares); None takes the first point, which is all that a
-    claim needs. time_limit_s: the solver's.
+    solver: "highs", "scip" or "gurobi". envelope: a box over the stance contacts, or a learned set
+    of one; it confines the search, so that "infeasible" then speaks of the envelope only. gap:
+    relative, to which a course's objective is minimised (with planes from below, by tangents of its
+    squares); None takes the first point, which is all that a claim needs. time_limit_s: the
+    solver's.
     """
 
     name = "micp"
@@ -70,26 +74,35 @@ class MicpPlanner(TimeLimited):
         self.acceptance, self._programs = acceptance, programs or Programs()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Ask the solver, then project and verify what it found. Raises InvalidInput for an envelope of other limbs."""
+        """Ask the solver, then project and verify what it found. Raises InvalidInput for an
+        envelope of other limbs."""
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
         answer = program.solve(scaled, max(self.time_limit_s - clock.elapsed(), LEAST_S))
         clock.count(1, answer.seconds)
-        details = program.figures | {"solver_s": answer.seconds, "solver_cpu_s": time.process_time() - begin}
+        details = program.figures | {
+            "solver_s": answer.seconds,
+            "solver_cpu_s": time.process_time() - begin,
+        }
         details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.counts)
         point, message = None, answer.message
         if answer.point is not None and answer.choice is not None and answer.moments is not None:
             details["claimed_residual"] = float(np.abs(answer.moments).max())
             unit_nm = scaled.force_n * scaled.length_m
-            details["claimed_residual_nm"] = unit_nm * float(np.linalg.norm(answer.moments, axis=1).max())
-            point = project(self._programs, self.projection, scaled.chosen(answer.choice), answer.point)
+            details["claimed_residual_nm"] = unit_nm * float(
+                np.linalg.norm(answer.moments, axis=1).max()
+            )
+            point = project(
+                self._programs, self.projection, scaled.chosen(answer.choice), answer.point
+            )
             clock.count(point.solves, point.seconds)
         if point is None or not np.isfinite(point.residual):
             point = None
             message = (
-                message or f"{self.solver} says {answer.claim}; neither a certificate nor toes that hold came with it"
+                message
+                or f"{self.solver} says {answer.claim}; neither a certificate nor toes that hold came with it"
             )
         plan: Plan | None = None
         if point is not None and answer.choice is not None:
@@ -99,7 +112,8 @@ class MicpPlanner(TimeLimited):
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def program(self, problem: Problem) -> MicpProgram:
-        """The program of a problem; postures of one layout share one, which then has the numbers of this one."""
+        """The program of a problem; postures of one layout share one, which then has the numbers of
+        this one."""
         scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
         breaks = Breaks.of(domain, self.grid.counts)
         if problem.is_posture and envelope is None:
@@ -108,18 +122,26 @@ class MicpPlanner(TimeLimited):
             return program
         gap = None if problem.is_posture else self.gap
         axes = axes_of(scaled)
-        return MicpProgram(scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap)
+        return MicpProgram(
+            scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap
+        )
 
     def boxes(self, problem: Problem) -> tuple[Envelope, Envelope | None]:
-        """The domain that the grid divides, and the box of the envelope rows, where there are any."""
+        """The domain that the grid divides, and the box of the envelope rows, where there are
+        any."""
         scaled, envelope = Scaled.of(problem), self.box(problem)
-        domain = domain_of(scaled, axes_of(scaled)) if self.grid.domain == "course" else unit_domain(scaled)
+        domain = (
+            domain_of(scaled, axes_of(scaled))
+            if self.grid.domain == "course"
+            else unit_domain(scaled)
+        )
         if envelope is not None and self.grid.envelope_use == "shrink":
             return meet(envelope, domain), None
         return domain, envelope
 
     def box(self, problem: Problem) -> Envelope | None:
-        """The envelope over the stance contacts of a problem. Raises InvalidInput where it was learned for others."""
+        """The envelope over the stance contacts of a problem. Raises InvalidInput where it was
+        learned for others."""
         if self.envelope is None:
             return None
         scaled = Scaled.of(problem)
@@ -137,5 +159,7 @@ class MicpPlanner(TimeLimited):
             self.envelope.check_fits(problem)
             return self.envelope.envelopes[0]
         if self.envelope.contacts != contacts:
-            raise InvalidInput(f"contacts: expected {self.envelope.contacts} for this envelope, got {contacts}")
+            raise InvalidInput(
+                f"contacts: expected {self.envelope.contacts} for this envelope, got {contacts}"
+            )
         return self.envelope

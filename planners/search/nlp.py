@@ -1,4 +1,5 @@
-"""The problem as it is, on IPOPT from several starts, for postures and courses; nothing is ever proved infeasible."""
+"""The problem as it is, on IPOPT from several starts, for postures and courses; nothing is ever
+proved infeasible."""
 
 from __future__ import annotations
 
@@ -26,9 +27,10 @@ STARTS: tuple[Start, ...] = get_args(Start)
 class NlpPlanner(TimeLimited):
     """Feasible by IPOPT from one of several starts, or undecided: a local method proves nothing.
 
-    Of several candidates each toe takes the nearest with friction. start: the first one, nominal (body on its path,
-    toes amid their patches) or p1 (the lift's point, where it has one). starts: how many, all but the first random;
-    None for 5 of a posture and 1 of a course. seed: of the random ones. time_limit_s: for all starts together.
+    Of several candidates each toe takes the nearest with friction. start: the first one, nominal
+    (body on its path, toes amid their patches) or p1 (the lift's point, where it has one). starts:
+    how many, all but the first random; None for 5 of a posture and 1 of a course. seed: of the
+    random ones. time_limit_s: for all starts together.
     """
 
     name = "nlp"
@@ -59,7 +61,11 @@ class NlpPlanner(TimeLimited):
         chosen, count = scaled.chosen(choice), self.starts or (5 if scaled.weights is None else 1)
         with clock.compiling():
             program = self._programs.get(
-                NlpProgram, chosen.layout, scaled.weights is None, self.max_iterations, self.time_limit_s / count
+                NlpProgram,
+                chosen.layout,
+                scaled.weights is None,
+                self.max_iterations,
+                self.time_limit_s / count,
             )
         best, word, tried = None, "", 0
         for start in self._starting(chosen, count):
@@ -85,16 +91,21 @@ class NlpPlanner(TimeLimited):
             if lifted.solved and np.isfinite(lifted.bound):
                 point, nominal = lifted.rounded()[1], starts[0]
                 starts[0] = Point(
-                    com=point.com, rotation=point.rotation, toes=point.toes, forces=nominal.forces, residual=np.inf
+                    com=point.com,
+                    rotation=point.rotation,
+                    toes=point.toes,
+                    forces=nominal.forces,
+                    residual=np.inf,
                 )
         return starts
 
 
 def starting_points(scaled: Scaled, count: int, *, seed: int) -> list[Point]:
-    """The patches' centroids, then random convex combinations of their vertices, the same ones for the same seed.
+    """The patches' centroids, then random convex combinations of their vertices, the same ones for
+    the same seed.
 
-    The body is at its nominal pose; the limbs of a stance share the weight and press with half their normal force. One
-    candidate a foothold.
+    The body is at its nominal pose; the limbs of a stance share the weight and press with half
+    their normal force. One candidate a foothold.
     """
     rng = np.random.default_rng(seed)
     stance = scaled.layout.contacts[0]
@@ -103,11 +114,18 @@ def starting_points(scaled: Scaled, count: int, *, seed: int) -> list[Point]:
         borne = (scaled.borne[stance] / carrying[:, None])[:, None]
         forces = np.matmul(borne, scaled.contact_frames)[:, 0]
     else:
-        forces = scaled.contact_frames[:, 2, :] * (scaled.weight / carrying[:, None])  # R_WCᵀ e_z: upward
+        forces = scaled.contact_frames[:, 2, :] * (
+            scaled.weight / carrying[:, None]
+        )  # R_WCᵀ e_z: upward
     forces[:, 0] = np.maximum(forces[:, 0], 0.5 * scaled.force_max[:, 0])
     forces = np.clip(forces, scaled.force_min, scaled.force_max)
     toes = [np.array([piece.mean(axis=0) for piece in scaled.pieces])]
     for _ in range(count - 1):
-        toes.append(np.array([rng.dirichlet(np.ones(len(piece))) @ piece for piece in scaled.pieces]))
+        toes.append(
+            np.array([rng.dirichlet(np.ones(len(piece))) @ piece for piece in scaled.pieces])
+        )
     still = np.zeros_like(scaled.com)
-    return [Point(com=scaled.com, rotation=still, toes=some, forces=forces, residual=float("inf")) for some in toes]
+    return [
+        Point(com=scaled.com, rotation=still, toes=some, forces=forces, residual=float("inf"))
+        for some in toes
+    ]

@@ -1,9 +1,11 @@
-"""Nogoods: sets of candidates under one stance that were refuted by cuts in space, and so close every part within them.
+"""Nogoods: sets of candidates under one stance that were refuted by cuts in space, and so close
+every part within them.
 
-P1 may admit a choice of patches of which one stance alone cannot be held: its lift is not tight there. Cuts in space
-(``cuts``) refute such a stance in a few small programs of one frame; the refuted choice is then widened, limb by limb,
-to all candidates for which it stands. A nogood closes nodes of the search over choices, guides its dive, and
-stands in the certificate as the subtree that proves it.
+P1 may admit a choice of patches of which one stance alone cannot be held: its lift is not tight
+there. Cuts in space (``cuts``) refute such a stance in a few small programs of one frame; the
+refuted choice is then widened, limb by limb, to all candidates for which it stands. A nogood closes
+nodes of the search over choices, guides its dive, and stands in the certificate as the subtree that
+proves it.
 """
 
 from __future__ import annotations
@@ -24,12 +26,14 @@ from .farkas_cuts import of_stance
 NODES = 120
 """Most nodes of the search whether a stance can be held."""
 WIDER_LEAST = 8
-"""A widened one may take the nodes that it took before times the most candidates of a limb let in, and so many more."""
+"""A widened one may take the nodes that it took before times the most candidates of a limb let in,
+and so many more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nogood:
-    """Candidates of a stance's footholds none of which can hold it: refuted, (P, options), 1 also elsewhere.
+    """Candidates of a stance's footholds none of which can hold it: refuted, (P, options), 1 also
+    elsewhere.
 
     root: of the search that says so, over those candidates alone.
     """
@@ -56,8 +60,8 @@ class Nogoods:
         return int(covers.argmax()) if covers.any() else None
 
     def learn(self, choice: Index, share: float) -> bool:
-        """Look at every stance alone on this choice, (P,); whether one is refuted. share: of the clock's limits,
-        where to stop."""
+        """Look at every stance alone on this choice, (P,); whether one is refuted. share: of the
+        clock's limits, where to stop."""
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         learned = False
         for stance, (frame, _) in enumerate(layout.stances):
@@ -83,12 +87,16 @@ class Nogoods:
         return np.asarray(self.masks[inside.all(axis=1), foothold].sum(axis=0))
 
     def blame(self, number: int, opened: Array) -> int | None:
-        """A foothold whose open candidates a nogood does not cover, and which has several; None without one."""
-        loose = np.any((opened > 0.0) & (self.masks[number] <= 0.0), axis=1) & (opened.sum(axis=1) > 1.0)
+        """A foothold whose open candidates a nogood does not cover, and which has several; None
+        without one."""
+        loose = np.any((opened > 0.0) & (self.masks[number] <= 0.0), axis=1) & (
+            opened.sum(axis=1) > 1.0
+        )
         return int(loose.argmax()) if loose.any() else None
 
     def rows(self, number: int, opened: Array) -> tuple[list[tuple[float, ...]], list[Array]]:
-        """The subtree of a certificate that proves a nogood at a leaf with these open candidates, in preorder."""
+        """The subtree of a certificate that proves a nogood at a leaf with these open candidates,
+        in preorder."""
         entry = self.entries[number]
         _, footholds, contacts = alone(self._scaled, entry.stance)
         tree, multipliers = list[tuple[float, ...]](), list[Array]()
@@ -100,7 +108,9 @@ class Nogoods:
                 multipliers.append(of_stance(self._scaled, entry.stance, node.lift))
                 return
             p, r = int(i), int(j)
-            if kind in (1.0, 2.0) and left[p, r] <= 0.0:  # nothing of it is here: one child covers the rest
+            if (
+                kind in (1.0, 2.0) and left[p, r] <= 0.0
+            ):  # nothing of it is here: one child covers the rest
                 walk(node.children[1 if kind == 1.0 else 0], left)
             elif kind == 1.0 and left[p].sum() == 1.0:
                 walk(node.children[0], left)
@@ -118,7 +128,8 @@ class Nogoods:
         return tree, multipliers
 
     def _widened(self, stance: int, choice: Index, root: Node, share: float) -> Nogood:
-        """The refuted choice with every limb's other candidates in, as far as the stance stays refuted."""
+        """The refuted choice with every limb's other candidates in, as far as the stance stays
+        refuted."""
         scaled, layout = self._scaled, self._scaled.layout
         frame, limbs = layout.stances[stance]
         everything, mask = scaled.opened(), np.ones((layout.footholds, scaled.options))
@@ -131,18 +142,24 @@ class Nogoods:
             wider = mask.copy()
             wider[group] = 1.0
             nodes = int(everything[group].sum(axis=1).max()) * len(root.rows()[0]) + WIDER_LEAST
-            found = self._refuted(scaled.only(everything * wider), stance, nodes, share)
-            if found is not None:
-                mask, root = wider, found
+            nogood = self._refuted(scaled.only(everything * wider), stance, nodes, share)
+            if nogood is not None:
+                mask, root = wider, nogood
         return Nogood(stance=stance, refuted=mask, root=root)
 
     def _refuted(self, scaled: Scaled, stance: int, nodes: int, share: float) -> Node | None:
-        """The root of a search that refutes the stance alone; None where it does not, or not in time."""
+        """The root of a search that refutes the stance alone; None where it does not, or not in
+        time."""
         left_s, solves = self._clock.left(share)
         search = CutSearch(
-            self._programs, alone(scaled, stance)[0], gap=PROVABLE, tolerance=0.0, max_nodes=nodes,
-            deadline=time.perf_counter() + left_s, max_solves=solves,
-        )  # fmt: skip
+            self._programs,
+            alone(scaled, stance)[0],
+            gap=PROVABLE,
+            tolerance=0.0,
+            max_nodes=nodes,
+            deadline=time.perf_counter() + left_s,
+            max_solves=solves,
+        )
         search.run()
         self._clock.count(search.solves, search.seconds)
         return None if search.found is not None or search.stopped else search.root

@@ -1,9 +1,10 @@
-"""Long courses in overlapping pieces: each is planned and judged from where the one before ends, and all together are
-one plan, which the verifier judges as a whole.
+"""Long courses in overlapping pieces: each is planned and judged from where the one before ends,
+and all together are one plan, which the verifier judges as a whole.
 
-A piece looks ``SHARED`` frames farther than it is kept, so that the next one begins where there is a way on; what it
-costs depends on its own frames alone. Where a piece fails, a shorter part of it is tried, then another way of the body
-round the place, from a few frames earlier, and the way from there once more, before the whole fails.
+A piece looks ``SHARED`` frames farther than it is kept, so that the next one begins where there is
+a way on; what it costs depends on its own frames alone. Where a piece fails, a shorter part of it
+is tried, then another way of the body round the place, from a few frames earlier, and the way from
+there once more, before the whole fails.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
 PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
-"""What plans a piece: its course, the joints of the robot that stands where it begins, and when to be done."""
+"""What plans a piece: its course, the joints of the robot that stands where it begins, and when to
+be done."""
 Detour = Callable[[Standing, "list[Array]"], Problem]
 """What lays out the course on from where a robot stands, another way than by these places."""
 
@@ -65,9 +67,10 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None for nothing.
-    pieces: how many were planned. tried_m: nominal paths that were left, each from where the plan left it, shape (L, 3)
-    [m]. failed: the answer of the piece that had no plan, None where all have."""
+    """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None
+    for nothing. pieces: how many were planned. tried_m: nominal paths that were left, each from
+    where the plan left it, shape (L, 3) [m]. failed: the answer of the piece that had no plan, None
+    where all have."""
 
     course: Problem
     plan: Plan | None
@@ -92,12 +95,14 @@ def plan_pieces(
 ) -> Pieces:
     """Plan a course piece by piece.
 
-    detour: None where there is no other way. kept: holds what was planned before, and what is planned after every
-    piece. deadline: when to be done (``time.perf_counter()``).
+    detour: None where there is no other way. kept: holds what was planned before, and what is
+    planned after every piece. deadline: when to be done (``time.perf_counter()``).
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
     if begun is not None and begun.problem.frames < course.frames:
-        whole = (begun.problem.frames - 1) // cycle * cycle  # where a cycle ends another way may begin
+        whole = (
+            (begun.problem.frames - 1) // cycle * cycle
+        )  # where a cycle ends another way may begin
         begun = beginning(begun, whole) if whole else None
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
     plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
@@ -129,10 +134,21 @@ def plan_pieces(
         answer = _one(course, at, last, plans, piece, deadline)
         count += 1
         accepted = answer.status is Status.FEASIBLE and answer.solution is not None
-        LOG.info("plan: piece %d, frames %d to %d of %d: %s", count, at, last, course.frames - 1, answer.status)
+        LOG.info(
+            "plan: piece %d, frames %d to %d of %d: %s",
+            count,
+            at,
+            last,
+            course.frames - 1,
+            answer.status,
+        )
         if accepted:
             assert answer.solution is not None
-            part = answer.solution if last == course.frames - 1 else beginning(answer.solution, min(keep, last - at))
+            part = (
+                answer.solution
+                if last == course.frames - 1
+                else beginning(answer.solution, min(keep, last - at))
+            )
             add(part)
             backed = False
             continue
@@ -147,11 +163,15 @@ def plan_pieces(
             place = course.com_nominal_m[min(at + int(where), last)]
         if late or detour is None or len(avoid) >= DETOURS or not plans:
             if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
-                plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
+                plans[-1] = beginning(
+                    plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle)
+                )
                 backed = True
                 continue
             plan = joined(course, plans) if plans else None
-            return Pieces(course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer)
+            return Pieces(
+                course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer
+            )
         avoid.append(np.asarray(place[:2]))
         if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
             plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
@@ -160,37 +180,53 @@ def plan_pieces(
             onward = detour(Standing.at_end(so_far), avoid)
         except (InvalidInput, PlanningFailed) as error:
             failed = replace(answer, message=f"{answer.message}; another way: {error}")
-            return Pieces(course=course, plan=so_far, pieces=count, tried_m=tuple(tried), failed=failed)
+            return Pieces(
+                course=course, plan=so_far, pieces=count, tried_m=tuple(tried), failed=failed
+            )
         tried.append(course.com_nominal_m[so_far.problem.frames - 1 :])
         course = spliced(course, so_far.problem.frames - 1, onward)
         plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
 
 
 def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
-    """The plan, which says of all of it what holds of every piece: the largest share of the friction, and the least
-    push that stances bear."""
+    """The plan, which says of all of it what holds of every piece: the largest share of the
+    friction, and the least push that stances bear."""
     friction = [float(each["friction_share"]) for each in pieces if "friction_share" in each]
     pushes = [float(each.get("push_share", 0.0)) for each in pieces]
-    said: dict[str, Any] = {"pieces": sum(int(each.get("pieces", 1)) for each in pieces)}
-    said |= {"friction_share": max(friction)} if friction and len(friction) == len(pieces) else {}
-    said |= {"push_share": min(pushes)} if pushes and min(pushes) > 0.0 else {}
+    provenance: dict[str, Any] = {"pieces": sum(int(each.get("pieces", 1)) for each in pieces)}
+    provenance |= (
+        {"friction_share": max(friction)} if friction and len(friction) == len(pieces) else {}
+    )
+    provenance |= {"push_share": min(pushes)} if pushes and min(pushes) > 0.0 else {}
     torques = {each["torque_nm"] for each in pieces if "torque_nm" in each}
-    said |= {"torque_nm": min(torques)} if torques else {}
-    return replace(plan, provenance=said)
+    provenance |= {"torque_nm": min(torques)} if torques else {}
+    return replace(plan, provenance=provenance)
 
 
-def _one(course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float) -> Answer[Plan]:
+def _one(
+    course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float
+) -> Answer[Plan]:
     """The answer of the piece from frame ``at`` to ``last``."""
     state = Standing.at_end(plans[-1]) if plans else None
     window = course_window(course, at, last, state)
     now = time.perf_counter()
     left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
-    until = deadline if math.isinf(deadline) else min(deadline, now + PATIENCE * (deadline - now) / left)
+    until = (
+        deadline
+        if math.isinf(deadline)
+        else min(deadline, now + PATIENCE * (deadline - now) / left)
+    )
     return piece(window, None if state is None else state.angles_rad, until)
 
 
 def _shorter(
-    answer: Answer[Plan], course: Problem, at: int, cycle: int, plans: list[Plan], piece: PlanPiece, deadline: float
+    answer: Answer[Plan],
+    course: Problem,
+    at: int,
+    cycle: int,
+    plans: list[Plan],
+    piece: PlanPiece,
+    deadline: float,
 ) -> Plan | None:
     """An accepted plan of the first part of a piece that failed; None for none."""
     length = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
@@ -206,7 +242,11 @@ def _failed_frame(answer: Answer[Plan]) -> float | None:
     """The frame of a piece at which it is worst, where its report says so."""
     if answer.report is None:
         return None
-    frames = [float(group.when) for group in answer.report.groups if group.verdict == "violated" and group.when]
+    frames = [
+        float(group.when)
+        for group in answer.report.groups
+        if group.verdict == "violated" and group.when
+    ]
     return frames[0] if frames else None
 
 

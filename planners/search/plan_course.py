@@ -1,7 +1,9 @@
-"""Plan a course: contacts with friction in reserve, a proof over the outer sets of the legs, joints, and a verdict.
+"""Plan a course: contacts with friction in reserve, a proof over the outer sets of the legs,
+joints, and a verdict.
 
-Plans keep to the inner sets of a robot's legs, which its feet surely reach, and proofs hold for the outer ones, which
-hold all that they might reach: that there is no plan within inner sets says nothing of the robot.
+Plans keep to the inner sets of a robot's legs, which its feet surely reach, and proofs hold for the
+outer ones, which hold all that they might reach: that there is no plan within inner sets says
+nothing of the robot.
 """
 
 from __future__ import annotations
@@ -35,23 +37,28 @@ if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
 
 LayOut = Callable[["Sets", Alternative], Problem]
-"""A function that lays a course out over the inner or the outer sets of the robot's legs, in one of several ways."""
+"""A function that lays a course out over the inner or the outer sets of the robot's legs, in one of
+several ways."""
 FIRST = 0.6
 """Fraction of the time that the layout that was asked for has, where others can be tried."""
 LEAST_S = 8.0
-"""Processor time that every layout has at least, while there is any [s]; in less than that few plans are found, and on
-a busy computer shares of what is left are soon shares of nothing."""
+"""Processor time that every layout has at least, while there is any [s]; in less than that few
+plans are found, and on a busy computer shares of what is left are soon shares of nothing."""
 PAUSE_S = 1.0
 """What a processor does in less time says nothing [s]."""
 SEARCH = 0.75
-"""Fraction of the time within which contacts are to be found, so that they can still be bent and judged."""
+"""Fraction of the time within which contacts are to be found, so that they can still be bent and
+judged."""
 ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
 PIECES = 0.9
-"""Fraction of the time within which all pieces of a long course are to be planned, so that the whole can be judged."""
+"""Fraction of the time within which all pieces of a long course are to be planned, so that the
+whole can be judged."""
 AT_ONCE = 200
 """A course of more key frames is not tried as a whole where its pieces have failed."""
-UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
+UNPROVED = (
+    "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
+)
 NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
 
 
@@ -70,27 +77,28 @@ def plan_course(
     progress: Progress | None = None,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
-    """Answer a course: a plan that was judged, a proof that there is none, or what is known when the time ends.
+    """Answer a course: a plan that was judged, a proof that there is none, or what is known when
+    the time ends.
 
-    question: the course, or a function that lays it out; a function may choose other candidates for a proof, which is
-    then one about all that the robot may reach, while a course is answered with the candidates that it has.
-    planner: of contacts and forces.
-    shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true
-    ``reserve``, as two-stage planners have, and all of it with others.
-    presses: likewise; None for the usual ones with a reserve.
-    limits: of joints and bodies, to which the plan is bent, and then judged with all of the whole body; None leaves it
-    at contacts. start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
-    push_n: horizontal push that every stance has to bear, where the course does not ask for more [N].
-    wrench: on the body beside its weight and what the course has already, at every frame, shape (6,).
-    layouts: ways in which a function lays the course out, the first before all others, which are tried while there is
-    time in the order that the table of successes gives (``alternatives.ordered``), where over none before a plan was
-    accepted; its provenance says which. *Infeasible* is said of the first alone.
-    kept: of a long course, which is planned in pieces, holds the beginning that an interrupted run had planned.
-    progress: called after every piece with the key frames that are planned, and all.
-    deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
-    Returns the outcome with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
-    and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques are asked for of a
-    robot whose joints are not known.
+    question: the course, or a function that lays it out; a function may choose other candidates for
+    a proof, which is then one about all that the robot may reach, while a course is answered with
+    the candidates that it has. planner: of contacts and forces. shares: of the friction, see
+    ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true ``reserve``, as
+    two-stage planners have, and all of it with others. presses: likewise; None for the usual ones
+    with a reserve. limits: of joints and bodies, to which the plan is bent, and then judged with
+    all of the whole body; None leaves it at contacts. start_rad: joints of a robot that stands
+    already, as for ``plan_angles``, shape (J,). push_n: horizontal push that every stance has to
+    bear, where the course does not ask for more [N]. wrench: on the body beside its weight and what
+    the course has already, at every frame, shape (6,). layouts: ways in which a function lays the
+    course out, the first before all others, which are tried while there is time in the order that
+    the table of successes gives (``alternatives.ordered``), where over none before a plan was
+    accepted; its provenance says which. *Infeasible* is said of the first alone. kept: of a long
+    course, which is planned in pieces, holds the beginning that an interrupted run had planned.
+    progress: called after every piece with the key frames that are planned, and all. deadline: when
+    the answer is wanted (``time.perf_counter()``), with what is known then. Returns the outcome
+    with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
+    and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques
+    are asked for of a robot whose joints are not known.
     """
     planner = part_of(planner, "courses")
     question = _loaded(question, wrench)
@@ -116,7 +124,12 @@ def plan_course(
         if limits is not None and in_pieces(course) and start_rad is None:
             detour = _detour(question, alternative, push_n)
             pieces = plan_pieces(
-                course, piece, detour=detour, kept=kept, progress=progress, deadline=_search_end(end, PIECES)
+                course,
+                piece,
+                detour=detour,
+                kept=kept,
+                progress=progress,
+                deadline=_search_end(end, PIECES),
             )
             so_far = _whole(pieces, planner.name, end)
             if kept is not None and so_far.status is Status.FEASIBLE:
@@ -167,11 +180,19 @@ def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
 
     details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.tried_m))}
     answer: Answer[Plan] = Answer(
-        status=Status.FEASIBLE, method=method, problem=pieces.course, solution=pieces.plan, details=details
+        status=Status.FEASIBLE,
+        method=method,
+        problem=pieces.course,
+        solution=pieces.plan,
+        details=details,
     )
     if pieces.failed is None and pieces.plan is not None:
         tried = [np.round(path, 3).tolist() for path in pieces.tried_m]
-        made = {**pieces.plan.provenance, "planner": method, **({"tried_m": tried} if tried else {})}
+        made = {
+            **pieces.plan.provenance,
+            "planner": method,
+            **({"tried_m": tried} if tried else {}),
+        }
         return judged(replace(answer, solution=replace(pieces.plan, provenance=made)), deadline=end)
     failed = pieces.failed
     done = 0 if pieces.plan is None else pieces.plan.problem.frames - 1
@@ -184,9 +205,12 @@ def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
     )
     solution = None if failed.solution is None else failed.solution
     return replace(
-        answer, status=Status.UNDECIDED, solution=solution, report=failed.report if solution is not None else None,
+        answer,
+        status=Status.UNDECIDED,
+        solution=solution,
+        report=failed.report if solution is not None else None,
         message=message,
-    )  # fmt: skip
+    )
 
 
 def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOut:
@@ -210,7 +234,8 @@ def _laid_out(
 ) -> Answer[Plan]:
     """The answer over the first layout that has a plan; else over the first of all.
 
-    Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other has a plan.
+    Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other
+    has a plan.
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
@@ -255,7 +280,9 @@ class _Used:
     def wall_s(self, processor_s: float) -> float:
         """Wall time that computing for so long takes, as it has gone so far [s]."""
         wall_s, own_s = time.perf_counter() - self._began[0], time.process_time() - self._began[1]
-        return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
+        return (
+            processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
+        )
 
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:
@@ -278,25 +305,32 @@ def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:
 def _refuted(
     inner: Answer[Plan], question: Problem | LayOut, planner: Planner, share: float, deadline: float
 ) -> Answer[Plan]:
-    """The proof over outer sets, with this share of the friction; the course is undecided where there is none."""
+    """The proof over outer sets, with this share of the friction; the course is undecided where
+    there is none."""
     try:
         outer = question("outer", AS_ASKED) if callable(question) else _as_wide(question)
         outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
     limited = in_time(planner, deadline)
-    found = None if limited is None else limited.solve(slippery(outer, share))
-    if found is not None and found.certificate is not None:
-        return found
-    return _undecided(inner, NO_TIME if found is None else UNPROVED)
+    outcome = None if limited is None else limited.solve(slippery(outer, share))
+    if outcome is not None and outcome.certificate is not None:
+        return outcome
+    return _undecided(inner, NO_TIME if outcome is None else UNPROVED)
 
 
 def _as_wide(course: Problem) -> Problem:
-    """The course with the tilt limit of proofs, if it has the one that layouts give plans where nothing is said: the
-    same is proved of it and of the file that it was made of."""
-    return replace(course, tilt_limit_rad=TILT_LIMIT_RAD) if course.tilt_limit_rad == LEVEL_RAD else course
+    """The course with the tilt limit of proofs, if it has the one that layouts give plans where
+    nothing is said: the same is proved of it and of the file that it was made of."""
+    return (
+        replace(course, tilt_limit_rad=TILT_LIMIT_RAD)
+        if course.tilt_limit_rad == LEVEL_RAD
+        else course
+    )
 
 
 def _undecided(inner: Answer[Plan], message: str) -> Answer[Plan]:
     """The outcome without the certificate, which is one over inner sets."""
-    return replace(inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim="")
+    return replace(
+        inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
+    )

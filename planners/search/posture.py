@@ -25,13 +25,14 @@ from .either import Kind
 
 
 class TwoStagePlanner:
-    """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2, unless ``projection`` is None.
+    """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2, unless
+    ``projection`` is None.
 
     relaxation: which P1 over envelopes, a name of ``RELAXATIONS``.
 
-    A relaxation that is infeasible proves something only where it relaxes the whole problem: the lift's answer comes
-    with a certificate, an envelope's is reported as its margin and the problem stays undecided. Without a projection
-    the relaxation's own point is put to the verifier.
+    A relaxation that is infeasible proves something only where it relaxes the whole problem: the
+    lift's answer comes with a certificate, an envelope's is reported as its margin and the problem
+    stays undecided. Without a projection the relaxation's own point is put to the verifier.
     """
 
     answers: ClassVar[Kind] = "postures"
@@ -52,24 +53,34 @@ class TwoStagePlanner:
         self.projection = projection
         self.acceptance = acceptance
         self.name = (
-            ("two-stage" if projection else "p1") if envelopes else ("lift+" + projection if projection else "lift")
+            ("two-stage" if projection else "p1")
+            if envelopes
+            else ("lift+" + projection if projection else "lift")
         )
         self._programs = programs or Programs()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another class."""
+        """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another
+        class."""
         clock = Clock.start()
         if self.envelopes is not None:
             self.envelopes.check_fits(problem)
         scaled = Scaled.of(problem)
-        lift = solve_lift(self._programs, scaled, least_moment=True) if self.envelopes is None else None
+        lift = (
+            solve_lift(self._programs, scaled, least_moment=True)
+            if self.envelopes is None
+            else None
+        )
         answer = self._relax(scaled) if lift is None else as_relaxation(lift)
         clock.count(answer.solves, 0.0)
         if not answer.known:
             claim = Claim(message="the relaxation was not solved")
             return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
-        if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
+        if (
+            not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap)
+            or answer.point is None
+        ):
             return self._refuse(problem, scaled, clock, lift, details)
         point = answer.point
         if self.projection:
@@ -94,12 +105,21 @@ class TwoStagePlanner:
         lift: LiftAnswer | None,
         details: dict[str, float],
     ) -> Answer[Plan]:
-        """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate says so."""
+        """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate
+        says so."""
         if lift is None and np.isinf(details["margin"]):
             lift = solve_lift(self._programs, scaled, least_moment=True)
             clock.count(1, 0.0)
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
-        certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
-        message = "" if certificate else "the relaxation is infeasible; over a learned box that is no proof"
+        certificate = (
+            Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None])
+            if lift and proof
+            else None
+        )
+        message = (
+            ""
+            if certificate
+            else "the relaxation is infeasible; over a learned box that is no proof"
+        )
         claim = Claim(certificate=certificate, word="infeasible", message=message, details=details)
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)

@@ -1,8 +1,9 @@
-"""Proposals from elsewhere, postures and proofs in batches: only what the verifier accepts of them counts.
+"""Proposals from elsewhere, postures and proofs in batches: only what the verifier accepts of them
+counts.
 
-Whoever proposes needs to know nothing of certificates: it says points and multipliers, right or wrong, a solver's, a
-network's or a forger's. What is accepted changes when a problem is decided, never how: its verdict is the verifier's,
-and its witness the canonical one.
+Whoever proposes needs to know nothing of certificates: it says points and multipliers, right or
+wrong, a solver's, a network's or a forger's. What is accepted changes when a problem is decided,
+never how: its verdict is the verifier's, and its witness the canonical one.
 """
 
 from __future__ import annotations
@@ -37,11 +38,13 @@ class Proposer(Protocol):
         ...
 
     def postures(self, scaled: ScaledBatch) -> tuple[Index, PointBatch]:
-        """Claimed points, non-dimensional, for some of the problems, by their indices, ascending; right or wrong."""
+        """Claimed points, non-dimensional, for some of the problems, by their indices, ascending;
+        right or wrong."""
         ...
 
     def proofs(self, scaled: ScaledBatch) -> Array:
-        """Claimed multipliers (ν_F, ν_M, r) of K proofs a problem, the first to be looked at first, right or wrong.
+        """Claimed multipliers (ν_F, ν_M, r) of K proofs a problem, the first to be looked at first,
+        right or wrong.
 
         Shape (B, K, 6 + 3N), zeros for none.
         """
@@ -57,20 +60,35 @@ def witnessed(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> Fo
     with np.errstate(all="ignore"):  # whatever the numbers are
         postures = scaled.select(index).plans(points, [batch.problems[k] for k in index.tolist()])
     worst = check_postures(postures)
-    shown = {int(k): at for k, at, off in zip(index, postures, worst, strict=True) if off <= accept.tolerance}
+    shown = {
+        int(k): at
+        for k, at, off in zip(index, postures, worst, strict=True)
+        if off <= accept.tolerance
+    }
     rows = np.array(list(shown), dtype=np.intp)
-    found = {int(rows[k]): at for k, at in canonical(batch.select(rows), tolerance=accept.tolerance).items()}
-    return found | with_toes(batch, {k: at for k, at in shown.items() if k not in found}, tolerance=accept.tolerance)
+    result = {
+        int(rows[k]): at
+        for k, at in canonical(batch.select(rows), tolerance=accept.tolerance).items()
+    }
+    return result | with_toes(
+        batch, {k: at for k, at in shown.items() if k not in result}, tolerance=accept.tolerance
+    )
 
 
-def proved(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[int, tuple[Certificate, float]]:
-    """The first of every problem's proofs that the verifier accepts, and what it proves, by index."""
+def proved(
+    proposer: Proposer, batch: PostureBatch, accept: Acceptance
+) -> dict[int, tuple[Certificate, float]]:
+    """The first of every problem's proofs that the verifier accepts, and what it proves, by
+    index."""
     if not len(batch):
         return {}
-    rows, found = proposer.proofs(ScaledBatch.of(batch)), dict[int, tuple[Certificate, float]]()
+    rows, proofs = proposer.proofs(ScaledBatch.of(batch)), dict[int, tuple[Certificate, float]]()
     half_spaces = sum(row_counts(batch.like.contacts))
     for nth in range(rows.shape[1]):
-        left = np.array([k for k in range(len(batch)) if k not in found and _finite(rows[k, nth])], dtype=np.intp)
+        left = np.array(
+            [k for k in range(len(batch)) if k not in proofs and _finite(rows[k, nth])],
+            dtype=np.intp,
+        )
         certificates = [
             _certificate(row, half_spaces).of(batch.problems[k])
             for k, row in zip(left.tolist(), rows[left, nth], strict=True)
@@ -78,8 +96,8 @@ def proved(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[
         bounds = check_certificates(certificates).tolist()
         for k, certificate, bound in zip(left.tolist(), certificates, bounds, strict=True):
             if bound > accept.gap:
-                found[k] = (certificate, bound)
-    return found
+                proofs[k] = (certificate, bound)
+    return proofs
 
 
 def _finite(row: Array) -> bool:
@@ -87,6 +105,7 @@ def _finite(row: Array) -> bool:
 
 
 def _certificate(row: Array, half_spaces: int) -> Certificate:
-    """A leaf in single precision, its largest entry ±1, as a solver's are; half-spaces of reach take no part."""
+    """A leaf in single precision, its largest entry ±1, as a solver's are; half-spaces of reach
+    take no part."""
     flat = (row / np.abs(row).max()).astype(np.float32).astype(np.float64)
     return Certificate(tree=LEAF, multipliers=np.append(flat, np.zeros(half_spaces))[None])

@@ -1,9 +1,11 @@
-"""Branch and bound on the box of P1: the domain of [p, f] is halved until a posture is found or every box is refuted.
+"""Branch and bound on the box of P1: the domain of [p, f] is halved until a posture is found or
+every box is refuted.
 
-Each box carries P1 over it. A box is refuted where interval propagation leaves nothing of it or where P1's signed
-margin is positive; where P1's answer projects onto a verified posture, the problem is feasible. The first box holds
-all that the problem allows, and the halves of a box cover it, so that a problem without open boxes is infeasible.
-Unlike the exact planner's, this search shows how tight McCormick envelopes are, and what the choice of a cut is worth.
+Each box carries P1 over it. A box is refuted where interval propagation leaves nothing of it or
+where P1's signed margin is positive; where P1's answer projects onto a verified posture, the
+problem is feasible. The first box holds all that the problem allows, and the halves of a box cover
+it, so that a problem without open boxes is infeasible. Unlike the exact planner's, this search
+shows how tight McCormick envelopes are, and what the choice of a cut is worth.
 """
 
 from __future__ import annotations
@@ -36,8 +38,8 @@ SWEEPS = 3
 class OpenBox:
     """A box that is neither refuted nor projected, and P1's answer over it.
 
-    margin: t, at most REFUTED_MARGIN. point: P1's [p, f], shape (N, 6). gaps: |m_jk − p_j f_k|, shape (N, 3, 3).
-    depth: cuts from the first box.
+    margin: t, at most REFUTED_MARGIN. point: P1's [p, f], shape (N, 6). gaps: |m_jk − p_j f_k|,
+    shape (N, 3, 3). depth: cuts from the first box.
     """
 
     box: Envelope
@@ -48,9 +50,11 @@ class OpenBox:
 
 
 class BoxSearch:
-    """One problem's search, best first: ``current`` is the open box of least margin, ``cut`` halves it.
+    """One problem's search, best first: ``current`` is the open box of least margin, ``cut`` halves
+    it.
 
-    verdict: UNDECIDED while boxes are open. solves: convex problems so far. posture: the witness, where feasible.
+    verdict: UNDECIDED while boxes are open. solves: convex problems so far. posture: the witness,
+    where feasible.
     """
 
     def __init__(
@@ -89,7 +93,8 @@ class BoxSearch:
         return self._queue[0][2]
 
     def cut(self, dimension: int) -> None:
-        """Halve the current box in the middle of this dimension, 0 … 6N − 1 (contact by contact), and visit both."""
+        """Halve the current box in the middle of this dimension, 0 … 6N − 1 (contact by contact),
+        and visit both."""
         node = heapq.heappop(self._queue)[2]
         contact, column = divmod(dimension, 6)
         middle = 0.5 * (node.box.low[contact, column] + node.box.high[contact, column])
@@ -105,27 +110,32 @@ class BoxSearch:
         if tight is None:
             self.refuted += 1
             return
-        found = self._relax(tight, depth)
-        if found is None:
+        answer = self._relax(tight, depth)
+        if answer is None:
             self.refuted += 1
             return
-        node, point = found
+        node, point = answer
         if point is not None:
             self.posture = self._project(point)
         self._pushed += 1
         heapq.heappush(self._queue, (node.margin, self._pushed, node))
 
     def _relax(self, box: Envelope, depth: int) -> tuple[OpenBox, Point | None] | None:
-        """P1 over the box; None where it is refuted. A solver that gives up leaves the box open, with no point."""
+        """P1 over the box; None where it is refuted. A solver that gives up leaves the box open,
+        with no point."""
         answer = self._programs.get(McCormick, self._scaled.layout).solve(self._scaled, box)
         self.solves += 1
         if not answer.known:
             middle = 0.5 * (box.low + box.high)
-            return OpenBox(box=box, margin=0.0, point=middle, gaps=np.zeros((len(middle), 3, 3)), depth=depth), None
+            return OpenBox(
+                box=box, margin=0.0, point=middle, gaps=np.zeros((len(middle), 3, 3)), depth=depth
+            ), None
         if answer.margin > REFUTED_MARGIN or answer.at is None or answer.excess is None:
             return None
         gaps = np.abs(answer.excess)
-        return OpenBox(box=box, margin=answer.margin, point=answer.at, gaps=gaps, depth=depth), answer.point
+        return OpenBox(
+            box=box, margin=answer.margin, point=answer.at, gaps=gaps, depth=depth
+        ), answer.point
 
     def _project(self, start: Point) -> Plan | None:
         """A verified posture from P1's point, or None."""
@@ -147,7 +157,11 @@ def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
     """
     low, high = box.low.copy(), box.high.copy()
     for _ in range(SWEEPS):
-        if not (_share_com(scaled, low, high) and _in_cones(scaled, low, high) and _balance(scaled, low, high)):
+        if not (
+            _share_com(scaled, low, high)
+            and _in_cones(scaled, low, high)
+            and _balance(scaled, low, high)
+        ):
             return None
         if np.any(low > high + ROUNDING):
             return None
@@ -158,15 +172,20 @@ def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
 def _share_com(scaled: Scaled, low: Array, high: Array) -> bool:
     """Narrow p through the interval of the centre of mass, in place. False where that is empty."""
     toe_low, toe_high = toe_ranges(scaled)
-    com_low = np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - ROUNDING
-    com_high = np.minimum((toe_high - low[:, :3]).min(axis=0), scaled.com + scaled.com_radius) + ROUNDING
+    com_low = (
+        np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - ROUNDING
+    )
+    com_high = (
+        np.minimum((toe_high - low[:, :3]).min(axis=0), scaled.com + scaled.com_radius) + ROUNDING
+    )
     low[:, :3] = np.maximum(low[:, :3], toe_low - com_high)
     high[:, :3] = np.minimum(high[:, :3], toe_high - com_low)
     return bool(np.all(com_low <= com_high))
 
 
 def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow |f_y|, |f_z| ≤ μ f_n, in place. False where a frictionless contact would have to shear."""
+    """Narrow |f_y|, |f_z| ≤ μ f_n, in place. False where a frictionless contact would have to
+    shear."""
     shear = scaled.friction * high[:, 3] + ROUNDING
     low[:, 4:] = np.maximum(low[:, 4:], -shear[:, None])
     high[:, 4:] = np.minimum(high[:, 4:], shear[:, None])
@@ -177,7 +196,8 @@ def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
 
 
 def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow every force component through Σ f = w e_z − F, in place. False where no forces balance."""
+    """Narrow every force component through Σ f = w e_z − F, in place. False where no forces
+    balance."""
     frames = scaled.frames  # [i, r, k]: world component r of a unit force k at contact i
     ends = frames * low[:, None, 3:], frames * high[:, None, 3:]
     least, most = np.minimum(*ends), np.maximum(*ends)
@@ -185,11 +205,17 @@ def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
     total_least, total_most = least.sum(axis=(0, 2)), most.sum(axis=(0, 2))
     if np.any(total_least > weight + ROUNDING) or np.any(total_most < weight - ROUNDING):
         return False
-    room_most = (weight + ROUNDING - total_least)[:, None] + least  # what the others leave to this term
+    room_most = (weight + ROUNDING - total_least)[
+        :, None
+    ] + least  # what the others leave to this term
     room_least = (weight - ROUNDING - total_most)[:, None] + most
     counts = np.abs(frames) > 1e-6
     safe = np.where(counts, frames, 1.0)
     first, second = room_least / safe, room_most / safe
-    low[:, 3:] = np.maximum(low[:, 3:], np.where(counts, np.minimum(first, second), -np.inf).max(axis=1))
-    high[:, 3:] = np.minimum(high[:, 3:], np.where(counts, np.maximum(first, second), np.inf).min(axis=1))
+    low[:, 3:] = np.maximum(
+        low[:, 3:], np.where(counts, np.minimum(first, second), -np.inf).max(axis=1)
+    )
+    high[:, 3:] = np.minimum(
+        high[:, 3:], np.where(counts, np.maximum(first, second), np.inf).min(axis=1)
+    )
     return True

@@ -1,9 +1,11 @@
-"""The two-stage planner P1 → P2 over the lift (Lin et al. §II, §IV-B), for postures and for courses.
+"""The two-stage planner P1 → P2 over the lift (Lin et al. §II, §IV-B), for postures and for
+courses.
 
-A course is tried in this order: the nearest patches that have friction; a dive and a branch and bound over the choices
-(``choice``), every node rounded and projected, with cuts in space against stances that cannot be held alone
-(``nogoods``); cuts in space over all frames (``cuts``), where P1 still has points and P2 finds no plan. Feasible with a
-plan, infeasible with a certificate, or undecided at a limit.
+A course is tried in this order: the nearest patches that have friction; a dive and a branch and
+bound over the choices (``choice``), every node rounded and projected, with cuts in space against
+stances that cannot be held alone (``nogoods``); cuts in space over all frames (``cuts``), where P1
+still has points and P2 finds no plan. Feasible with a plan, infeasible with a certificate, or
+undecided at a limit.
 """
 
 from __future__ import annotations
@@ -33,16 +35,19 @@ from .either import Kind
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
 CHOICE_SHARE = 0.75
-"""Of the time limit that the search over choices may use where cuts in space, which get the rest, are of use."""
+"""Of the time limit that the search over choices may use where cuts in space, which get the rest,
+are of use."""
 
 
 class TwoStageCoursePlanner(TimeLimited):
-    """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says yes and P2 no.
+    """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says
+    yes and P2 no.
 
-    projection: see ``projection.project``. gap: None takes the first plan that the search finds; else the search goes
-    on, and improves plans, until one is proved to be within this relative gap of the best. max_nodes: of each search.
-    time_limit_s, max_solves: of one course, None for no limit of solves. cuts: whether to cut in space. steps: of SCP
-    at most, where the first few bring a point near to a plan.
+    projection: see ``projection.project``. gap: None takes the first plan that the search finds;
+    else the search goes on, and improves plans, until one is proved to be within this relative gap
+    of the best. max_nodes: of each search. time_limit_s, max_solves: of one course, None for no
+    limit of solves. cuts: whether to cut in space. steps: of SCP at most, where the first few bring
+    a point near to a plan.
     """
 
     name = "two-stage"
@@ -73,26 +78,43 @@ class TwoStageCoursePlanner(TimeLimited):
         self.programs = programs or Programs()
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
+        """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of
+        the whole search."""
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
-        found, message, proof = search.found, search.message, None
-        if not scaled.layout.pushes:  # a proof that no plan bears them is none that there is no plan
+        result, message, proof = search.found, search.message, None
+        if (
+            not scaled.layout.pushes
+        ):  # a proof that no plan bears them is none that there is no plan
             proof = search.certificate()
-        elif found is None:
-            message = message or f"no plan was found whose stances bear a push of {course.push_n:g} N"
+        elif result is None:
+            message = (
+                message or f"no plan was found whose stances bear a push of {course.push_n:g} N"
+            )
         details = {
-            "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
-            "dived": float(search.dived), "cuts": 0.0,
-        }  # fmt: skip
-        if found is None and proof is None and self.cuts and not scaled.layout.pushes and not clock.ended():
-            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
-            message, details["cuts"] = "" if found or proof else message, float(nodes)
+            "nodes": float(search.nodes),
+            "guessed": float(search.guessed),
+            "projected": float(search.tried),
+            "dived": float(search.dived),
+            "cuts": 0.0,
+        }
+        if (
+            result is None
+            and proof is None
+            and self.cuts
+            and not scaled.layout.pushes
+            and not clock.ended()
+        ):
+            result, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
+            message, details["cuts"] = "" if result or proof else message, float(nodes)
         plan = None
-        if found is not None:
+        if result is not None:
             made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
-            plan = plan_of(course, scaled, *found, provenance=made)
-        claim, bound = Claim(found=plan, certificate=proof, message=message, details=details), search.bound
+            plan = plan_of(course, scaled, *result, provenance=made)
+        claim, bound = (
+            Claim(found=plan, certificate=proof, message=message, details=details),
+            search.bound,
+        )
         return self.acceptance.answer(
             course, claim, method=self.name, clock=clock, bound=bound * course.length_scale_m**2
         )
@@ -105,7 +127,9 @@ class TwoStageCoursePlanner(TimeLimited):
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, QUICK)
             deadline = clock.begin + clock.time_limit_s
-            point = project(self.programs, self.projection, chosen, start, steps=steps, deadline=deadline)
+            point = project(
+                self.programs, self.projection, chosen, start, steps=steps, deadline=deadline
+            )
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point
@@ -119,7 +143,8 @@ class TwoStageCoursePlanner(TimeLimited):
 def decide(
     programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int
 ) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
-    """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit; and how many nodes."""
+    """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit;
+    and how many nodes."""
     left_s, solves = clock.left()
     search = CutSearch(
         programs,
@@ -135,5 +160,11 @@ def decide(
     if search.found is None:
         return None, search.certificate(), search.nodes
     choice, point = search.found
-    best = project(programs, "fix-toes", scaled.chosen(choice), point)  # with the course's objective
-    return (choice, best if np.isfinite(best.residual) else replace(point, objective=float("nan"))), None, search.nodes
+    best = project(
+        programs, "fix-toes", scaled.chosen(choice), point
+    )  # with the course's objective
+    return (
+        (choice, best if np.isfinite(best.residual) else replace(point, objective=float("nan"))),
+        None,
+        search.nodes,
+    )

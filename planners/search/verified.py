@@ -1,8 +1,9 @@
 """Planners from elsewhere: what they answer counts only as far as the verifier accepts it.
 
-They are given copies, and of what they answer the numbers are taken, once: what they change of either, then or later,
-changes nothing here. Whatever they raise is one InvalidInput. They run in this process, for as long as they like: who
-trusts one less than that has `stancekit verify` judge what was written.
+They are given copies, and of what they answer the numbers are taken, once: what they change of
+either, then or later, changes nothing here. Whatever they raise is one InvalidInput. They run in
+this process, for as long as they like: who trusts one less than that has `stancekit verify` judge
+what was written.
 """
 
 from __future__ import annotations
@@ -29,21 +30,32 @@ if TYPE_CHECKING:
 
 Taken = TypeVar("Taken", Plan, Certificate)
 ASKED: Mapping[Kind, str] = {"postures": "PostureProblem", "courses": "Course"}
-"""The class, by its name of before, that ``solve`` is annotated with of a planner which answers this kind alone."""
+"""The class, by its name of before, that ``solve`` is annotated with of a planner which answers
+this kind alone."""
 NUMBERS = {
     Certificate: ("tree", "multipliers"),
-    Plan: ("com_m", "rotation_rad", "toes_m", "choice", "forces_n", "points_m", "point_forces_n", "modes"),
+    Plan: (
+        "com_m",
+        "rotation_rad",
+        "toes_m",
+        "choice",
+        "forces_n",
+        "points_m",
+        "point_forces_n",
+        "modes",
+    ),
 }
 """What is taken over of each kind of evidence."""
 
 
 class VerifiedPlanner:
-    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a plan or a certificate alone.
+    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a plan or a certificate
+    alone.
 
-    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one of the problem that
-    was asked for; bounds on its objective come without proof, and are left. called: what messages call it. envelopes:
-    that it was made with. remake: a function that makes the planner anew with another time limit [s]; None where there
-    is no such function.
+    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one
+    of the problem that was asked for; bounds on its objective come without proof, and are left.
+    called: what messages call it. envelopes: that it was made with. remake: a function that makes
+    the planner anew with another time limit [s]; None where there is no such function.
     """
 
     def __init__(
@@ -65,14 +77,22 @@ class VerifiedPlanner:
         if self._remake is None and not isinstance(self._planner, Limitable):
             return self
         with foreign(self._where):
-            planner = self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
+            planner = (
+                self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
+            )
         return VerifiedPlanner(
-            planner, self.name, self._acceptance, called=self._called, envelopes=self._envelopes, remake=self._remake
+            planner,
+            self.name,
+            self._acceptance,
+            called=self._called,
+            envelopes=self._envelopes,
+            remake=self._remake,
         )
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a planner that
-        raises or answers another kind of question alone, and envelopes that were learned for other problems."""
+        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a
+        planner that raises or answers another kind of question alone, and envelopes that were
+        learned for other problems."""
         check_answers(self._planner, kind_of(problem), self._where)
         if self._envelopes is not None and problem.is_posture:
             self._envelopes.check_fits(problem)
@@ -83,41 +103,55 @@ class VerifiedPlanner:
 
 
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
-    """Raise InvalidInput for a planner that says that it answers another kind of question alone: by its attribute
-    ``answers``, a kind, or as before by the annotation of what its ``solve`` is asked. where: what the message begins
-    with."""
-    said = getattr(planner, "answers", None)
-    if said in get_args(Kind):
-        if said != kind:
-            raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {said} alone")
+    """Raise InvalidInput for a planner that says that it answers another kind of question alone: by
+    its attribute ``answers``, a kind, or as before by the annotation of what its ``solve`` is
+    asked. where: what the message begins with."""
+    answered = getattr(planner, "answers", None)
+    if answered in get_args(Kind):
+        if answered != kind:
+            raise InvalidInput(
+                f"{where}: expected a planner of {kind}, got one that answers {answered} alone"
+            )
         return
     try:
-        asked = next(iter(inspect.signature(planner.solve).parameters.values()), None)
+        parameter = next(iter(inspect.signature(planner.solve).parameters.values()), None)
     except (TypeError, ValueError):  # it does not say
         return
-    noted = getattr(asked, "annotation", inspect.Parameter.empty)
+    noted = getattr(parameter, "annotation", inspect.Parameter.empty)
     text = noted if isinstance(noted, str) else getattr(noted, "__name__", "")
     kinds: set[Kind] = {each for each, name in ASKED.items() if name in text}
     if kinds and kind not in kinds:
-        raise InvalidInput(f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone")
+        raise InvalidInput(
+            f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone"
+        )
 
 
 def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
     """Claim of a planner, and the number of solves that it reports. Raises InvalidInput."""
     with foreign(where):
-        found, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
-        if found is not None and not isinstance(found, Answer | Plan | Certificate):
-            raise InvalidInput(f"{where}: expected an Answer, a Plan, a Certificate or None, got {_a(found)}")
+        claim, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
+        if claim is not None and not isinstance(claim, Answer | Plan | Certificate):
+            raise InvalidInput(
+                f"{where}: expected an Answer, a Plan, a Certificate or None, got {_a(claim)}"
+            )
         evidence: Any
         certificate: Any
-        evidence, certificate = (None, found) if isinstance(found, Certificate) else (found, None)
-        if isinstance(found, Answer):
-            evidence, certificate, solves = found.solution, found.certificate, int(found.effort.solves)
-            rest["word"] = _text(found.claim, where) or Status(found.status).value
-            rest["message"] = _text(found.message, where)
-            rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
-        taken = _taken(Plan, evidence, where, problem=problem)
-        return Claim(found=taken, certificate=_taken(Certificate, certificate, where), **rest), solves
+        evidence, certificate = (None, claim) if isinstance(claim, Certificate) else (claim, None)
+        if isinstance(claim, Answer):
+            evidence, certificate, solves = (
+                claim.solution,
+                claim.certificate,
+                int(claim.effort.solves),
+            )
+            rest["word"] = _text(claim.claim, where) or Status(claim.status).value
+            rest["message"] = _text(claim.message, where)
+            rest["details"] = {
+                _text(key, where): float(value) for key, value in claim.details.items()
+            }
+        solution = _taken(Plan, evidence, where, problem=problem)
+        return Claim(
+            found=solution, certificate=_taken(Certificate, certificate, where), **rest
+        ), solves
 
 
 def _solving(planner: Any, where: str) -> Any:
@@ -128,13 +162,17 @@ def _solving(planner: Any, where: str) -> Any:
 
 
 def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | None:
-    """The numbers of evidence, in an object of our own; None where there is none. Raises InvalidInput, ValueError."""
+    """The numbers of evidence, in an object of our own; None where there is none. Raises
+    InvalidInput, ValueError."""
     if found is None:
         return None
     if not isinstance(found, kind):
         raise InvalidInput(f"{where}: expected a {kind.__name__} as evidence, got {_a(found)}")
     if isinstance(found, Plan):
-        given["provenance"] = {"planner": where.partition(" ")[2], "said": _plain(dict(found.provenance))}
+        given["provenance"] = {
+            "planner": where.partition(" ")[2],
+            "said": _plain(dict(found.provenance)),
+        }
     return kind(**{name: getattr(found, name) for name in NUMBERS[kind]}, **given)
 
 

@@ -1,4 +1,5 @@
-"""A planner's outcome after its plan became one of the whole body: what its joints cannot do is no plan."""
+"""A planner's outcome after its plan became one of the whole body: what its joints cannot do is no
+plan."""
 
 from __future__ import annotations
 
@@ -29,44 +30,63 @@ def with_whole_body(
     *,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
-    """The outcome with joint angles in its plan, with torques within the limits where such a plan is found, and with
-    the verifier's report on all of it.
+    """The outcome with joint angles in its plan, with torques within the limits where such a plan
+    is found, and with the verifier's report on all of it.
 
-    start_rad: those of a robot that stands already where the plan begins, as for ``plan_angles``, shape (J,). deadline:
-    when it is wanted (``time.perf_counter()``).
-    Where the joints cannot do it, or bodies collide, the course is undecided, with the reason and the plan: nothing is
-    proved of others. So it is where the time ended before all was judged. The outcome as it is where there is no plan;
-    no joints, where no torque is asked for, for a robot without a file whose legs are not known, or without pinocchio.
-    Raises InvalidInput where these are needed.
+    start_rad: those of a robot that stands already where the plan begins, as for ``plan_angles``,
+    shape (J,). deadline: when it is wanted (``time.perf_counter()``). Where the joints cannot do
+    it, or bodies collide, the course is undecided, with the reason and the plan: nothing is proved
+    of others. So it is where the time ended before all was judged. The outcome as it is where there
+    is no plan; no joints, where no torque is asked for, for a robot without a file whose legs are
+    not known, or without pinocchio. Raises InvalidInput where these are needed.
     """
     if outcome.solution is None:
         return outcome
-    plan, details, course, bent = outcome.solution, dict(outcome.details), outcome.solution.problem, True
+    plan, details, course, bent = (
+        outcome.solution,
+        dict(outcome.details),
+        outcome.solution.problem,
+        True,
+    )
     report: Report[Plan] | None = None
     try:
         check_time(deadline)
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-        found = whole_body(plan, limits, solver, start_rad, deadline=deadline)
-        plan, report, details, bent = found.plan, found.report, details | found.details, not found.late
+        result = whole_body(plan, limits, solver, start_rad, deadline=deadline)
+        plan, report, details, bent = (
+            result.plan,
+            result.report,
+            details | result.details,
+            not result.late,
+        )
     except TimeEnded:
         bent = False
     except InvalidInput:
         if limits.concern(course.robot):
             raise
     LOG.info("plan: bent in %g steps", details.get("torque_steps", 0.0))
-    return judged(replace(outcome, solution=plan, details=details), report, bent=bent, deadline=deadline)
+    return judged(
+        replace(outcome, solution=plan, details=details), report, bent=bent, deadline=deadline
+    )
 
 
 def judged(
-    outcome: Answer[Plan], report: Report[Plan] | None = None, *, bent: bool = True, deadline: float = math.inf
+    outcome: Answer[Plan],
+    report: Report[Plan] | None = None,
+    *,
+    bent: bool = True,
+    deadline: float = math.inf,
 ) -> Answer[Plan]:
     """The outcome with the verifier's report on all of its plan, which decides its status.
 
-    report: what the verifier said of the plan already, if it was asked. bent: whether there was time to bend the plan.
+    report: what the verifier said of the plan already, if it was asked. bent: whether there was
+    time to bend the plan.
     """
     plan = outcome.solution
     assert plan is not None
-    report = report or check_plan(plan, joints=True, deadline=deadline)  # which nothing was asked of yet
+    report = report or check_plan(
+        plan, joints=True, deadline=deadline
+    )  # which nothing was asked of yet
     known = any(group.name == MARGIN for group in report.groups)
     if not known and not report.defect and not report.late:
         report = replace(report, groups=(*report.groups, margin_group(plan)))

@@ -1,16 +1,19 @@
-"""Witnesses for a batch of posture problems at a time, in numpy alone: a fixed iteration from a fixed start.
+"""Witnesses for a batch of posture problems at a time, in numpy alone: a fixed iteration from a
+fixed start.
 
-A posture problem in x = (λ, c, Θ, u, f), with toes q_i = Σ_u λ_iu v_iu (E1) and legs u_i = q_i − c − (I + [Θ]×) s_i, is
-the intersection of two sets. K has a projection in closed form: simplices of λ, the ball of c, the box of Θ, the balls
-‖u_i‖ ≤ ρ_i (E11), and friction cones cut off where the force boxes end (E10). A is affine but for the moments,
+A posture problem in x = (λ, c, Θ, u, f), with toes q_i = Σ_u λ_iu v_iu (E1) and legs u_i = q_i − c
+− (I + [Θ]×) s_i, is the intersection of two sets. K has a projection in closed form: simplices of
+λ, the ball of c, the box of Θ, the balls ‖u_i‖ ≤ ρ_i (E11), and friction cones cut off where the
+force boxes end (E10). A is affine but for the moments,
 
     Σ C_i f_i = b  (E5),    Σ q_i × C_i f_i − c × b + M = 0  (E6),    b = w e_z − F,
 
-with F and M the force and the moment on the body beside its weight, and these are linearised about the toes and forces
-that the iteration is at, anew every few steps. Douglas–Rachford is z ← z + P_K(2 P_A z − z) − P_A z. It ends for a
-problem as soon as c and f, put on the balances with the toes held, lie in K. What is found is a claim, for the verifier
-to decide; what is not found says nothing. No solver takes part and no problem hears of another, so a claim follows from
-its problem alone.
+with F and M the force and the moment on the body beside its weight, and these are linearised about
+the toes and forces that the iteration is at, anew every few steps. Douglas–Rachford is z ← z +
+P_K(2 P_A z − z) − P_A z. It ends for a problem as soon as c and f, put on the balances with the
+toes held, lie in K. What is found is a claim, for the verifier to decide; what is not found says
+nothing. No solver takes part and no problem hears of another, so a claim follows from its problem
+alone.
 """
 
 from __future__ import annotations
@@ -34,11 +37,13 @@ SHRINK = 1e-3
 """K is made smaller by this share, so that the iteration ends inside of it."""
 INSIDE = 1e-9
 SPREAD, TURN = 0.25, 0.3
-"""Units of λ and Θ in which x is measured: smaller ones let toes and body move sooner than forces."""
+"""Units of λ and Θ in which x is measured: smaller ones let toes and body move sooner than
+forces."""
 
 
 def witnesses(scaled: ScaledBatch, steps: int, *, moments: bool = True) -> tuple[Index, PointBatch]:
-    """Claimed points for problems of a batch, by their indices, ascending; there is none where more steps are needed.
+    """Claimed points for problems of a batch, by their indices, ascending; there is none where more
+    steps are needed.
 
     moments: False for points of P̄, in which moments need not balance.
     """
@@ -46,35 +51,43 @@ def witnesses(scaled: ScaledBatch, steps: int, *, moments: bool = True) -> tuple
 
 
 class Iteration:
-    """Douglas–Rachford for a batch, as far as it has come: it can be gone on with, for all that is left or for some.
+    """Douglas–Rachford for a batch, as far as it has come: it can be gone on with, for all that is
+    left or for some.
 
-    moments: False for points of P̄, in which moments need not balance. index: of the problems that are left, ascending;
-    scaled: all of them.
+    moments: False for points of P̄, in which moments need not balance. index: of the problems that
+    are left, ascending; scaled: all of them.
     """
 
     def __init__(self, scaled: ScaledBatch, *, moments: bool = True) -> None:
         self.scaled, self._step = scaled, 0
         self.index, self._sets = np.arange(len(scaled)), _Sets.of(scaled)
         self._z = self._sets.start()
-        self._moments = self._sets.linearised(self._z, self._sets.toes(self._z)) if moments else None
+        self._moments = (
+            self._sets.linearised(self._z, self._sets.toes(self._z)) if moments else None
+        )
 
     def keep(self, index: Index) -> None:
         """Go on with these problems alone, of those that are left."""
-        kept = np.flatnonzero(np.isin(self.index, index))
-        self.index, self._sets, self._z = self.index[kept], self._sets.select(kept), self._z[kept]
-        self._moments = self._moments and self._moments.select(kept)
+        places = np.flatnonzero(np.isin(self.index, index))
+        self.index, self._sets, self._z = (
+            self.index[places],
+            self._sets.select(places),
+            self._z[places],
+        )
+        self._moments = self._moments and self._moments.select(places)
 
     def claims(self, until: int) -> tuple[Index, PointBatch]:
-        """Indices, ascending, and points of the problems that the iteration ends for until it has taken so many steps.
+        """Indices, ascending, and points of the problems that the iteration ends for until it has
+        taken so many steps.
 
         A problem that it has ended for is not left any more.
         """
-        found = [(self.index[:0], PointBatch.none(self.scaled.friction.shape[1]))]
+        points_found = [(self.index[:0], PointBatch.none(self.scaled.friction.shape[1]))]
         while self._step < until and len(self.index):
-            found += self._step_on()
-        index = np.concatenate([index for index, _ in found])
+            points_found += self._step_on()
+        index = np.concatenate([index for index, _ in points_found])
         order = np.argsort(index)
-        return index[order], PointBatch.joined([points for _, points in found]).select(order)
+        return index[order], PointBatch.joined([points for _, points in points_found]).select(order)
 
     def _step_on(self) -> Iterator[tuple[Index, PointBatch]]:
         """Take a step; indices and points of the problems that the iteration ends for with it."""
@@ -86,7 +99,11 @@ class Iteration:
             if there.any():
                 yield self.index[there], points.select(there)
                 left = np.flatnonzero(~there)
-                self.index, self._sets, self._z = self.index[left], self._sets.select(left), self._z[left]
+                self.index, self._sets, self._z = (
+                    self.index[left],
+                    self._sets.select(left),
+                    self._z[left],
+                )
                 if not len(left):
                     return
                 on, toes = on[left], toes[left]
@@ -119,10 +136,11 @@ class _Rows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sets:
-    """A and K of the problems that are left; x is (λ, Θ, c − c_0, u, f), the first two in their units.
+    """A and K of the problems that are left; x is (λ, Θ, c − c_0, u, f), the first two in their
+    units.
 
-    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight: what makes up A but for the moments, the
-    rows of u and of Σ C_i f_i.
+    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight: what makes up A but
+    for the moments, the rows of u and of Σ C_i f_i.
     """
 
     scaled: ScaledBatch
@@ -140,9 +158,14 @@ class _Sets:
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
         right = np.tile(like.borne, (len(scaled), 1))
         return cls(
-            scaled=scaled, low=np.maximum(like.force_min[:, 0], 0.0), high=high, legs=_legs(scaled),
-            weight=_Rows(lifting, right, lifting.swapaxes(1, 2) / scaled.friction.shape[1]),  # Σ C_i C_i' = N
-        )  # fmt: skip
+            scaled=scaled,
+            low=np.maximum(like.force_min[:, 0], 0.0),
+            high=high,
+            legs=_legs(scaled),
+            weight=_Rows(
+                lifting, right, lifting.swapaxes(1, 2) / scaled.friction.shape[1]
+            ),  # Σ C_i C_i' = N
+        )
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
@@ -158,12 +181,19 @@ class _Sets:
 
     @cached_property
     def cones(self) -> tuple[Array, Array, Array, Array]:
-        """μ, 1 + μ², and where cones begin and end, all of them made smaller, (B, N), but (N,) where they begin."""
+        """μ, 1 + μ², and where cones begin and end, all of them made smaller, (B, N), but (N,)
+        where they begin."""
         friction = self.scaled.friction * (1.0 - SHRINK)
-        return friction, 1.0 + friction * friction, self.low * (1.0 + SHRINK), self.high * (1.0 - SHRINK)
+        return (
+            friction,
+            1.0 + friction * friction,
+            self.low * (1.0 + SHRINK),
+            self.high * (1.0 - SHRINK),
+        )
 
     def start(self) -> Array:
-        """Toes in the middle of their patches, the nominal c, no tilt, equal shares of the weight along the normals."""
+        """Toes in the middle of their patches, the nominal c, no tilt, equal shares of the weight
+        along the normals."""
         count, contacts, corners, _ = self.scaled.vertices.shape
         weights, _, balls, forces = self.parts
         z = np.zeros((count, forces.stop))
@@ -188,18 +218,24 @@ class _Sets:
         force = _times(scaled.frames, self._vectors(x, forces))
         rows, arms = np.zeros((len(x), 3, x.shape[1])), skew(toes)
         rows[:, :, forces] = _side_by_side(np.matmul(arms, scaled.frames))
-        rows[:, :, weights] = _side_by_side(np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -SPREAD))
+        rows[:, :, weights] = _side_by_side(
+            np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -SPREAD)
+        )
         right = _times(arms, force).sum(axis=1) + _of_weight(scaled, rows, balls.start)
         free = np.concatenate(
-            [self.legs.along(rows[:, :, : forces.start]), self.weight.along(rows[:, :, forces])], axis=2
-        )  # fmt: skip
+            [self.legs.along(rows[:, :, : forces.start]), self.weight.along(rows[:, :, forces])],
+            axis=2,
+        )
         return _Rows(rows, right, _back(free))
 
     def project(self, x: Array) -> Array:
         """P_K, made smaller; x, shape (B, D), is overwritten."""
         weights, turn, balls, forces = self.parts
         _to_simplex(x[:, weights].reshape(self.scaled.vertices.shape[:3]), SPREAD)
-        tilt, (friction, steep, low, high) = TURN * self.scaled.like.tilt * (1.0 - SHRINK), self.cones
+        tilt, (friction, steep, low, high) = (
+            TURN * self.scaled.like.tilt * (1.0 - SHRINK),
+            self.cones,
+        )
         turned = x[:, turn]
         np.minimum(np.maximum(turned, -tilt, out=turned), tilt, out=turned)
         away, f = self._vectors(x, balls), self._vectors(x, forces)
@@ -226,7 +262,10 @@ class _Sets:
         tilt = scaled.like.tilt * (1.0 - SHRINK)
         rotation = np.minimum(np.maximum(x[:, turn] / TURN, -tilt), tilt)
         return PointBatch(
-            com=y[:, :3] + scaled.like.com, rotation=rotation, toes=toes, forces=self._vectors(y, slice(3, None))
+            com=y[:, :3] + scaled.like.com,
+            rotation=rotation,
+            toes=toes,
+            forces=self._vectors(y, slice(3, None)),
         )
 
     def hold(self, points: PointBatch) -> NDArray[np.bool_]:
@@ -247,9 +286,12 @@ class _Sets:
     def select(self, chosen: Index) -> _Sets:
         """Some of them, by index."""
         return _Sets(
-            scaled=self.scaled.select(chosen), low=self.low, high=self.high[chosen], legs=self.legs.select(chosen),
+            scaled=self.scaled.select(chosen),
+            low=self.low,
+            high=self.high[chosen],
+            legs=self.legs.select(chosen),
             weight=self.weight.select(chosen),
-        )  # fmt: skip
+        )
 
     def _vectors(self, x: Array, part: slice) -> Array:
         """A part of x as vectors, shape (B, ·, 3): a view."""
@@ -263,16 +305,19 @@ def _legs(scaled: ScaledBatch) -> _Rows:
     body, size = contacts * corners, 3 * contacts
     rows, at = np.zeros((count, size, body + 6 + size)), np.arange(size)
     for i in range(contacts):
-        own = slice(3 * i, 3 * i + 3)
-        rows[:, own, corners * i : corners * (i + 1)] = scaled.vertices[:, i].transpose(0, 2, 1) / SPREAD
-        rows[:, own, body : body + 3] = skew(scaled.like.shoulders[i]) / TURN  # −Θ × s = s × Θ
+        columns = slice(3 * i, 3 * i + 3)
+        rows[:, columns, corners * i : corners * (i + 1)] = (
+            scaled.vertices[:, i].transpose(0, 2, 1) / SPREAD
+        )
+        rows[:, columns, body : body + 3] = skew(scaled.like.shoulders[i]) / TURN  # −Θ × s = s × Θ
     rows[:, at, body + 3 + at % 3] = rows[:, at, body + 6 + at] = -1.0
     right = np.tile((scaled.like.com + scaled.like.shoulders).ravel(), (count, 1))
     return _Rows(rows, right, _back(rows))
 
 
 def _of_weight(scaled: ScaledBatch, rows: Array, column: int) -> Array:
-    """Add −(c − c_0) × b to rows of moments, c − c_0 at this column; c_0 × b − M, for the right side."""
+    """Add −(c − c_0) × b to rows of moments, c − c_0 at this column; c_0 × b − M, for the right
+    side."""
     borne, com = scaled.like.borne[0], scaled.like.com[0]
     rows[:, :, column : column + 3] = skew(borne)
     return np.asarray(skew(com) @ borne - scaled.like.twisted[0])
@@ -286,7 +331,8 @@ def _back(rows: Array) -> Array:
 
 
 def _to_simplex(x: Array, total: float) -> None:
-    """Move x to the nearest point with entries ≥ 0 and this sum along the last axis (Held, Wolfe and Crowder, 1974).
+    """Move x to the nearest point with entries ≥ 0 and this sum along the last axis (Held, Wolfe
+    and Crowder, 1974).
 
     That axis is short, and is sorted and summed up column by column.
     """

@@ -1,4 +1,5 @@
-"""Terrain: patches that toes stand on, polygons and solids behind them, meshes, grids and height fields."""
+"""Terrain: patches that toes stand on, polygons and solids behind them, meshes, grids and height
+fields."""
 
 from .patch import Patch
 

@@ -1,7 +1,9 @@
-"""Cubic B-splines on strictly increasing knots: the one-dimensional pieces of height fields and warp maps.
+"""Cubic B-splines on strictly increasing knots: the one-dimensional pieces of height fields and
+warp maps.
 
-A basis over K knots has K − 4 functions and is C² from its fourth knot to its fourth last. Outside that span the first
-and the last polynomial piece go on; CasADi's splines fall to 0 there, so the knots reach ``REACH_M`` beyond the data.
+A basis over K knots has K − 4 functions and is C² from its fourth knot to its fourth last. Outside
+that span the first and the last polynomial piece go on; CasADi's splines fall to 0 there, so the
+knots reach ``REACH_M`` beyond the data.
 """
 
 from __future__ import annotations
@@ -30,8 +32,12 @@ class CubicBasis:
 
     @classmethod
     def over(cls, sites: Array, reach_m: float = REACH_M) -> CubicBasis:
-        """The basis with a knot at each site, shape (n,), and others beyond both ends, ever wider up to ``reach_m``."""
-        before, after = _beyond(sites[1] - sites[0], reach_m), _beyond(sites[-1] - sites[-2], reach_m)
+        """The basis with a knot at each site, shape (n,), and others beyond both ends, ever wider
+        up to ``reach_m``."""
+        before, after = (
+            _beyond(sites[1] - sites[0], reach_m),
+            _beyond(sites[-1] - sites[-2], reach_m),
+        )
         return cls(np.concatenate([sites[0] - before[::-1], sites, sites[-1] + after]))
 
     @property
@@ -41,36 +47,46 @@ class CubicBasis:
 
     @cached_property
     def _pieces(self) -> Array:
-        """Polynomials of the four functions that live on an interval, by (power, interval, function)."""
+        """Polynomials of the four functions that live on an interval, by (power, interval,
+        function)."""
         from scipy.interpolate import BSpline
 
         spline, starts = BSpline(self.knots, np.eye(self.size), 3), self.knots[3 : self.size]
-        powers = np.stack([spline(starts, nu=m) / factorial(m) for m in range(4)], axis=-1)  # (interval, all, power)
-        return np.ascontiguousarray(np.stack([powers[k, k : k + 4].T for k in range(len(starts))], axis=1))
+        powers = np.stack(
+            [spline(starts, nu=m) / factorial(m) for m in range(4)], axis=-1
+        )  # (interval, all, power)
+        return np.ascontiguousarray(
+            np.stack([powers[k, k : k + 4].T for k in range(len(starts))], axis=1)
+        )
 
     def weights(self, x: Array, orders: int = 0) -> tuple[NDArray[np.intp], list[Array]]:
-        """The first of the four functions that live at x, shape (N,), and their derivatives 0…orders, shape (N, 4)."""
+        """The first of the four functions that live at x, shape (N,), and their derivatives
+        0…orders, shape (N, 4)."""
         interval = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 3, self.size - 1) - 3
         u = (x - self.knots[interval + 3])[:, None]
         c = [np.take(piece, interval, axis=0) for piece in self._pieces]
-        found = [c[0] + u * (c[1] + u * (c[2] + u * c[3]))]
+        values = [c[0] + u * (c[1] + u * (c[2] + u * c[3]))]
         if orders > 0:
-            found.append(c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]))
+            values.append(c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]))
         if orders > 1:
-            found.append(2.0 * c[2] + 6.0 * u * c[3])
-        return interval, found
+            values.append(2.0 * c[2] + 6.0 * u * c[3])
+        return interval, values
 
     def matrix(self, x: Array, order: int = 0) -> csr_array:
         """Values (or a derivative) of every function at x, sparse, shape (len(x), size)."""
-        first, found = self.weights(np.asarray(x, dtype=np.float64), order)
+        first, values = self.weights(np.asarray(x, dtype=np.float64), order)
         columns = first[:, None] + np.arange(4)
         rows = np.repeat(np.arange(len(columns)), 4)
-        return csr_array((found[order].ravel(), (rows, columns.ravel())), shape=(len(columns), self.size))
+        return csr_array(
+            (values[order].ravel(), (rows, columns.ravel())), shape=(len(columns), self.size)
+        )
 
     def interpolate(self, sites: Array, values: Array) -> Array:
-        """Coefficients, shape (size, …), of the natural spline through values at the sites of ``over``, shape (n, …).
+        """Coefficients, shape (size, …), of the natural spline through values at the sites of
+        ``over``, shape (n, …).
 
-        Its second derivative is 0 at both ends and beyond: it goes on as a straight line, and stays C².
+        Its second derivative is 0 at both ends and beyond: it goes on as a straight line, and stays
+        C².
         """
         inner = self.knots[3:-3]
         straight = self.matrix(inner[(inner <= sites[0]) | (inner >= sites[-1])], 2)
@@ -82,6 +98,9 @@ class CubicBasis:
 
 
 def _beyond(step: float, reach_m: float) -> Array:
-    """Distances of knots beyond the last site: three cells, then ever wider, and three more for the basis."""
-    far = 3.0 * step * 2.0 ** np.arange(1, max(2, int(np.ceil(np.log2(reach_m / (3.0 * step)))) + 1))
+    """Distances of knots beyond the last site: three cells, then ever wider, and three more for the
+    basis."""
+    far = (
+        3.0 * step * 2.0 ** np.arange(1, max(2, int(np.ceil(np.log2(reach_m / (3.0 * step)))) + 1))
+    )
     return np.concatenate([step * np.arange(1.0, 4.0), far, far[-1] * np.array([2.0, 3.0, 4.0])])

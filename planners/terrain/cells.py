@@ -1,7 +1,8 @@
-"""Heights by cell: samples of a map or points of a cloud as sums of their moments, from which planes are fitted.
+"""Heights by cell: samples of a map or points of a cloud as sums of their moments, from which
+planes are fitted.
 
-Points keep their own places in the sums, so that a plane is the least-squares plane of the points themselves, and a
-cell of many points counts for more than one of a single point.
+Points keep their own places in the sums, so that a plane is the least-squares plane of the points
+themselves, and a cell of many points counts for more than one of a single point.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from ..files.arrays import Array
 from .elevation import LAYER_M, ElevationMap
 
 QUIETEST = (0.04, 0.12, 0.35)
-"""Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge crosses those."""
+"""Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge
+crosses those."""
 POINTS_PER_CELL = 2.0
 FINEST_M = 0.01
 """Side of the smallest cell of a cloud [m]."""
@@ -31,7 +33,8 @@ class GroundCells:
 
     Arguments:
         moments: sums of 1, x, y, xx, xy, yy, z, xz, yz, zz, shape (10, n, m); z in [m].
-        corner_m: place of the first cell's middle, and the height that z counts from, shape (3,) [m].
+        corner_m: place of the first cell's middle, and the height that z counts from, shape (3,)
+            [m].
         spacing_m: side of a cell [m].
         sparse: a cell without samples between others is by chance, and no hole.
     """
@@ -57,10 +60,13 @@ class GroundCells:
 
     @classmethod
     def of_points(cls, points_m: Array, coarsest_m: float, noise_m: float) -> GroundCells:
-        """The upper side of a cloud, shape (K, 3), about two points per cell and no cell wider than ``coarsest_m``."""
+        """The upper side of a cloud, shape (K, 3), about two points per cell and no cell wider than
+        ``coarsest_m``."""
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
-        spacing = min(max(float(np.sqrt(POINTS_PER_CELL * area / len(points_m))), FINEST_M), coarsest_m)
+        spacing = min(
+            max(float(np.sqrt(POINTS_PER_CELL * area / len(points_m))), FINEST_M), coarsest_m
+        )
         places = (points_m[:, :2] - low[:2]) / spacing
         cells = np.round(places).astype(np.int64)
         shape = tuple((cells.max(axis=0) + 1).tolist())
@@ -72,7 +78,9 @@ class GroundCells:
         lowest = float(points_m[upper, 2].mean())
         z = points_m[upper, 2] - lowest
         values = (None, x, y, x * x, x * y, y * y, z, x * z, y * z, z * z)
-        sums = [np.bincount(cell, weights=value, minlength=len(top)).reshape(shape) for value in values]
+        sums = [
+            np.bincount(cell, weights=value, minlength=len(top)).reshape(shape) for value in values
+        ]
         moments, corner = np.array(sums, dtype=np.float64), np.array([*low[:2], lowest])
         return cls(moments=moments, corner_m=corner, spacing_m=spacing, sparse=True)
 
@@ -92,14 +100,17 @@ class GroundCells:
         """Mean place of each cell's samples, the middle of a cell that has none."""
         one = np.maximum(self.moments[0], 1.0)
         i, j = np.indices(one.shape, dtype=np.float64)
-        return np.where(self.known, self.moments[1] / one, i), np.where(self.known, self.moments[2] / one, j)
+        return np.where(self.known, self.moments[1] / one, i), np.where(
+            self.known, self.moments[2] / one, j
+        )
 
     def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
         """Cells without the samples of other cells."""
         return replace(self, moments=self.moments * wanted)
 
     def noise_m(self) -> float:
-        """Deviation of white noise of the heights, by the residuals of planes over 3 × 3 cells that no edge crosses."""
+        """Deviation of white noise of the heights, by the residuals of planes over 3 × 3 cells that
+        no edge crosses."""
         one, *_ = sums = boxed(self.moments, 3)
         _, rms = solved(about(sums, *np.indices(one.shape, dtype=np.float64)))
         freedom = np.round(one) - 3.0
@@ -108,29 +119,44 @@ class GroundCells:
             return 0.0
         squares, freedom = (rms**2 * one)[enough], freedom[enough].astype(np.int_)
         known = np.arange(3.0, freedom.max() + 1.0)  # of every possible freedom its quantiles, once
-        least = [np.quantile(squares / chdtri(known, 1.0 - share)[freedom - 3], share) for share in QUIETEST]
+        least = [
+            np.quantile(squares / chdtri(known, 1.0 - share)[freedom - 3], share)
+            for share in QUIETEST
+        ]
         return float(np.sqrt(min(least)))
 
 
 def boxed(moments: Array, side: int) -> Array:
-    """Sums over squares of ``side`` cells about each cell, nothing beyond the border; shape as that of moments."""
-    found = moments
+    """Sums over squares of ``side`` cells about each cell, nothing beyond the border; shape as that
+    of moments."""
+    sums = moments
     for axis in (-2, -1):
-        found = uniform_filter1d(found, side, axis=axis, mode="constant")
-    return np.asarray(found * side**2)
+        sums = uniform_filter1d(sums, side, axis=axis, mode="constant")
+    return np.asarray(sums * side**2)
 
 
 def about(moments: Array, i: Array, j: Array) -> Array:
     """Moments with places counted from (i, j)."""
     one, x, y, xx, xy, yy, z, xz, yz, zz = moments
-    return np.stack([
-        one, x - i * one, y - j * one, xx - 2.0 * i * x + i * i * one, xy - i * y - j * x + i * j * one,
-        yy - 2.0 * j * y + j * j * one, z, xz - i * z, yz - j * z, zz,
-    ])  # fmt: skip
+    return np.stack(
+        [
+            one,
+            x - i * one,
+            y - j * one,
+            xx - 2.0 * i * x + i * i * one,
+            xy - i * y - j * x + i * j * one,
+            yy - 2.0 * j * y + j * j * one,
+            z,
+            xz - i * z,
+            yz - j * z,
+            zz,
+        ]
+    )
 
 
 def solved(moments: Array) -> tuple[Array, Array]:
-    """Least-squares planes z = a·x + b·y + c by moments, (a, b, c) first, shape (3, …), and the rms off them."""
+    """Least-squares planes z = a·x + b·y + c by moments, (a, b, c) first, shape (3, …), and the rms
+    off them."""
     one, x, y, xx, xy, yy, z, xz, yz, zz = moments
     one = np.maximum(one, 1e-12)
     cxx, cxy, cyy = xx - x * x / one, xy - x * y / one, yy - y * y / one
@@ -147,7 +173,9 @@ def solved(moments: Array) -> tuple[Array, Array]:
 def sums_of(number: Labels, moments: Array, count: int) -> Array:
     """Sums of moments, shape (10, …), by number, −1 for none of them, shape (10, count)."""
     bins = number.ravel() + 1
-    return np.array([np.bincount(bins, weights=value.ravel(), minlength=count + 1)[1:] for value in moments])
+    return np.array(
+        [np.bincount(bins, weights=value.ravel(), minlength=count + 1)[1:] for value in moments]
+    )
 
 
 def renumbered(labels: Labels) -> Labels:
@@ -158,13 +186,16 @@ def renumbered(labels: Labels) -> Labels:
 
 
 def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
-    """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many samples it has."""
+    """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many
+    samples it has."""
     sums = sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     planes, rms = solved(sums)
     return planes.T, rms, sums[0]
 
 
-def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) -> tuple[Array, Array]:
+def block_squares(
+    labels: Labels, cells: GroundCells, planes: Array, side: int
+) -> tuple[Array, Array]:
     """Deviation of means over blocks of each surface from its plane: the sum of their squares times
     the samples of each, and the number of blocks, shape (S,) each. side: of a block, in cells."""
     i, j = np.nonzero(labels >= 0)
@@ -172,11 +203,15 @@ def block_squares(labels: Labels, cells: GroundCells, planes: Array, side: int) 
     a, b, c = planes[number].T
     rest = z - a * x - b * y - c * one
     wide = labels.shape[1] // side + 2
-    _, block = np.unique((number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True)
+    _, block = np.unique(
+        (number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True
+    )
     owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
     owner[block] = number
     weight = np.bincount(block, weights=one)
-    square = np.asarray(np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0), dtype=np.float64)
+    square = np.asarray(
+        np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0), dtype=np.float64
+    )
     return (
         np.bincount(owner, weights=square, minlength=len(planes)).astype(np.float64),
         np.bincount(owner, minlength=len(planes)).astype(np.float64),

@@ -23,7 +23,8 @@ class Certainty:
         covariance: of the height there [m] and of the slopes along x and y [rad], shape (3, 3).
         edge_sd_m: standard deviation of the place of an edge, across it [m].
         inset_m: how far footholds keep from where edges most likely are [m].
-        rough_m: standard deviation of the ground off its plane from place to place, over about a foot's width [m].
+        rough_m: standard deviation of the ground off its plane from place to place, over about a
+            foot's width [m].
     """
 
     about_m: Array
@@ -47,10 +48,13 @@ class Certainty:
     def levers(self, places_m: Array) -> Array:
         """Coefficients of height and slopes in the plane's height at places, shape (…, 2), shape
         (…, 3)."""
-        return np.concatenate([np.ones((*places_m.shape[:-1], 1)), places_m - self.about_m], axis=-1)
+        return np.concatenate(
+            [np.ones((*places_m.shape[:-1], 1)), places_m - self.about_m], axis=-1
+        )
 
     def height_sd_m(self, places_m: Array) -> Array:
-        """Standard deviation of the ground's height off the plane at places, shape (…, 2) to (…) [m]."""
+        """Standard deviation of the ground's height off the plane at places, shape (…, 2) to (…)
+        [m]."""
         levers = self.levers(places_m)
         plane = np.maximum(np.einsum("...i,ij,...j->...", levers, self.covariance, levers), 0.0)
         return np.asarray(np.sqrt(plane + self.rough_m**2))

@@ -1,4 +1,5 @@
-"""Point clouds from files: .ply and .pcd by the libraries that know them, .xyz, .csv and .npy as rows of x, y, z."""
+"""Point clouds from files: .ply and .pcd by the libraries that know them, .xyz, .csv and .npy as
+rows of x, y, z."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ MOST_POINTS = 20_000_000
 
 
 def read_points(path: Path) -> Array:
-    """Points, shape (K, 3), in the file's unit; those that are not finite, as scanners write misses, are left out.
+    """Points, shape (K, 3), in the file's unit; those that are not finite, as scanners write
+    misses, are left out.
 
     Of an array or table with more than three columns the first three are x, y and z.
     Raises InvalidInput for what is no such file, and where no point is left.
@@ -36,12 +38,14 @@ def read_points(path: Path) -> Array:
     else:
         points = array_of(content, str(path)) if suffix == ".npy" else table(content, path)
     if points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] < 3:
-        raise InvalidInput(f"{path}: expected points of shape (K, 3), got {points.dtype} of shape {points.shape}")
+        raise InvalidInput(
+            f"{path}: expected points of shape (K, 3), got {points.dtype} of shape {points.shape}"
+        )
     points = np.asarray(points[:, :3], dtype=np.float64)
-    kept = points[np.all(np.isfinite(points), axis=1)]
-    if not len(kept):
+    finite = points[np.all(np.isfinite(points), axis=1)]
+    if not len(finite):
         raise InvalidInput(f"{path}: expected points, got none of {len(points)} that is finite")
-    return kept
+    return finite
 
 
 def _of_ply(content: bytes, path: Path) -> Array:
@@ -55,17 +59,23 @@ def _of_pcd(content: bytes, path: Path) -> Array:
     try:
         from pypcd4.pypcd4 import PointCloud
     except ImportError:
-        raise InvalidInput(f"{path}: .pcd clouds need pypcd4: pip install 'stancekit[terrain]'") from None
+        raise InvalidInput(
+            f"{path}: .pcd clouds need pypcd4: pip install 'stancekit[terrain]'"
+        ) from None
     head = content[:4096]
     declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
     if declared and int(declared[1]) > min(MOST_POINTS, 40 * len(content)):
-        raise InvalidInput(f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} bytes")
+        raise InvalidInput(
+            f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} bytes"
+        )
     try:
-        found = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
+        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
         with np.errstate(all="ignore"):  # of numbers that are none, which are left out below
-            return np.asarray(found.numpy(("x", "y", "z")), dtype=np.float64)
+            return np.asarray(cloud.numpy(("x", "y", "z")), dtype=np.float64)
     except Exception as error:  # as above
-        raise InvalidInput(f"{path}: expected points, which pypcd4 cannot read: {_told(error)}") from None
+        raise InvalidInput(
+            f"{path}: expected points, which pypcd4 cannot read: {_told(error)}"
+        ) from None
 
 
 def _told(error: Exception) -> str:

@@ -1,4 +1,5 @@
-"""Plane polygons, maybe with holes, cut into few convex pieces: triangles, merged while they stay convex.
+"""Plane polygons, maybe with holes, cut into few convex pieces: triangles, merged while they stay
+convex.
 
 After Hertel and Mehlhorn (1983): never more than four times as many pieces as there need be.
 """
@@ -48,7 +49,11 @@ def convex_pieces(polygon: Any) -> list[Array]:
     a, b, c = (points[loops[:, i]] for i in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > SAME_M**2]
-    return [_exact(points[loop]) for loop in _merged(loops.tolist(), dict(enumerate(points.tolist()))) if len(loop) > 2]
+    return [
+        _exact(points[loop])
+        for loop in _merged(loops.tolist(), dict(enumerate(points.tolist())))
+        if len(loop) > 2
+    ]
 
 
 def _exact(piece: Array) -> Array:
@@ -79,7 +84,8 @@ def _merged(loops: list[Loop], flat: Corners) -> list[Loop]:
 
 
 def _border(loops: list[Loop]) -> Loop | None:
-    """The border of pieces that touch along edges, as one loop; None where it is not one (holes, pinched corners)."""
+    """The border of pieces that touch along edges, as one loop; None where it is not one (holes,
+    pinched corners)."""
     edges = {(a, b) for loop in loops for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)}
     following = {a: b for a, b in edges if (b, a) not in edges}
     open_edges = sum((b, a) not in edges for a, b in edges)
@@ -96,7 +102,11 @@ def _border(loops: list[Loop]) -> Loop | None:
 
 def _touching(pieces: dict[int, Loop]) -> list[tuple[int, int]]:
     """Pairs of pieces that share an edge, those that share most first."""
-    owner = {(a, b): key for key, loop in pieces.items() for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)}
+    owner = {
+        (a, b): key
+        for key, loop in pieces.items()
+        for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)
+    }
     pairs = Counter[tuple[int, int]]()
     for (a, b), key in owner.items():
         other = owner.get((b, a))
@@ -117,8 +127,15 @@ def _corners(loop: Loop) -> Iterator[tuple[int, int, int]]:
 
 def _turn(before: Point, here: Point, after: Point) -> float:
     """Sine of the turn at a corner, positive to the left."""
-    into_x, into_y, out_x, out_y = here[0] - before[0], here[1] - before[1], after[0] - here[0], after[1] - here[1]
-    return (into_x * out_y - into_y * out_x) / max(math.hypot(into_x, into_y) * math.hypot(out_x, out_y), 1e-300)
+    into_x, into_y, out_x, out_y = (
+        here[0] - before[0],
+        here[1] - before[1],
+        after[0] - here[0],
+        after[1] - here[1],
+    )
+    return (into_x * out_y - into_y * out_x) / max(
+        math.hypot(into_x, into_y) * math.hypot(out_x, out_y), 1e-300
+    )
 
 
 def _convex(loop: Loop, flat: Corners) -> bool:
@@ -127,4 +144,6 @@ def _convex(loop: Loop, flat: Corners) -> bool:
 
 def _straightened(loop: Loop, flat: Corners) -> Loop:
     """The loop without corners on a straight line."""
-    return [corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > STRAIGHT]
+    return [
+        corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > STRAIGHT
+    ]

@@ -23,17 +23,18 @@ FARTHEST = 1e15
 MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
 HIGHEST_M = 0.9 * LARGEST
-"""No height of a map is farther from 0: what is planned on it is higher, and stays within what values may be [m]."""
+"""No height of a map is farther from 0: what is planned on it is higher, and stays within what
+values may be [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ElevationMap:
     """Heights at the nodes of a rectilinear grid, NaN where there is none.
 
-    x_m, y_m: grid lines, shape (n,) and (m,), increasing [m]. heights_m: shape (n, m) [m]. samples: how many points
-    each height is of, shape (n, m); one each where that is not known. points_m: those of the cloud that it is of, shape
-    (K, 3) [m]. name: for messages.
-    Raises InvalidInput for fewer than four grid lines, one that is wider than any robot walks, and one of holes alone.
+    x_m, y_m: grid lines, shape (n,) and (m,), increasing [m]. heights_m: shape (n, m) [m]. samples:
+    how many points each height is of, shape (n, m); one each where that is not known. points_m:
+    those of the cloud that it is of, shape (K, 3) [m]. name: for messages. Raises InvalidInput for
+    fewer than four grid lines, one that is wider than any robot walks, and one of holes alone.
     """
 
     x_m: Array
@@ -48,7 +49,9 @@ class ElevationMap:
             lines = read_only(getattr(self, axis), (None,), f"{self.name}: {axis}")
             object.__setattr__(self, axis, lines)
             if len(lines) < FEWEST:
-                raise InvalidInput(f"{self.name}: {axis}: expected {FEWEST} or more grid lines, got {len(lines)}")
+                raise InvalidInput(
+                    f"{self.name}: {axis}: expected {FEWEST} or more grid lines, got {len(lines)}"
+                )
             if not float(np.diff(lines).min()) > 0.0:
                 raise InvalidInput(
                     f"{self.name}: {axis}: expected increasing values, got a step of {np.diff(lines).min():g} m"
@@ -69,7 +72,9 @@ class ElevationMap:
                 f"first {heights[tuple(wrong[0])]:g} at {wrong[0].tolist()}"
             )
         if np.all(np.isnan(heights)):
-            raise InvalidInput(f"{self.name}: expected heights, got {heights.size} holes and nothing else")
+            raise InvalidInput(
+                f"{self.name}: expected heights, got {heights.size} holes and nothing else"
+            )
         if np.nanmax(heights) - np.nanmin(heights) > WIDEST_M:
             raise InvalidInput(
                 f"{self.name}: expected heights within {WIDEST_M:g} m, got {np.nanmax(heights) - np.nanmin(heights):g} "
@@ -82,9 +87,12 @@ class ElevationMap:
 
     @classmethod
     def of_heights(cls, heights: Array, spacing_m: float, name: str) -> ElevationMap:
-        """Heights, shape (n, m) [m], on a square grid of this spacing with its middle at the origin."""
+        """Heights, shape (n, m) [m], on a square grid of this spacing with its middle at the
+        origin."""
         if heights.size > MOST_POINTS:
-            raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
+            raise InvalidInput(
+                f"{name}: expected {MOST_POINTS} grid points or fewer, got {heights.size}"
+            )
         x_m, y_m = (spacing_m * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
         return cls(x_m=x_m, y_m=y_m, heights_m=heights, name=name)
 
@@ -95,17 +103,23 @@ class ElevationMap:
 
     @classmethod
     def of_points(cls, points_m: Array, spacing_m: float, name: str) -> ElevationMap:
-        """The upper side of a point cloud, shape (K, 3) [m]: in each cell the mean of the points within 5 cm of its
-        highest one. Cells without points are holes. Grid lines are at multiples of the spacing."""
+        """The upper side of a point cloud, shape (K, 3) [m]: in each cell the mean of the points
+        within 5 cm of its highest one. Cells without points are holes. Grid lines are at multiples
+        of the spacing."""
         ends = points_m.min(axis=0), points_m.max(axis=0)
-        far, wide = float(np.abs(ends).max()), float(max(float(b) - float(a) for a, b in zip(*ends, strict=True)))
+        far, wide = (
+            float(np.abs(ends).max()),
+            float(max(float(b) - float(a) for a, b in zip(*ends, strict=True))),
+        )
         if far > LARGEST or wide > WIDEST_M:  # before they become whole numbers, which end at 2⁶³
             raise InvalidInput(
                 f"{name}: expected points within {WIDEST_M:g} m, no farther than {LARGEST:g} m away, got {wide:g} m "
                 f"from end to end, {far:g} m away; a file in millimetres is read with unit_m=0.001"
             )
         if not spacing_m > far / FARTHEST:
-            raise InvalidInput(f"{name}: spacing_m: expected more than {far / FARTHEST:g} m, got {spacing_m:g}")
+            raise InvalidInput(
+                f"{name}: spacing_m: expected more than {far / FARTHEST:g} m, got {spacing_m:g}"
+            )
         cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first, last = cells.min(axis=0), cells.max(axis=0)
         shape = tuple((last - first + 1).tolist())
@@ -143,9 +157,13 @@ class ElevationMap:
             if key not in arrays:
                 raise InvalidInput(f"{name}: {key}: expected this array, got nothing")
             if arrays[key].dtype.kind not in "fiu":
-                raise InvalidInput(f"{name}: {key}: expected numbers, got an array of {arrays[key].dtype}")
+                raise InvalidInput(
+                    f"{name}: {key}: expected numbers, got an array of {arrays[key].dtype}"
+                )
         if arrays["heights_m"].size > MOST_POINTS:
-            raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {arrays['heights_m'].size}")
+            raise InvalidInput(
+                f"{name}: expected {MOST_POINTS} grid points or fewer, got {arrays['heights_m'].size}"
+            )
         return cls(x_m=arrays["x_m"], y_m=arrays["y_m"], heights_m=arrays["heights_m"], name=name)
 
     @property
@@ -163,7 +181,9 @@ class ElevationMap:
         """Map of the samples in a box, shape (2, 3) [m]; heights beyond it become holes. Raises
         InvalidInput for none."""
         (x0, y0, z0), (x1, y1, z1) = box_m
-        i, j = ((line >= a) & (line <= b) for line, a, b in ((self.x_m, x0, x1), (self.y_m, y0, y1)))
+        i, j = (
+            (line >= a) & (line <= b) for line, a, b in ((self.x_m, x0, x1), (self.y_m, y0, y1))
+        )
         if i.sum() < FEWEST or j.sum() < FEWEST:
             raise InvalidInput(
                 f"{self.name}: crop_m: expected {FEWEST} or more grid lines inside, got {min(i.sum(), j.sum())}"
@@ -172,7 +192,9 @@ class ElevationMap:
         with np.errstate(invalid="ignore"):
             heights = np.where((heights >= z0) & (heights <= z1), heights, np.nan)
         samples = None if self.samples is None else self.samples[np.ix_(i, j)]
-        return ElevationMap(x_m=self.x_m[i], y_m=self.y_m[j], heights_m=heights, name=self.name, samples=samples)
+        return ElevationMap(
+            x_m=self.x_m[i], y_m=self.y_m[j], heights_m=heights, name=self.name, samples=samples
+        )
 
     def filled(self) -> ElevationMap:
         """Map whose holes are filled by a membrane over their borders (Δh = 0): planes stay planes.
@@ -180,7 +202,11 @@ class ElevationMap:
         hole = np.isnan(self.heights_m)
         measured = np.where(hole, 0, 1 if self.samples is None else self.samples)
         return ElevationMap(
-            x_m=self.x_m, y_m=self.y_m, heights_m=_membrane(self.heights_m, hole), name=self.name, samples=measured
+            x_m=self.x_m,
+            y_m=self.y_m,
+            heights_m=_membrane(self.heights_m, hole),
+            name=self.name,
+            samples=measured,
         )
 
     def with_holes(self, holes: Holes) -> ElevationMap:
@@ -200,7 +226,8 @@ class ElevationMap:
 
 
 def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
-    """Heights with each hole the mean of its neighbours, those beyond the grid's border left out."""
+    """Heights with each hole the mean of its neighbours, those beyond the grid's border left
+    out."""
     if not hole.any():
         return heights
     if hole.sum() > MOST_FILLED:
@@ -219,17 +246,20 @@ def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
         columns.append(theirs[of_hole])
     count = len(diagonal)
     values = np.concatenate([diagonal, np.full(sum(map(len, rows)), -1.0)])
-    places = (np.concatenate([np.arange(count), *rows]), np.concatenate([np.arange(count), *columns]))
-    found = heights.copy()
-    found[hole] = spsolve(coo_array((values, places), shape=(count, count)).tocsc(), known)
-    return found
+    places = (
+        np.concatenate([np.arange(count), *rows]),
+        np.concatenate([np.arange(count), *columns]),
+    )
+    filled = heights.copy()
+    filled[hole] = spsolve(coo_array((values, places), shape=(count, count)).tocsc(), known)
+    return filled
 
 
 def _neighbours(axes: int) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:
     """Slices of an array, and of the neighbours along each axis and each way."""
-    found = []
+    pairs = []
     for axis in range(axes):
         low, high = ([slice(None)] * axes for _ in range(2))
         low[axis], high[axis] = slice(None, -1), slice(1, None)
-        found += [(tuple(low), tuple(high)), (tuple(high), tuple(low))]
-    return found
+        pairs += [(tuple(low), tuple(high)), (tuple(high), tuple(low))]
+    return pairs

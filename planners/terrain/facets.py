@@ -1,7 +1,8 @@
-"""Facets of a mesh, whatever its edges do: triangles of one plane and one side, their union a polygon.
+"""Facets of a mesh, whatever its edges do: triangles of one plane and one side, their union a
+polygon.
 
-No manifold is asked for: an edge may be of one triangle, of three, or of two that face opposite ways, and what covers
-the same place twice counts once.
+No manifold is asked for: an edge may be of one triangle, of three, or of two that face opposite
+ways, and what covers the same place twice counts once.
 """
 
 from __future__ import annotations
@@ -41,13 +42,16 @@ def shapely_module() -> Any:
     try:
         import shapely
     except ImportError:
-        raise InvalidInput("terrain: facets need shapely: pip install 'stancekit[terrain]'") from None
+        raise InvalidInput(
+            "terrain: facets need shapely: pip install 'stancekit[terrain]'"
+        ) from None
     return shapely
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
-    """A plane with its coordinates: origin, shape (3,) [m], unit normal (3,), and axes in it, shape (3, 2)."""
+    """A plane with its coordinates: origin, shape (3,) [m], unit normal (3,), and axes in it, shape
+    (3, 2)."""
 
     origin_m: Array
     normal: Array
@@ -59,7 +63,9 @@ class Plane:
         shear = shear_of(normal)
         up = shear - (shear @ normal) * normal
         up /= np.linalg.norm(up)
-        return cls(origin_m=origin_m, normal=normal, axes=np.stack([up, np.cross(normal, up)], axis=1))
+        return cls(
+            origin_m=origin_m, normal=normal, axes=np.stack([up, np.cross(normal, up)], axis=1)
+        )
 
     def flat(self, points_m: Array) -> Array:
         """Coordinates in the plane, shape (…, 3) → (…, 2) [m]."""
@@ -76,14 +82,17 @@ class Plane:
     def patch(self, corners: Array, friction: float) -> Patch:
         """The patch of a convex polygon in the plane, shape (U, 2)."""
         return Patch(
-            vertices_m=self.world(corners), normal=self.normal, shear_reference=shear_of(self.normal), friction=friction
+            vertices_m=self.world(corners),
+            normal=self.normal,
+            shear_reference=shear_of(self.normal),
+            friction=friction,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatPiece:
-    """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of their corners off
-    the plane [m]; how sure plane and edges are, where they were measured."""
+    """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of
+    their corners off the plane [m]; how sure plane and edges are, where they were measured."""
 
     plane: Plane
     polygon: Any
@@ -93,20 +102,31 @@ class FlatPiece:
 
     def pieces(self, least_m: float) -> Iterator[Array]:
         """Convex pieces that are wide everywhere, see ``wide``."""
-        yield from (piece for part in parts_of(self.polygon) for piece in convex_pieces(part) if wide(piece, least_m))
+        yield from (
+            piece
+            for part in parts_of(self.polygon)
+            for piece in convex_pieces(part)
+            if wide(piece, least_m)
+        )
 
     def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
         """The patches of these pieces."""
         made: Patch | None = None
         for piece in self.pieces(least_m):
-            made = made.with_vertices(self.plane.world(piece)) if made else self.plane.patch(piece, friction)
+            made = (
+                made.with_vertices(self.plane.world(piece))
+                if made
+                else self.plane.patch(piece, friction)
+            )
             yield made
 
 
 def parts_of(polygon: Any) -> list[Any]:
     """The polygons with an area that something of shapely's has."""
     shapely = shapely_module()
-    if not polygon.is_valid:  # it crosses itself within the last digits, and triangulations want it not to
+    if (
+        not polygon.is_valid
+    ):  # it crosses itself within the last digits, and triangulations want it not to
         polygon = polygon.buffer(0.0)
     parts = shapely.get_parts(polygon) if hasattr(polygon, "geoms") else [polygon]
     return [part for part in parts if part.geom_type == "Polygon" and part.area > SNAP_M**2]
@@ -118,7 +138,8 @@ def wide(piece: Array, least_m: float) -> bool:
 
 
 def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[FlatPiece]:
-    """The facets of a mesh, the largest first; wanted: of which triangles, shape (T,), all if missing."""
+    """The facets of a mesh, the largest first; wanted: of which triangles, shape (T,), all if
+    missing."""
     shapely = shapely_module()
     corners = mesh.spread_m
     doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -127,8 +148,10 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
     chosen = np.arange(len(corners)) if wanted is None else np.flatnonzero(wanted)
     labels = _joined(corners[chosen], normals[chosen], area[chosen], mesh.triangles[chosen])
     order = np.argsort(labels, kind="stable")
-    groups = np.split(chosen[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(chosen) else []
-    found = []
+    groups = (
+        np.split(chosen[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(chosen) else []
+    )
+    pieces = []
     for group in sorted(groups, key=lambda group: -float(area[group].sum())):
         first = int(group[np.argmax(area[group])])
         plane = Plane.through(corners[first, 0], normals[first])
@@ -136,8 +159,8 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
         polygon = shapely.polygons(flat)
         polygon = polygon[0] if len(group) == 1 else _united(polygon)
         rms = float(np.sqrt(np.mean(plane.height(corners[group]) ** 2)))
-        found.append(FlatPiece(plane=plane, polygon=polygon, triangles=group, rms_m=rms))
-    return found
+        pieces.append(FlatPiece(plane=plane, polygon=polygon, triangles=group, rms_m=rms))
+    return pieces
 
 
 def _united(triangles: Any) -> Any:
@@ -150,8 +173,11 @@ def _united(triangles: Any) -> Any:
     return whole.simplify(SNAP_M)
 
 
-def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.int_]) -> NDArray[np.int_]:
-    """A label for every triangle, the same for those of one facet: first over shared edges, then plane by plane."""
+def _joined(
+    corners: Array, normals: Array, area: Array, triangles: NDArray[np.int_]
+) -> NDArray[np.int_]:
+    """A label for every triangle, the same for those of one facet: first over shared edges, then
+    plane by plane."""
     pairs = edge_pairs(triangles)
     pairs = pairs[_agree(normals, *pairs.T)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
@@ -170,8 +196,11 @@ def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.i
     return _merged_planes(labels, corners, normals, area)
 
 
-def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, area: Array) -> NDArray[np.int_]:
-    """Labels with groups of one plane as one, though no edge joins them: each goes to the largest that it fits."""
+def _merged_planes(
+    labels: NDArray[np.int_], corners: Array, normals: Array, area: Array
+) -> NDArray[np.int_]:
+    """Labels with groups of one plane as one, though no edge joins them: each goes to the largest
+    that it fits."""
     _, labels = np.unique(labels, return_inverse=True)
     number = int(labels.max(initial=-1)) + 1
     seed = _largest(labels, area, number)
@@ -183,19 +212,21 @@ def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, are
     )
     keep = np.ones(len(near), dtype=bool)
     for one, other in (near.T, near.T[::-1]):
-        off = np.einsum("kij,kj->ki", corners[seed[one]] - corners[seed[other], :1], normals[seed[other]])
+        off = np.einsum(
+            "kij,kj->ki", corners[seed[one]] - corners[seed[other], :1], normals[seed[other]]
+        )
         keep &= np.abs(off).max(axis=1, initial=0.0) <= FLAT_M
     near, whose = near[keep], np.arange(number)
     of = {int(one): list[int]() for one in near.ravel()}
     for one, other in near.tolist():
         of[one].append(other)
         of[other].append(one)
-    size, taken = np.bincount(labels, weights=area, minlength=number), set[int]()
+    size, merged = np.bincount(labels, weights=area, minlength=number), set[int]()
     for one in sorted(of, key=lambda group: (-size[group], group)):
-        if one not in taken:
-            its = [one, *(other for other in of[one] if other not in taken)]
-            whose[its] = min(its)
-            taken.update(its)
+        if one not in merged:
+            members = [one, *(other for other in of[one] if other not in merged)]
+            whose[members] = min(members)
+            merged.update(members)
     return np.asarray(whose[labels])
 
 
@@ -210,7 +241,8 @@ def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> ND
 
 
 def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Pairs of triangles that share an edge, neighbours in the order of each edge's triangles, shape (K, 2)."""
+    """Pairs of triangles that share an edge, neighbours in the order of each edge's triangles,
+    shape (K, 2)."""
     edges = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     owner = np.tile(np.arange(len(triangles)), 3)
     order = np.lexsort(edges.T)
@@ -219,7 +251,8 @@ def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
-    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many, shape (size,)."""
+    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many,
+    shape (size,)."""
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     number, group = connected_components(graph, directed=False)
     return int(number), np.asarray(group)

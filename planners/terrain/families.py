@@ -1,13 +1,16 @@
-"""Families of terrain: one table of generators, each a ground by its name, a level in [0, 1] and a seed.
+"""Families of terrain: one table of generators, each a ground by its name, a level in [0, 1] and a
+seed.
 
-A family is a pure function of a level and a generator. The level says one physical quantity, by a formula
-that is linear in it; the generator says the rest (phase, offset, friction), in draws that do not depend on the level.
-So equal seeds at two levels give the same ground, easier and harder; of gaps and beams the harder one has less to stand
-on and nothing else is different, and what cannot be crossed at one level cannot be crossed at a higher one.
+A family is a pure function of a level and a generator. The level says one physical quantity, by a
+formula that is linear in it; the generator says the rest (phase, offset, friction), in draws that
+do not depend on the level. So equal seeds at two levels give the same ground, easier and harder; of
+gaps and beams the harder one has less to stand on and nothing else is different, and what cannot be
+crossed at one level cannot be crossed at a higher one.
 
-A family gives polygons, or heights h(x, y). The one is seen as the other where that is wanted: heights of polygons are
-their surface with rounded edges (``rounding``), polygons of heights are the planar pieces that a foot may be put on
-(``map_footholds``). Key frames see the ground about their start (``SCENE``), walks see all of it (``WIDE``).
+A family gives polygons, or heights h(x, y). The one is seen as the other where that is wanted:
+heights of polygons are their surface with rounded edges (``rounding``), polygons of heights are the
+planar pieces that a foot may be put on (``map_footholds``). Key frames see the ground about their
+start (``SCENE``), walks see all of it (``WIDE``).
 """
 
 from __future__ import annotations
@@ -43,19 +46,27 @@ def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
     patches, footing = list[Patch](), list[bool]()
     first = int(np.floor(low_x / run - phase))
     for step in range(first, int(np.ceil(high_x / run - phase))):
-        x, height = (step + phase) * run, (step + 0.5 + phase) * riser  # the mean goes through the origin
+        x, height = (
+            (step + phase) * run,
+            (step + 0.5 + phase) * riser,
+        )  # the mean goes through the origin
         if riser > LEAST_M and step > first:
             patches.append(_riser(x, height - riser, height, friction, half))
             footing.append(False)
         patches.append(_level(x, x + run, -half, half, height, friction))
         footing.append(True)
     figures = {"riser_m": riser, "run_m": run, "friction": friction}
-    return Terrain(patches=tuple(patches), footing=tuple(footing), rise=riser / run, figures=figures)
+    return Terrain(
+        patches=tuple(patches), footing=tuple(footing), rise=riser / run, figures=figures
+    )
 
 
 def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.6, 0.9)
-    shifts, tops = rng.uniform(-0.5, 0.5, (STONES, STONES, 2)), rng.uniform(-1.0, 1.0, (STONES, STONES))
+    shifts, tops = (
+        rng.uniform(-0.5, 0.5, (STONES, STONES, 2)),
+        rng.uniform(-1.0, 1.0, (STONES, STONES)),
+    )
     side, apart = STONE_M[0] + (STONE_M[1] - STONE_M[0]) * level, APART_M * level
     pitch = side + apart
     if extent is not SCENE:
@@ -69,7 +80,12 @@ def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
             continue
         top = STONE_TOP_M * level * float(tops[i, j])
         patches.append(_level(low[0], high[0], low[1], high[1], top, friction))
-    figures = {"side_m": side, "apart_m": apart, "share_of_area": (side / pitch) ** 2, "friction": friction}
+    figures = {
+        "side_m": side,
+        "apart_m": apart,
+        "share_of_area": (side / pitch) ** 2,
+        "friction": friction,
+    }
     return _standing(patches, figures)
 
 
@@ -93,7 +109,10 @@ def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
 
 def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.4, 0.7)
-    heights, leans = rng.standard_normal((STONES, STONES)), rng.uniform(-1.0, 1.0, (STONES, STONES, 2))
+    heights, leans = (
+        rng.standard_normal((STONES, STONES)),
+        rng.uniform(-1.0, 1.0, (STONES, STONES, 2)),
+    )
     deviation, lean = RUBBLE_M * level, RUBBLE_RAD * level
     if extent is not SCENE:
         heights = _within(rng.standard_normal((FAR, FAR)), heights)
@@ -105,7 +124,9 @@ def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
         if _outside(low, high, extent):
             continue
         slope = np.tan(lean * leans[i, j])
-        corners = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
+        corners = np.array(
+            [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+        )
         z = deviation * heights[i, j] + (corners - 0.5 * (low + high)) @ slope
         patches.append(surface_patch(np.column_stack([corners, z]), friction))
     return _standing(patches, {"deviation_m": deviation, "lean_rad": lean, "friction": friction})
@@ -117,9 +138,11 @@ def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
     rise = float(np.tan(angle))
     corners = np.array([(x, y, rise * x) for x, y in _around(low_x, high_x, -half, half)])
     return Terrain(
-        patches=(surface_patch(corners, friction),), footing=(True,), rise=rise,
+        patches=(surface_patch(corners, friction),),
+        footing=(True,),
+        rise=rise,
         figures={"angle_rad": angle, "friction": friction},
-    )  # fmt: skip
+    )
 
 
 def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
@@ -129,13 +152,18 @@ def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
     patches = []
     for y, inward in ((shares * apart, -1.0), ((shares - 1.0) * apart, 1.0)):
         corners = np.array([(x, y, z) for x, z in _around(low_x, high_x, -0.6, 1.2)])
-        patches.append(surface_patch(corners, friction, towards_m=corners.mean(axis=0) + np.array([0.0, inward, 0.0])))
+        patches.append(
+            surface_patch(
+                corners, friction, towards_m=corners.mean(axis=0) + np.array([0.0, inward, 0.0])
+            )
+        )
     figures = {"apart_m": apart, "middle_m": (shares - 0.5) * apart, "friction": friction}
     return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
 
 
 STONES, FAR = 15, 41
-"""Stones and blocks along each axis of a scene and of all the ground, before those outside are left out."""
+"""Stones and blocks along each axis of a scene and of all the ground, before those outside are left
+out."""
 RISER_M = 0.5
 STONE_M, APART_M, STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
 GAP_M = 1.0
@@ -144,17 +172,28 @@ BLOCK_M, RUBBLE_M, RUBBLE_RAD = 0.4, 0.6, 0.8
 SLOPE_RAD = 0.8
 WALLS_M = (0.56, 1.06)
 TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
-    "family", "stancekit.families",
+    "family",
+    "stancekit.families",
     {
         "stairs": Family(quantity="height of a riser: 0.5 · level m", draw=_stairs),
         "stones": Family(
-            quantity="clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m", draw=_stones
+            quantity="clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m",
+            draw=_stones,
         ),
         "gaps": Family(quantity="width of a gap across the way: 1.0 · level m", draw=_gaps),
-        "beams": Family(quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams),
-        "rubble": Family(quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level", draw=_rubble),
-        "slopes": Family(quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes),
-        "walls": Family(quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls, walked=False),
+        "beams": Family(
+            quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams
+        ),
+        "rubble": Family(
+            quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level",
+            draw=_rubble,
+        ),
+        "slopes": Family(
+            quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes
+        ),
+        "walls": Family(
+            quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls, walked=False
+        ),
         "rough": f"{__package__}.smooth_families:ROUGH",
         "waves": f"{__package__}.smooth_families:WAVES",
         "ramps": f"{__package__}.smooth_families:RAMPS",
@@ -162,7 +201,7 @@ TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
     expected="a Family, or a function of a level and a generator",
     accepts=lambda it: isinstance(it, Family) or takes(it, 2),
     old_groups=("stancekit.height_families",),
-)  # fmt: skip
+)
 """By name. Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
 
 
@@ -170,10 +209,11 @@ OLD = {
     "stairs-spline": (f"{__package__}.smooth_families:STAIRS_SPLINE", "stairs"),
     "stones-spline": (f"{__package__}.smooth_families:STONES_SPLINE", "stones"),
 }
-"""What walks had under these names before a name was one ground, for one more release: where it is, and what the name
-means now."""
+"""What walks had under these names before a name was one ground, for one more release: where it is,
+and what the name means now."""
 MIXED = ("rough", "stairs-spline", "stones-spline", "waves", "ramps")
-"""The families among which walks are drawn as ``mixed``: the grounds that walks had, in this order."""
+"""The families among which walks are drawn as ``mixed``: the grounds that walks had, in this
+order."""
 SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
 """The families of polygons."""
 SMOOTH = ("rough", "waves", "ramps")
@@ -189,14 +229,19 @@ def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) 
     0.5
     """
     rng, name = checked_draw(family, level, seed), f"{family}:{level:g}:{seed}"
-    found = _drawn(family, level, rng, extent)
-    if not isinstance(found, Terrain):
-        return _of_shape(found, name, extent, rng)
-    return replace(found, laid=lambda: _heights(family, level, checked_draw(family, level, seed), name))
+    ground = _drawn(family, level, rng, extent)
+    if not isinstance(ground, Terrain):
+        return _of_shape(ground, name, extent, rng)
+    return replace(
+        ground, laid=lambda: _heights(family, level, checked_draw(family, level, seed), name)
+    )
 
 
-def random_heights(family: str, level: float, rng: np.random.Generator, name: str = "") -> HeightField:
-    """The heights of a family's ground over all of ``WIDE``, drawn with a generator; name: of the field.
+def random_heights(
+    family: str, level: float, rng: np.random.Generator, name: str = ""
+) -> HeightField:
+    """The heights of a family's ground over all of ``WIDE``, drawn with a generator; name: of the
+    field.
 
     Raises InvalidInput, also for a family that has no height at a place.
     """
@@ -211,13 +256,15 @@ def random_heights(family: str, level: float, rng: np.random.Generator, name: st
 
 
 def drawn_surface(family: str, level: float, seed: int) -> tuple[Patch, ...] | None:
-    """All patches of a family's ground over ``WIDE``; None for a family of heights. Raises InvalidInput."""
-    found = _drawn(family, level, checked_draw(family, level, seed), WIDE)
-    return found.patches if isinstance(found, Terrain) else None
+    """All patches of a family's ground over ``WIDE``; None for a family of heights. Raises
+    InvalidInput."""
+    ground = _drawn(family, level, checked_draw(family, level, seed), WIDE)
+    return ground.patches if isinstance(ground, Terrain) else None
 
 
 def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
-    """The generator of a draw. Raises InvalidInput for a level outside [0, 1] and for what is no seed."""
+    """The generator of a draw. Raises InvalidInput for a level outside [0, 1] and for what is no
+    seed."""
     terrain_family(family)
     checked(level, "level", least=0.0, most=1.0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
@@ -229,11 +276,14 @@ def drawn_name(name: str) -> bool:
     """Tell whether a name is that of a draw, as ``stairs:0.6``, ``stairs:0.6:7`` or
     ``mine.py:steps:0.6:7``."""
     family, numbers = split_name(name)
-    return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD)
+    return bool(numbers) and (
+        ".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD
+    )
 
 
 def read_draw(name: str, where: str) -> tuple[str, float, int]:
-    """Family, level and seed of a name, seed 0 where there is none. where: what the message begins with.
+    """Family, level and seed of a name, seed 0 where there is none. where: what the message begins
+    with.
 
     Raises InvalidInput for text where a number is expected.
     """
@@ -243,14 +293,18 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
         if len(numbers) > 2:
             raise ValueError
     except (ValueError, IndexError):
-        raise InvalidInput(f"{where}: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}") from None
+        raise InvalidInput(
+            f"{where}: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}"
+        ) from None
     return family, level, seed
 
 
 def terrain_family(name: str) -> Family:
-    """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its docstring.
+    """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its
+    docstring.
 
-    Raises InvalidInput for a name that nobody has. An old name is taken with a ``DeprecationWarning``.
+    Raises InvalidInput for a name that nobody has. An old name is taken with a
+    ``DeprecationWarning``.
     """
     if name in OLD:
         warnings.warn(superseded(name), DeprecationWarning, stacklevel=2)
@@ -267,10 +321,10 @@ def superseded(name: str) -> str:
 
 
 def _family(name: str) -> Family:
-    found = _found(OLD[name][0]) if name in OLD else TERRAIN_FAMILIES.get(name)
-    if isinstance(found, Family):
-        return found
-    return Family(quantity=(getdoc(found) or name).splitlines()[0], draw=found)
+    family = _found(OLD[name][0]) if name in OLD else TERRAIN_FAMILIES.get(name)
+    if isinstance(family, Family):
+        return family
+    return Family(quantity=(getdoc(family) or name).splitlines()[0], draw=family)
 
 
 def _found(where: str) -> Family:
@@ -291,30 +345,35 @@ def _goes_on(draw: Draw) -> bool:
 def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -> Terrain | Shape:
     """Ground that a family draws. Raises InvalidInput where that is no ground."""
     draw = _family(family).draw
-    found = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
-    if isinstance(found, list | tuple) and found and all(isinstance(patch, Patch) for patch in found):
-        return _standing(list(found), {})
-    if isinstance(found, Terrain) or (callable(found) and takes(found, 2)):
-        return found
+    ground = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
+    if (
+        isinstance(ground, list | tuple)
+        and ground
+        and all(isinstance(patch, Patch) for patch in ground)
+    ):
+        return _standing(list(ground), {})
+    if isinstance(ground, Terrain) or (callable(ground) and takes(ground, 2)):
+        return ground
     raise InvalidInput(
-        f"family {family}: expected a Terrain, a list of patches or a function of x and y, got {shown(found)}"
+        f"family {family}: expected a Terrain, a list of patches or a function of x and y, got {shown(ground)}"
     )
 
 
 def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> HeightField | None:
-    """The heights of a draw over ``WIDE``, or over its patches where they do not go on; None for upright surfaces."""
+    """The heights of a draw over ``WIDE``, or over its patches where they do not go on; None for
+    upright surfaces."""
     from .rounding import rounded  # splines are slow to import
     from .smooth_families import levelled
 
-    found = _drawn(family, level, rng, WIDE)
-    if not isinstance(found, Terrain):
-        return levelled(found, name)
-    if found.laid is not None:
-        return found.laid()
+    ground = _drawn(family, level, rng, WIDE)
+    if not isinstance(ground, Terrain):
+        return levelled(ground, name)
+    if ground.laid is not None:
+        return ground.laid()
     if not _goes_on(_family(family).draw):
-        return rounded(found.patches, name=name)
+        return rounded(ground.patches, name=name)
     low, high = WIDE[:, :2]
-    return rounded(found.patches, low, high, name=name)
+    return rounded(ground.patches, low, high, name=name)
 
 
 def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
@@ -327,9 +386,11 @@ def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) 
 
 
 def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array) -> Terrain:
-    """A ground of heights, with the planar pieces in a box, shape (2, 3) [m], that a foot may be put on.
+    """A ground of heights, with the planar pieces in a box, shape (2, 3) [m], that a foot may be
+    put on.
 
-    A course begins over a place, shape (3,) [m], in the plane that is nearest to the heights about its way.
+    A course begins over a place, shape (3,) [m], in the plane that is nearest to the heights about
+    its way.
     """
     from .elevation import ElevationMap
     from .foothold_search import footholds_of
@@ -342,31 +403,49 @@ def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array
     plane, *_ = np.linalg.lstsq(terms, about.heights_m.ravel(), rcond=None)
     off = about.heights_m.ravel() - terms @ plane
     limits = FootholdLimits()
-    found = footholds_of(whole.cropped(box_m), limits, friction, none=True)
+    footholds = footholds_of(whole.cropped(box_m), limits, friction, none=True)
     return Terrain(
-        patches=found.surfaces, footing=(False,) * len(found.surfaces),
-        footholds=tuple(piece.patch for piece in found.pieces), inset_m=limits.margin_m, rise=float(plane[1]),
-        figures={"deviation_m": float(np.sqrt(np.mean(off**2))), "rise": float(plane[1]), "friction": friction},
-        begin_m=(float(begin_m[0]), float(begin_m[1]), float(plane[0])), laid=lambda: field,
-    )  # fmt: skip
+        patches=footholds.surfaces,
+        footing=(False,) * len(footholds.surfaces),
+        footholds=tuple(piece.patch for piece in footholds.pieces),
+        inset_m=limits.margin_m,
+        rise=float(plane[1]),
+        figures={
+            "deviation_m": float(np.sqrt(np.mean(off**2))),
+            "rise": float(plane[1]),
+            "friction": friction,
+        },
+        begin_m=(float(begin_m[0]), float(begin_m[1]), float(plane[0])),
+        laid=lambda: field,
+    )
 
 
 def _standing(patches: list[Patch], figures: dict[str, float]) -> Terrain:
     """Level on the whole, and good to stand on wherever there is something."""
-    return Terrain(patches=tuple(patches), footing=(True,) * len(patches), rise=0.0, figures=figures)
+    return Terrain(
+        patches=tuple(patches), footing=(True,) * len(patches), rise=0.0, figures=figures
+    )
 
 
-def _around(low_x: float, high_x: float, low_y: float, high_y: float) -> tuple[tuple[float, float], ...]:
+def _around(
+    low_x: float, high_x: float, low_y: float, high_y: float
+) -> tuple[tuple[float, float], ...]:
     return (low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)
 
 
-def _level(low_x: float, high_x: float, low_y: float, high_y: float, height: float, friction: float) -> Patch:
-    return surface_patch(np.array([(x, y, height) for x, y in _around(low_x, high_x, low_y, high_y)]), friction)
+def _level(
+    low_x: float, high_x: float, low_y: float, high_y: float, height: float, friction: float
+) -> Patch:
+    return surface_patch(
+        np.array([(x, y, height) for x, y in _around(low_x, high_x, low_y, high_y)]), friction
+    )
 
 
 def _riser(x: float, low: float, high: float, friction: float, half: float) -> Patch:
     corners = np.array([(x, y, z) for y, z in _around(-half, half, low, high)])
-    return surface_patch(corners, friction, towards_m=corners.mean(axis=0) - np.array([1.0, 0.0, 0.0]))
+    return surface_patch(
+        corners, friction, towards_m=corners.mean(axis=0) - np.array([1.0, 0.0, 0.0])
+    )
 
 
 def _ends(extent: Array) -> tuple[float, float, float]:
@@ -389,9 +468,10 @@ def _within(far: Array, near: Array) -> Array:
 if not TYPE_CHECKING:  # checkers read what is there today
 
     def __getattr__(name: str) -> object:
-        """``Terrain`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
+        """``Terrain`` under the name that plug-ins had for it. Raises AttributeError for any other
+        name."""
         if name != "FamilyTerrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        said = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"
-        warnings.warn(said, DeprecationWarning, stacklevel=2)
+        message = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
         return Terrain

@@ -26,7 +26,8 @@ def footholds_of(
 ) -> Footholds:
     """The footholds of a mesh or a map.
 
-    Raises InvalidInput, with the reasons, where there is none, unless ``none`` says that there may be none.
+    Raises InvalidInput, with the reasons, where there is none, unless ``none`` says that there may
+    be none.
     """
     from .facets import shapely_module
     from .triangle_mesh import TriangleMesh
@@ -36,25 +37,31 @@ def footholds_of(
         if isinstance(terrain, TriangleMesh):
             from .mesh_footholds import mesh_footholds
 
-            found = mesh_footholds(terrain, limits, friction)
+            footholds = mesh_footholds(terrain, limits, friction)
         else:
             from .map_footholds import map_footholds
 
-            found = map_footholds(terrain, limits, friction)
+            footholds = map_footholds(terrain, limits, friction)
     except broken as error:  # outlines that cross themselves within the last digits
         raise InvalidInput(
             f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; another spacing_m or "
             f"offset_m may help: {' '.join(str(error).split()):.100}"
         ) from None
-    if not found.pieces and not none:
-        refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
+    if not footholds.pieces and not none:
+        refused = ", ".join(
+            f"{area:.3g} m² {name}" for name, area in footholds.refused_m2.items() if area > 0.0
+        )
         hint = ""
-        if found.refused_m2["edge"] + found.refused_m2["small"] > 0.0:
+        if footholds.refused_m2["edge"] + footholds.refused_m2["small"] > 0.0:
             hint = f"; no surface has room for a foot that is {2e3 * limits.margin_m:.3g} mm wide (margin_m)"
-            if isinstance(terrain, TriangleMesh) and len(found.surfaces) > SINGLE * len(terrain.triangles):
+            if isinstance(terrain, TriangleMesh) and len(footholds.surfaces) > SINGLE * len(
+                terrain.triangles
+            ):
                 hint = "; triangles of a scan that lean by its noise have no planes: make it a map"
-        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}")
-    return found
+        raise InvalidInput(
+            f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}"
+        )
+    return footholds
 
 
 def read_footholds(
@@ -64,7 +71,9 @@ def read_footholds(
     friction: float = 1.0,
 ) -> Footholds:
     """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
-    from .terrain_file import read_terrain  # scipy and trimesh are no part of a course without a file
+    from .terrain_file import (
+        read_terrain,
+    )  # scipy and trimesh are no part of a course without a file
     from .triangle_mesh import TriangleMesh
 
     terrain = read_terrain(path, options)

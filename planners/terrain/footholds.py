@@ -1,4 +1,5 @@
-"""Footholds: the planar convex pieces of a terrain that a foot may be put on, each with how certain it is."""
+"""Footholds: the planar convex pieces of a terrain that a foot may be put on, each with how certain
+it is."""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
 CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
-"""Why a surface is no foothold: its slope; something else within the clearance above it; a solid around it; off every
-plane; nearer to a border than the margin; narrower than a foot; beside the line of a rung; not measured."""
+"""Why a surface is no foothold: its slope; something else within the clearance above it; a solid
+around it; off every plane; nearer to a border than the margin; narrower than a foot; beside the
+line of a rung; not measured."""
 
 
 Length = Annotated[float, Within(least=0.0, most=10.0)]
@@ -34,8 +36,8 @@ class FootholdLimits:
         margin_m: of every foothold from the borders of its surface [m].
         width_m: least width of what is left [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
-        noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the roughness; None
-            estimates it from the heights [m].
+        noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
+            roughness; None estimates it from the heights [m].
     Raises:
         InvalidInput: for a value out of range.
     Source:
@@ -58,13 +60,15 @@ class FootholdLimits:
 
     @classmethod
     def for_foot(cls, radius_m: float, **others: Any) -> FootholdLimits:
-        """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is 0."""
+        """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is
+        0."""
         foot = radius_m or FOOT_M
         return cls(**{"margin_m": foot, "width_m": foot, **others})
 
     @property
     def rms_m(self) -> float:
-        """Largest rms of measured heights off a foothold's plane, of a map whose noise is known or nothing [m]."""
+        """Largest rms of measured heights off a foothold's plane, of a map whose noise is known or
+        nothing [m]."""
         return float(np.hypot(self.roughness_m, self.noise_m or 0.0))
 
 
@@ -72,9 +76,10 @@ class FootholdLimits:
 class TerrainPatch:
     """A convex piece of a surface and how certain it is.
 
-    rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m]; samples: how many triangles or
-    heights that is of; surface: number of the surface that it is a piece of; turn_rad: how far the surface of a rung
-    turns from the middle of its line to the border, 0 of what is flat: forces are held on both sides.
+    rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m]; samples: how many
+    triangles or heights that is of; surface: number of the surface that it is a piece of; turn_rad:
+    how far the surface of a rung turns from the middle of its line to the border, 0 of what is
+    flat: forces are held on both sides.
     """
 
     patch: Patch
@@ -84,8 +89,11 @@ class TerrainPatch:
     turn_rad: float = 0.0
 
     def on(self, friction: float) -> Patch:
-        """The patch on a surface with this friction; a rung has less of it on both sides of its line."""
-        return self.patch.with_friction(held_on_both_sides(friction, self.turn_rad) if self.turn_rad else friction)
+        """The patch on a surface with this friction; a rung has less of it on both sides of its
+        line."""
+        return self.patch.with_friction(
+            held_on_both_sides(friction, self.turn_rad) if self.turn_rad else friction
+        )
 
     @property
     def area_m2(self) -> float:
@@ -100,7 +108,8 @@ class TerrainPatch:
 
     @property
     def height_sd_m(self) -> float | None:
-        """Standard deviation of its plane's height, the largest at its corners; None where it was not measured [m]."""
+        """Standard deviation of its plane's height, the largest at its corners; None where it was
+        not measured [m]."""
         sure = self.patch.certainty
         return None if sure is None else float(sure.height_sd_m(self.patch.vertices_m[:, :2]).max())
 
@@ -119,11 +128,18 @@ class TerrainPatch:
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values."""
         return {
-            "vertices_m": self.patch.vertices_m.tolist(), "normal": self.patch.normal.tolist(),
-            "area_m2": self.area_m2, "slope_rad": self.slope_rad, "rms_m": self.rms_m, "samples": self.samples,
-            "surface": self.surface, "turn_rad": self.turn_rad,
-            "height_sd_m": self.height_sd_m, "tilt_sd_rad": self.tilt_sd_rad, "edge_sd_m": self.edge_sd_m,
-        }  # fmt: skip
+            "vertices_m": self.patch.vertices_m.tolist(),
+            "normal": self.patch.normal.tolist(),
+            "area_m2": self.area_m2,
+            "slope_rad": self.slope_rad,
+            "rms_m": self.rms_m,
+            "samples": self.samples,
+            "surface": self.surface,
+            "turn_rad": self.turn_rad,
+            "height_sd_m": self.height_sd_m,
+            "tilt_sd_rad": self.tilt_sd_rad,
+            "edge_sd_m": self.edge_sd_m,
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +153,8 @@ class Footholds:
         refused_m2: the area of what else there is, by reason (``REASONS``) [m²].
         surfaces: the whole terrain as patches, for bodies to keep out of and for pictures.
         limits: that they are within.
-        noise_m: deviation of a map's or a cloud's heights, as it was told or as they show it; None of a mesh [m].
+        noise_m: deviation of a map's or a cloud's heights, as it was told or as they show it; None
+            of a mesh [m].
     Source:
         None: planar convex pieces with a margin.
     Example:
@@ -163,7 +180,10 @@ class Footholds:
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values."""
         return {
-            "terrain": self.name, "area_m2": self.area_m2, "refused_m2": self.refused_m2, "noise_m": self.noise_m,
+            "terrain": self.name,
+            "area_m2": self.area_m2,
+            "refused_m2": self.refused_m2,
+            "noise_m": self.noise_m,
             "noise": None if self.noise_m is None else self.noise_source,
             "patches": [piece.to_json() for piece in self.pieces],
-        }  # fmt: skip
+        }

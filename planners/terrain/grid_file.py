@@ -22,27 +22,38 @@ POINTS = (3,)
 
 
 def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
-    """The heights of a file on a square grid of ``spacing_m`` with its middle at the offset; NaN where there is none.
+    """The heights of a file on a square grid of ``spacing_m`` with its middle at the offset; NaN
+    where there is none.
 
-    .npy and .csv: heights by row (x) and column (y); .png: seen from above, x to the right and y upwards, transparent
-    pixels are holes. .npz: what ``HeightField.to_arrays`` gave, where it lies.
-    Raises InvalidInput for what is no such file, and for an array that may as well be one of points, unless
-    ``kind`` says that it is a grid.
+    .npy and .csv: heights by row (x) and column (y); .png: seen from above, x to the right and y
+    upwards, transparent pixels are holes. .npz: what ``HeightField.to_arrays`` gave, where it lies.
+    Raises InvalidInput for what is no such file, and for an array that may as well be one of
+    points, unless ``kind`` says that it is a grid.
     """
     if options.up != "z":
-        raise InvalidInput(f"up: expected z with a grid, whose numbers are heights, got {options.up} with {path}")
+        raise InvalidInput(
+            f"up: expected z with a grid, whose numbers are heights, got {options.up} with {path}"
+        )
     suffix = path.suffix.lower()
     content = read_bytes(path)
     if not content:
         raise InvalidInput(f"{path}: expected a terrain, the file is empty")
     if suffix == ".png":
         return _shifted(
-            ElevationMap.of_heights(_picture(content, path, options.height_m), options.spacing_m, name), options
+            ElevationMap.of_heights(
+                _picture(content, path, options.height_m), options.spacing_m, name
+            ),
+            options,
         )
     if suffix == ".npz":
-        found = ElevationMap.from_arrays(unpacked(content, str(path)), name)
+        elevation = ElevationMap.from_arrays(unpacked(content, str(path)), name)
         unit = options.unit_m
-        scaled = ElevationMap(x_m=unit * found.x_m, y_m=unit * found.y_m, heights_m=unit * found.heights_m, name=name)
+        scaled = ElevationMap(
+            x_m=unit * elevation.x_m,
+            y_m=unit * elevation.y_m,
+            heights_m=unit * elevation.heights_m,
+            name=name,
+        )
         return _shifted(scaled, options)
     heights = table(content, path) if suffix == ".csv" else array_of(content, str(path))
     if heights.dtype.kind not in "fiu":
@@ -61,7 +72,9 @@ def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
 def _shifted(found: ElevationMap, options: ImportOptions) -> ElevationMap:
     """The map moved by the offset, and cropped."""
     x, y, z = options.offset_m
-    moved = ElevationMap(x_m=found.x_m + x, y_m=found.y_m + y, heights_m=found.heights_m + z, name=found.name)
+    moved = ElevationMap(
+        x_m=found.x_m + x, y_m=found.y_m + y, heights_m=found.heights_m + z, name=found.name
+    )
     return moved.cropped(options.box_m)
 
 
@@ -79,9 +92,13 @@ def table(content: bytes, path: Path) -> Array:
         try:
             rows.append([float(field) if field else float("nan") for field in fields])
         except ValueError:
-            raise InvalidInput(f"{path} line {number}: expected numbers, got {shown(text)}") from None
+            raise InvalidInput(
+                f"{path} line {number}: expected numbers, got {shown(text)}"
+            ) from None
         if len(rows[-1]) != len(rows[0]):
-            raise InvalidInput(f"{path} line {number}: expected {len(rows[0])} numbers, got {len(rows[-1])}")
+            raise InvalidInput(
+                f"{path} line {number}: expected {len(rows[0])} numbers, got {len(rows[-1])}"
+            )
     if not rows:
         raise InvalidInput(f"{path}: expected rows of numbers, got none")
     return np.array(rows)
@@ -92,9 +109,13 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
     try:
         from PIL import Image
     except ImportError:
-        raise InvalidInput(f"{path}: .png terrains need Pillow: pip install 'stancekit[terrain]'") from None
+        raise InvalidInput(
+            f"{path}: .png terrains need Pillow: pip install 'stancekit[terrain]'"
+        ) from None
     if height_m is None:
-        raise InvalidInput(f"{path}: expected height_m with a .png, the heights of black and white [m], got none")
+        raise InvalidInput(
+            f"{path}: expected height_m with a .png, the heights of black and white [m], got none"
+        )
     low, high = (checked(value, "height_m") for value in height_m)
     try:
         with warnings.catch_warnings():
@@ -102,7 +123,9 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
             image = Image.open(io.BytesIO(content), formats=["PNG"])
         with image:
             if image.width * image.height > MOST_POINTS:
-                raise InvalidInput(f"{path}: expected {MOST_POINTS} pixels or fewer, got {image.width * image.height}")
+                raise InvalidInput(
+                    f"{path}: expected {MOST_POINTS} pixels or fewer, got {image.width * image.height}"
+                )
             deep = image.mode.startswith("I")
             grey = np.asarray(image if deep else image.convert("L"), dtype=np.float64)
             if "A" in image.getbands():
@@ -110,5 +133,7 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
     except InvalidInput:
         raise
     except Exception as error:  # Pillow raises many kinds on broken files
-        raise InvalidInput(f"{path}: expected a .png picture, cannot read it: {error!s:.120}") from None
+        raise InvalidInput(
+            f"{path}: expected a .png picture, cannot read it: {error!s:.120}"
+        ) from None
     return np.asarray(low + (high - low) * grey[::-1].T / (65535.0 if deep else 255.0))

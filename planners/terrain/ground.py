@@ -53,7 +53,8 @@ class Ground:
 
     @cached_property
     def _tops(self) -> Array:
-        """The highest of the control points that the spline has over each cell of its knots, shape (X, Y) [m]."""
+        """The highest of the control points that the spline has over each cell of its knots, shape
+        (X, Y) [m]."""
         control, _ = self._spline
         rows = np.max([control[k : len(control) - 3 + k] for k in range(4)], axis=0)
         return np.asarray(np.max([rows[:, k : rows.shape[1] - 3 + k] for k in range(4)], axis=0))
@@ -61,11 +62,11 @@ class Ground:
     def depth_inside(self, points: Array) -> Array:
         """``depth`` of the points that are in it, and −inf of the others, shape (…, 3) to (…) [m].
 
-        What is above all control points about it is above the spline, and is not looked at; the slope is that of
-        points that are below it alone.
+        What is above all control points about it is above the spline, and is not looked at; the
+        slope is that of points that are below it alone.
         """
         flat = points.reshape(-1, 3)
-        found = np.full(len(flat), -np.inf)
+        depths = np.full(len(flat), -np.inf)
         _, knots = self._spline
         cells = [
             np.clip(np.searchsorted(lines, flat[:, k], side="right") - 4, 0, len(lines) - 8)
@@ -74,8 +75,8 @@ class Ground:
         low = np.flatnonzero(flat[:, 2] < self._tops[cells[0], cells[1]])
         low = low[self.heights.height(flat[low, :2]) > flat[low, 2]]
         if len(low):
-            found[low] = self.depth(flat[low])
-        return found.reshape(points.shape[:-1])
+            depths[low] = self.depth(flat[low])
+        return depths.reshape(points.shape[:-1])
 
     def distance(self, points: Array) -> Array:
         """Distance of points from it, along the normal where it is even, negative inside, shape (…,

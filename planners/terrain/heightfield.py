@@ -1,4 +1,5 @@
-"""Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (Pan et al. §III-B, after W5)."""
+"""Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (Pan et al. §III-B,
+after W5)."""
 
 from __future__ import annotations
 
@@ -24,15 +25,16 @@ MOST_POINTS = 4_000_000
 class HeightField:
     """Terrain heights on a rectilinear grid, interpolated by a natural bicubic spline.
 
-    C² everywhere: beyond the grid the surface goes on along straight lines. ``from_function``, ``from_array`` and
-    ``from_file`` make one, too.
+    C² everywhere: beyond the grid the surface goes on along straight lines. ``from_function``,
+    ``from_array`` and ``from_file`` make one, too.
 
     Arguments:
         x_m, y_m: grid lines, shape (n,) and (m,), increasing [m].
         heights_m: h at (x_i, y_j), shape (n, m) [m].
         name: what the terrain is called in messages.
     Raises:
-        InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an axis.
+        InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an
+            axis.
     Source:
         Pan et al. §III-B, after W5.
     Example:
@@ -60,7 +62,9 @@ class HeightField:
             heights = np.zeros(())
         shape = (len(self.x_m), len(self.y_m))
         if heights.size > MOST_POINTS:
-            raise InvalidInput(f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
+            raise InvalidInput(
+                f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}"
+            )
         if heights.ndim == 2 and heights.dtype.kind == "f" and not np.all(np.isfinite(heights)):
             raise InvalidInput(_hole(heights, f"{where}: heights_m"))
         object.__setattr__(self, "heights_m", read_only(heights, shape, f"{where}: heights_m"))
@@ -73,7 +77,10 @@ class HeightField:
     @property
     def even(self) -> bool:
         """Tell whether the grid lines are equally far apart along each axis."""
-        return all(float(np.ptp(np.diff(line))) <= 1e-6 * float(line[1] - line[0]) for line in (self.x_m, self.y_m))
+        return all(
+            float(np.ptp(np.diff(line))) <= 1e-6 * float(line[1] - line[0])
+            for line in (self.x_m, self.y_m)
+        )
 
     def contains(self, xy: Array) -> Any:
         """Tell whether points, shape (…, 2) [m], lie on the grid's domain, shape (…)."""
@@ -94,7 +101,8 @@ class HeightField:
 
     @property
     def spline(self) -> tuple[Array, tuple[Array, Array]]:
-        """Control points, component first, shape (1, n + pads, m + pads) [m], and the knots along x and y [m]."""
+        """Control points, component first, shape (1, n + pads, m + pads) [m], and the knots along x
+        and y [m]."""
         along_x, along_y = self._bases
         return self._coefficients[None], (along_x.knots, along_y.knots)
 
@@ -104,14 +112,20 @@ class HeightField:
         flat = xy.reshape(-1, 2)
         highest = max(max(pair) for pair in orders)
         (i, along_x), (j, along_y) = (
-            basis.weights(np.ascontiguousarray(flat[:, k]), highest) for k, basis in enumerate(self._bases)
+            basis.weights(np.ascontiguousarray(flat[:, k]), highest)
+            for k, basis in enumerate(self._bases)
         )
         width = self._coefficients.shape[1]
         first = i * width + j
         offsets = (width * np.arange(4)[:, None] + np.arange(4)).ravel()
         near = self._coefficients.ravel()[first[:, None] + offsets].reshape(-1, 4, 4)
-        rows = {b: np.matmul(near, along_y[b][:, :, None])[:, :, 0] for b in {pair[1] for pair in orders}}
-        return [np.einsum("ni,ni->n", rows[b], along_x[a]).reshape(xy.shape[:-1]) for a, b in orders]
+        rows = {
+            b: np.matmul(near, along_y[b][:, :, None])[:, :, 0]
+            for b in {pair[1] for pair in orders}
+        }
+        return [
+            np.einsum("ni,ni->n", rows[b], along_x[a]).reshape(xy.shape[:-1]) for a, b in orders
+        ]
 
     def height(self, xy: Array) -> Array:
         """The height at points, shape (…, 2) [m] → (…) [m]."""
@@ -133,9 +147,12 @@ class HeightField:
         return np.asarray(up / np.linalg.norm(up, axis=-1, keepdims=True))
 
     def frame(self, xy: Array) -> Array:
-        """R_WC, shape (…, 2) → (…, 3, 3): columns t₁ (over the world's x), t₂ = n × t₁ and the normal n."""
+        """R_WC, shape (…, 2) → (…, 3, 3): columns t₁ (over the world's x), t₂ = n × t₁ and the
+        normal n."""
         slope, normal = self.gradient(xy), self.normal(xy)
-        first = np.stack([np.ones(slope.shape[:-1]), np.zeros(slope.shape[:-1]), slope[..., 0]], axis=-1)
+        first = np.stack(
+            [np.ones(slope.shape[:-1]), np.zeros(slope.shape[:-1]), slope[..., 0]], axis=-1
+        )
         first = first / np.linalg.norm(first, axis=-1, keepdims=True)
         return np.stack([first, np.cross(normal, first), normal], axis=-1)
 
@@ -149,16 +166,19 @@ class HeightField:
         name: str = "",
         tolerance_m: float = 0.005,
     ) -> HeightField:
-        """Sample ``function(x, y)``, vectorised, on [−half_width, half_width]² every ``spacing_m`` or a little less.
+        """Sample ``function(x, y)``, vectorised, on [−half_width, half_width]² every ``spacing_m``
+        or a little less.
 
-        Raises InvalidInput where the spline then misses the function by more than ``tolerance_m`` between its nodes;
-        the message says by how much.
+        Raises InvalidInput where the spline then misses the function by more than ``tolerance_m``
+        between its nodes; the message says by how much.
         """
         half = checked(half_width_m, "half_width_m", above=0.0, most=0.5 * WIDEST_M)
         spacing = checked(spacing_m, "spacing_m", above=0.0, most=half)
         cells = int(np.ceil(2.0 * half / spacing - 1e-9))
         if (cells + 1) ** 2 > MOST_POINTS:
-            raise InvalidInput(f"spacing_m: expected {MOST_POINTS} grid points or fewer, got {(cells + 1) ** 2}")
+            raise InvalidInput(
+                f"spacing_m: expected {MOST_POINTS} grid points or fewer, got {(cells + 1) ** 2}"
+            )
         lines = np.linspace(-half, half, cells + 1)
         field = cls(lines, lines, _sampled(function, lines, name), name)
         middles = 0.5 * (lines[1:] + lines[:-1])
@@ -174,25 +194,35 @@ class HeightField:
         return field
 
     @classmethod
-    def from_array(cls, heights_m: Array, spacing_m: float = 0.05, *, name: str = "") -> HeightField:
-        """Heights, shape (n, m), h at x_i and y_j, on a square grid of this spacing with its middle at the origin."""
+    def from_array(
+        cls, heights_m: Array, spacing_m: float = 0.05, *, name: str = ""
+    ) -> HeightField:
+        """Heights, shape (n, m), h at x_i and y_j, on a square grid of this spacing with its middle
+        at the origin."""
         try:
             heights = np.asarray(heights_m)
         except ValueError:  # rows of several lengths
-            raise InvalidInput(f"{name or 'terrain'}: expected heights of shape (n, m), got rows that differ") from None
+            raise InvalidInput(
+                f"{name or 'terrain'}: expected heights of shape (n, m), got rows that differ"
+            ) from None
         if heights.ndim != 2:
-            raise InvalidInput(f"{name or 'terrain'}: expected heights of shape (n, m), got shape {heights.shape}")
+            raise InvalidInput(
+                f"{name or 'terrain'}: expected heights of shape (n, m), got shape {heights.shape}"
+            )
         spacing = checked(spacing_m, "spacing_m", above=0.0)
         x_m, y_m = (spacing * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
         return cls(x_m, y_m, heights, name)
 
     def smoothed(self, sigma_m: float) -> HeightField:
-        """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the grid is uneven."""
+        """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the
+        grid is uneven."""
         from scipy.ndimage import gaussian_filter1d
 
         heights: Array = self.heights_m
         if not self.even:
-            raise InvalidInput(f"{self.name or 'terrain'}: expected an even grid to smooth, got uneven spacing")
+            raise InvalidInput(
+                f"{self.name or 'terrain'}: expected an even grid to smooth, got uneven spacing"
+            )
         for axis, lines in enumerate((self.x_m, self.y_m)):
             sigma = checked(sigma_m, "sigma_m", least=0.0) / float(lines[1] - lines[0])
             width = int(np.ceil(4.0 * sigma))
@@ -204,7 +234,9 @@ class HeightField:
 
     def scaled(self, factor: float) -> HeightField:
         """Terrain whose heights are multiplied by a factor."""
-        return HeightField(self.x_m, self.y_m, checked(factor, "factor") * self.heights_m, self.name)
+        return HeightField(
+            self.x_m, self.y_m, checked(factor, "factor") * self.heights_m, self.name
+        )
 
     def to_arrays(self) -> dict[str, Array]:
         """Arrays that ``from_arrays`` reads, for an .npz file."""
@@ -215,7 +247,9 @@ class HeightField:
         """Read what ``to_arrays`` wrote. Raises InvalidInput."""
         missing = [key for key in ("x_m", "y_m", "heights_m") if key not in arrays]
         if missing:
-            raise InvalidInput(f"{name or 'terrain'}: {missing[0]}: expected this array, got nothing")
+            raise InvalidInput(
+                f"{name or 'terrain'}: {missing[0]}: expected this array, got nothing"
+            )
         return cls(arrays["x_m"], arrays["y_m"], arrays["heights_m"], name)
 
 
@@ -224,7 +258,9 @@ def _grid_lines(lines: Array, where: str) -> Array:
     if len(lines) < FEWEST:
         raise InvalidInput(f"{where}: expected {FEWEST} or more grid lines, got {len(lines)}")
     if not float(np.diff(lines).min()) > 0.0:
-        raise InvalidInput(f"{where}: expected increasing values, got a step of {np.diff(lines).min():g} m")
+        raise InvalidInput(
+            f"{where}: expected increasing values, got a step of {np.diff(lines).min():g} m"
+        )
     if lines[-1] - lines[0] > WIDEST_M:
         raise InvalidInput(
             f"{where}: expected {WIDEST_M:g} m or less from end to end, got {lines[-1] - lines[0]:g} m; "
@@ -245,9 +281,11 @@ def _hole(heights: Array, where: str) -> str:
 
 def _sampled(function: Callable[[Array, Array], Array], lines: Array, name: str) -> Array:
     x, y = np.meshgrid(lines, lines, indexing="ij")
-    found = np.asarray(function(x, y), dtype=np.float64)
-    if found.ndim == 0:
-        found = np.full(x.shape, float(found))
-    if found.shape != x.shape:
-        raise InvalidInput(f"{name or 'terrain'}: expected a height for each point {x.shape}, got shape {found.shape}")
-    return found
+    heights = np.asarray(function(x, y), dtype=np.float64)
+    if heights.ndim == 0:
+        heights = np.full(x.shape, float(heights))
+    if heights.shape != x.shape:
+        raise InvalidInput(
+            f"{name or 'terrain'}: expected a height for each point {x.shape}, got shape {heights.shape}"
+        )
+    return heights

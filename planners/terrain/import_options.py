@@ -35,13 +35,15 @@ class ImportOptions:
     """Options that turn a file into a terrain in the world's frame, in metres, z up.
 
     Arguments:
-        kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so. A mesh that is called a
-            "grid" becomes the map of its upper side.
+        kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so. A mesh
+            that is called a "grid" becomes the map of its upper side.
         unit_m: length of the file's unit [m]; 0.001 for millimetres.
         up: the file's axis that points up, "x", "y" or "z"; of meshes and clouds.
         offset_m: added to every point, after unit and axis, shape (3,) [m].
-        crop_m: what is kept, in the world's frame: x from, to, y from, to, or with z from, to besides [m].
-        spacing_m: of a grid's cells, of the map that a cloud becomes, and at which a mesh is sampled for walks [m].
+        crop_m: what is kept, in the world's frame: x from, to, y from, to, or with z from, to
+            besides [m].
+        spacing_m: of a grid's cells, of the map that a cloud becomes, and at which a mesh is
+            sampled for walks [m].
         height_m: heights of black and white in a .png [m].
         holes: what has no height: "no-go" is no terrain, "fill" lies on a membrane over its border.
         most_triangles: a mesh with more is refused before it is read.
@@ -72,7 +74,9 @@ class ImportOptions:
             raise InvalidInput(f"offset_m: expected three lengths, got {list(self.offset_m)}")
         crop = self.crop_m
         if crop is not None and (
-            len(crop) not in (4, 6) or not np.all(np.isfinite(crop)) or np.any(np.diff(crop)[::2] <= 0.0)
+            len(crop) not in (4, 6)
+            or not np.all(np.isfinite(crop))
+            or np.any(np.diff(crop)[::2] <= 0.0)
         ):
             raise InvalidInput(
                 "crop_m: expected x from, x to, y from, y to, and z if wanted, each to beyond its from, got "
@@ -80,18 +84,24 @@ class ImportOptions:
             )
 
     def placed(self, points: Array) -> Array:
-        """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then offset."""
+        """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then
+        offset."""
         turn = [UPS.index(axis) for axis in self.axes]
         with np.errstate(over="ignore"):  # what is too far away is refused by its readers
-            return np.asarray(self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64))
+            return np.asarray(
+                self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64)
+            )
 
     @property
     def axes(self) -> str:
-        """The file's axes that become x, y and z of the world: they change places in a circle, which is no mirror."""
+        """The file's axes that become x, y and z of the world: they change places in a circle,
+        which is no mirror."""
         return {"x": "yzx", "y": "zxy", "z": "xyz"}[self.up]
 
     @property
     def box_m(self) -> Array:
         """Lowest and highest corner of what is kept, shape (2, 3) [m]."""
-        crop = np.array([*(self.crop_m or (-np.inf, np.inf) * 3), -np.inf, np.inf][:6], dtype=np.float64)
+        crop = np.array(
+            [*(self.crop_m or (-np.inf, np.inf) * 3), -np.inf, np.inf][:6], dtype=np.float64
+        )
         return crop.reshape(3, 2).T

@@ -1,9 +1,9 @@
 """Test for closed surfaces that show their inside: solids are told apart where they touch, and each
 is judged alone.
 
-The winding number of a surface counts how often it goes round a point: 1 in a solid, 0 outside, also in its cavities,
-and −1 in a solid whose triangles turn the wrong way. A ray from the point to infinity leaves the surface as many more
-times than it enters it.
+The winding number of a surface counts how often it goes round a point: 1 in a solid, 0 outside,
+also in its cavities, and −1 in a solid whose triangles turn the wrong way. A ray from the point to
+infinity leaves the surface as many more times than it enters it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ OFF = 1e-3
 SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
 FINEST, MOST_ENTRIES = 512, 4_000_000
-"""Cells along each side of the table of triangles that rays are looked up in, and its entries, at most."""
+"""Cells along each side of the table of triangles that rays are looked up in, and its entries, at
+most."""
 MOST_PAIRS = 20_000_000
-"""Rays times triangles near them that are looked at; what is beyond, on the smallest triangles, is not judged."""
+"""Rays times triangles near them that are looked at; what is beyond, on the smallest triangles, is
+not judged."""
 RAY = np.array(
     [
         [0.736167, -0.543238, 0.403671],
@@ -36,10 +38,11 @@ RAY = np.array(
 
 
 def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
-    """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m]; None without one.
+    """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m];
+    None without one.
 
-    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3). Surfaces that are open are
-    not judged.
+    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3).
+    Surfaces that are open are not judged.
     """
     piece, suspects, closed = _pieces(corners, triangles)
     if not len(suspects):
@@ -62,10 +65,12 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
 def _pieces(
     corners: Array, triangles: NDArray[np.int_]
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.bool_]]:
-    """The piece of each triangle, shape (T,); pieces that may be inside out; which triangles are of closed surfaces.
+    """The piece of each triangle, shape (T,); pieces that may be inside out; which triangles are of
+    closed surfaces.
 
-    A piece hangs together by edges of two triangles. It is closed where each of its edges is gone along as often one
-    way as the other; pieces that are open, and share edges with others, may be closed together.
+    A piece hangs together by edges of two triangles. It is closed where each of its edges is gone
+    along as often one way as the other; pieces that are open, and share edges with others, may be
+    closed together.
     """
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(triangles)), 3)
@@ -107,14 +112,15 @@ def _balanced(
         return np.zeros(count, dtype=bool)
     pairs, number = np.unique(owner * (int(edge.max()) + 1) + edge, return_inverse=True)
     odd = pairs[np.bincount(number, ahead) != 0] // (int(edge.max()) + 1)
-    found = np.zeros(count, dtype=bool)
-    found[owner] = True
-    found[odd] = False
-    return found
+    balanced = np.zeros(count, dtype=bool)
+    balanced[owner] = True
+    balanced[odd] = False
+    return balanced
 
 
 def _volumes(corners: Array, triangles: NDArray[np.int_]) -> Array:
-    """The share of each triangle in the volume that they enclose, by the divergence theorem, shape (T,) [m³]."""
+    """The share of each triangle in the volume that they enclose, by the divergence theorem, shape
+    (T,) [m³]."""
     a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
     return np.asarray(np.vecdot(a, np.cross(b, c)) / 6.0)
 
@@ -148,8 +154,8 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     near = np.searchsorted(cell, place, side="right") - begin
     near = np.where(np.cumsum(near) <= MOST_PAIRS, near, 0)
     ray = np.repeat(np.arange(len(rays)), near)
-    its = owner[begin[ray] + np.arange(len(ray)) - (np.cumsum(near) - near)[ray]]
-    sides = turned[its] - rays[ray][:, None]
+    triangles_of_ray = owner[begin[ray] + np.arange(len(ray)) - (np.cumsum(near) - near)[ray]]
+    sides = turned[triangles_of_ray] - rays[ray][:, None]
     x, y = sides[:, :, 0], sides[:, :, 1]
     weights = np.roll(x, -1, axis=1) * np.roll(y, -2, axis=1) - np.roll(x, -2, axis=1) * np.roll(
         y, -1, axis=1

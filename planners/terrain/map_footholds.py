@@ -1,4 +1,5 @@
-"""Footholds of an elevation map: its cells grouped into planes, each plane's cells cut into convex pieces.
+"""Footholds of an elevation map: its cells grouped into planes, each plane's cells cut into convex
+pieces.
 
 1. At every cell a plane through the heights about it, by moments (box filters). Cells that are off it are no ground.
 2. Neighbouring cells whose planes go on in one another are of one surface (connected components).
@@ -41,9 +42,11 @@ FEWEST, MOST = 2, 5
 ROUNDS, LLOYD = 12, 4
 """How often surfaces are parted, and how often cells choose the nearer of two planes then."""
 TURN_RAD = 0.12
-"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
+"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
+[rad]."""
 OFF, ALONE = 2.5, 3.0
-"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up to so many."""
+"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up
+to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 QUIET = 0.25
@@ -55,22 +58,27 @@ POCKET = 1.0
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground; walls, poles and
-    bars are surfaces, too (``map_solids``)."""
+    """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground;
+    walls, poles and bars are surfaces, too (``map_solids``)."""
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
         found = _planes_of(terrain, limits, friction)
         return _with_boxes(found, standing_boxes(terrain, found.noise_m or 0.0))
     ground, beside = (
-        ElevationMap.of_points(points, terrain.spacing_m, terrain.name) for points in (over.ground_m, over.beside_m)
+        ElevationMap.of_points(points, terrain.spacing_m, terrain.name)
+        for points in (over.ground_m, over.beside_m)
     )
     found = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
         below = _planes_of(beside, replace(limits, noise_m=found.noise_m), friction)
         most = max((piece.surface for piece in found.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
-        found = replace(found, pieces=(*found.pieces, *more), surfaces=(*found.surfaces, *below.surfaces))
-    return _with_boxes(found, np.concatenate([standing_boxes(ground, found.noise_m or 0.0), over.boxes_m]))
+        found = replace(
+            found, pieces=(*found.pieces, *more), surfaces=(*found.surfaces, *below.surfaces)
+        )
+    return _with_boxes(
+        found, np.concatenate([standing_boxes(ground, found.noise_m or 0.0), over.boxes_m])
+    )
 
 
 def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
@@ -82,7 +90,8 @@ def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
 
 
 def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of the upper side of a map or a cloud, whose surfaces are those of the footholds."""
+    """The footholds of the upper side of a map or a cloud, whose surfaces are those of the
+    footholds."""
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
@@ -92,22 +101,30 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
     else:
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
         labels = np.where(
-            np.append(np.bincount(labels[labels >= 0], minlength=1) < FEWEST_CELLS, False)[labels], -1, labels
+            np.append(np.bincount(labels[labels >= 0], minlength=1) < FEWEST_CELLS, False)[labels],
+            -1,
+            labels,
         )
-        strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, QUIET * limits.roughness_m)
+        strips = noisy_surfaces(
+            cells.only(known & (labels < 0)), limits, QUIET * limits.roughness_m
+        )
         labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
     most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
-    flattest = most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
+    flattest = (
+        most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
+    )
     level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
     refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
     narrow = _narrow(heights, known & (labels < 0), np.hypot(limits.roughness_m, noise_m))
     refused["small"] = float(spacing**2 * narrow.sum())
-    refused["rough"] = float(spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum())
+    refused["rough"] = float(
+        spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum()
+    )
     refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
     sure = certainties(labels, cells, noise_m, limits.margin_m) if noisy else [None] * len(planes)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
@@ -116,10 +133,16 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             continue
         a, b, c = planes[number]
         middle = cells.corner_m + np.array([0.0, 0.0, c])
-        plane = Plane.through(middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0]))
+        plane = Plane.through(
+            middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
+        )
         corner = (where[0].start, where[1].start)
         outline = _outline(labels[where] == number, corner, spacing, plane)
-        own = terrain.samples if terrain.samples is not None and not cells.sparse else cells.moments[0]
+        own = (
+            terrain.samples
+            if terrain.samples is not None and not cells.sparse
+            else cells.moments[0]
+        )
         samples = int(own[where][labels[where] == number].sum())
         facet = FlatPiece(
             plane=plane,
@@ -128,9 +151,13 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             rms_m=float(rms[number]),
             certainty=sure[number],
         )
-        margin_m = None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing  # kept by the outline
+        margin_m = (
+            None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing
+        )  # kept by the outline
         narrow_too = bool(rms[number] <= flattest[number])
-        pieces += standing_pieces(facet, outline, number, limits, friction, refused, margin_m, narrow_too)
+        pieces += standing_pieces(
+            facet, outline, number, limits, friction, refused, margin_m, narrow_too
+        )
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
@@ -138,13 +165,19 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
-        name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
-        surfaces=tuple(surfaces), limits=limits, noise_m=noise_m,
-    )  # fmt: skip
+        name=terrain.name,
+        pieces=tuple(pieces),
+        area_m2=sum(piece.area_m2 for piece in pieces),
+        refused_m2=refused,
+        surfaces=tuple(surfaces),
+        limits=limits,
+        noise_m=noise_m,
+    )
 
 
 def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
-    """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet can use."""
+    """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet
+    can use."""
     dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
     side = max(LARGEST_M, 3.0 * cells.spacing_m)
     most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
@@ -156,20 +189,22 @@ def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
 
 
 def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
-    """Cells without a surface that go on straight to both sides along a line, and so are strips too narrow to fit."""
+    """Cells without a surface that go on straight to both sides along a line, and so are strips too
+    narrow to fit."""
     n, m = heights.shape
     padded = np.pad(np.where(left, heights, np.nan), 1, constant_values=np.nan)
-    found = np.zeros((n, m), dtype=bool)
+    narrow = np.zeros((n, m), dtype=bool)
     for u, v in ((0, 1), (1, 0), (1, 1), (1, -1)):
         ahead = padded[1 + u : 1 + u + n, 1 + v : 1 + v + m]
         back = padded[1 - u : 1 - u + n, 1 - v : 1 - v + m]
         with np.errstate(invalid="ignore"):
-            found |= left & (np.abs(ahead + back - 2.0 * heights) <= 2.0 * within_m)
-    return found
+            narrow |= left & (np.abs(ahead + back - 2.0 * heights) <= 2.0 * within_m)
+    return narrow
 
 
 def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, float]:
-    """The samples of a map or of its cloud, and their noise: as it is told, else as they show it [m]."""
+    """The samples of a map or of its cloud, and their noise: as it is told, else as they show it
+    [m]."""
     if terrain.points_m is None:
         cells = GroundCells.of_map(terrain)
         return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
@@ -181,41 +216,58 @@ def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCell
 
 
 def _outline(
-    mask: NDArray[np.bool_], corner: tuple[int, int], spacing: float, plane: Plane, wider: float | None = None
+    mask: NDArray[np.bool_],
+    corner: tuple[int, int],
+    spacing: float,
+    plane: Plane,
+    wider: float | None = None,
 ) -> Any:
-    """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way to foreign cells,
-    which is straightened by as much; or what is so many cells outside of it. wider: in cells."""
+    """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way
+    to foreign cells, which is straightened by as much; or what is so many cells outside of it.
+    wider: in cells."""
     shapely = shapely_module()
-    lines = contour_generator(z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
+    lines = contour_generator(
+        z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset"
+    ).filled(0.5, 1.5)
     rings = [
         [(points[a:b] - 1.0 + corner) for a, b in pairwise(offsets.tolist())]
         for points, offsets in zip(*lines, strict=True)
     ]
     polygons = [shapely.Polygon(outer, holes) for outer, *holes in rings]
     if wider is None:
-        found = [_inner(polygon) for polygon in polygons]
+        parts = [_inner(polygon) for polygon in polygons]
     else:
-        found = [polygon.buffer(wider, join_style="mitre").simplify(0.5 * wider) for polygon in polygons]
+        parts = [
+            polygon.buffer(wider, join_style="mitre").simplify(0.5 * wider) for polygon in polygons
+        ]
     slopes = -plane.normal[:2] / plane.normal[2]
 
     def on_plane(cells: Array) -> Array:
         xy = spacing * cells
         return plane.flat(plane.origin_m + np.column_stack([xy, xy @ slopes]))
 
-    return shapely.transform(shapely.union_all(found), on_plane)
+    return shapely.transform(shapely.union_all(parts), on_plane)
 
 
 def _inner(polygon: Any) -> Any:
     """An outline in cells made simpler, inside of itself: convex where it nearly is."""
     shapely = shapely_module()
     hull = polygon.convex_hull
-    pocket = np.inf if polygon.interiors else shapely.hausdorff_distance(polygon.exterior, hull.exterior)
+    pocket = (
+        np.inf if polygon.interiors else shapely.hausdorff_distance(polygon.exterior, hull.exterior)
+    )
     if pocket <= POCKET:
         return hull.buffer(-max(pocket, 0.5), join_style="mitre").simplify(0.05)
-    return polygon.buffer(-0.5, join_style="mitre").simplify(POCKET).buffer(-POCKET, join_style="mitre")
+    return (
+        polygon.buffer(-0.5, join_style="mitre")
+        .simplify(POCKET)
+        .buffer(-POCKET, join_style="mitre")
+    )
 
 
-def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits) -> Labels:
+def _surfaces(
+    heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits
+) -> Labels:
     """The surface of every cell, −1 for none, by the planes about cells."""
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     moments = _windowed(heights, known, half)
@@ -224,7 +276,10 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
     steepest = np.tan(min(limits.slope_rad + TURN_RAD, 1.5))
     window = (2 * half + 1) ** 2
     ground = (
-        known & (moments[0] * window >= 3.0) & (rms <= limits.rms_m * _slack(moments[0] * window)) & (slope <= steepest)
+        known
+        & (moments[0] * window >= 3.0)
+        & (rms <= limits.rms_m * _slack(moments[0] * window))
+        & (slope <= steepest)
     )
     spread = spacing * np.sqrt((2 * half + 1) ** 2 * half * (half + 1) / 3.0)
     turn = TURN_RAD + 3.0 * (limits.noise_m or 0.0) / spread
@@ -238,12 +293,14 @@ def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: 
 
 
 def _slack(count: Any) -> Any:
-    """By how much the rms of so many heights may be above their deviation: three of its own deviations."""
+    """By how much the rms of so many heights may be above their deviation: three of its own
+    deviations."""
     return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
 
 
 def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array]:
-    """Means of the moments 1, x, y, xx, xy, yy, z, xz, yz, zz about each cell over its window; beyond: nothing."""
+    """Means of the moments 1, x, y, xx, xy, yy, z, xz, yz, zz about each cell over its window;
+    beyond: nothing."""
     z = np.where(known, heights, 0.0)
     i, j = np.indices(heights.shape, dtype=np.float64)
     weight = known.astype(np.float64)
@@ -255,9 +312,17 @@ def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array
     xx, xy, yy = mean(weight * i * i), mean(weight * i * j), mean(weight * j * j)
     total, xz, yz, zz = mean(z), mean(z * i), mean(z * j), mean(z * z)
     return [
-        one, x - i * one, y - j * one, xx - 2.0 * i * x + i * i * one, xy - i * y - j * x + i * j * one,
-        yy - 2.0 * j * y + j * j * one, total, xz - i * total, yz - j * total, zz,
-    ]  # fmt: skip
+        one,
+        x - i * one,
+        y - j * one,
+        xx - 2.0 * i * x + i * i * one,
+        xy - i * y - j * x + i * j * one,
+        yy - 2.0 * j * y + j * j * one,
+        total,
+        xz - i * total,
+        yz - j * total,
+        zz,
+    ]
 
 
 def _continued(
@@ -269,7 +334,12 @@ def _continued(
     (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
     bend = np.hypot(a - d, b - e) / spacing
     rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
-    fits = ground[here] & ground[there] & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2)) & (rise <= step)
+    fits = (
+        ground[here]
+        & ground[there]
+        & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2))
+        & (rise <= step)
+    )
     index = np.arange(ground.size).reshape(ground.shape)
     return index[here][fits], index[there][fits]
 
@@ -286,12 +356,15 @@ def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1
-    planes, rms = solved(_moments_of(number, i.astype(float), j.astype(float), heights[i, j], count))
+    planes, rms = solved(
+        _moments_of(number, i.astype(float), j.astype(float), heights[i, j], count)
+    )
     return planes.T, rms, np.bincount(number, minlength=count)
 
 
 def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> Labels:
-    """Surfaces parted in two until each is a plane within ``most_rms``. smooth: heights by the planes about cells."""
+    """Surfaces parted in two until each is a plane within ``most_rms``. smooth: heights by the
+    planes about cells."""
     for _ in range(ROUNDS):
         planes, rms, count = _fitted(labels, heights)
         bent = rms > most_rms * _slack(count)
@@ -316,14 +389,21 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
     """Labels anew: what was parted by its halves, and what does not hang together apart."""
     key = np.where(halves >= 0, halves + labels.max() + 1, labels)
     index = np.arange(key.size).reshape(key.shape)
-    one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
-    other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
-    _, group = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False)
+    one = np.concatenate(
+        [index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]]
+    )
+    other = np.concatenate(
+        [index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]]
+    )
+    _, group = connected_components(
+        coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False
+    )
     return renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
 
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
-    """Surfaces that take in cells at their borders which are on their planes, as far as the windows reached."""
+    """Surfaces that take in cells at their borders which are on their planes, as far as the windows
+    reached."""
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     planes = _fitted(labels, heights)[0]
     if not len(planes):
@@ -336,9 +416,15 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     reach = half + half // 2  # across the grid edges are farther away than along it
     for turn in range(reach + 3):
         if turn > reach:
-            alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
+            alike = sum(
+                (_shifted(labels, *way) == labels).astype(int)
+                for way in ((0, 1), (0, -1), (1, 1), (1, -1))
+            )
             open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
-        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= reach else ALONE) * limits.rms_m)
+        best, least = (
+            np.full(labels.shape, -1),
+            np.full(labels.shape, (OFF if turn <= reach else ALONE) * limits.rms_m),
+        )
         votes = np.zeros(labels.shape, dtype=np.int_)
         for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
             near = _shifted(labels, axis, shift)

@@ -1,5 +1,6 @@
-"""Boxes that stand on the ground of a map, or hang over that of a cloud: a map holds one height per cell,
-so that footholds alone are surfaces of it, and walls, poles and bars overhead would be nothing.
+"""Boxes that stand on the ground of a map, or hang over that of a cloud: a map holds one height per
+cell, so that footholds alone are surfaces of it, and walls, poles and bars overhead would be
+nothing.
 
 1. Points of a cloud over a free height of ``FREE_M`` hang over the ground; what is below them is the ground there.
 2. Cells that are far above a neighbour, or narrower than their height lets a foot stand on, are solid down to the
@@ -28,31 +29,34 @@ BESIDES = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 
 ROUNDS = 3
 """So many cells from ground that is seen below something the ground below it may be unseen."""
 BESIDE = 2
-"""What hangs over the ground does so in so many of the eight cells beside it: single points are noise."""
+"""What hangs over the ground does so in so many of the eight cells beside it: single points are
+noise."""
 WALL_M = 0.3
 """Cells so far above one beside them have sides that bodies run into [m]."""
 NARROW_M, HIGH_M, NOISES = 0.25, 0.1, 6.0
-"""What is narrower and so far above the ground to both sides is solid [m]; more, by so many deviations, where there is
-noise."""
+"""What is narrower and so far above the ground to both sides is solid [m]; more, by so many
+deviations, where there is noise."""
 ALIKE_M = (0.05, 0.2, np.inf)
-"""Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which there are no more
-than ``MOST_BOXES``."""
+"""Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which
+there are no more than ``MOST_BOXES``."""
 MOST_BOXES = 300
 SUNK_M = 0.01
 """Boxes on the ground end so far below their highest point, where feet may stand [m]."""
 APART_M = 5e-4
 """Between neighbouring boxes, so that each is a body of its own [m]."""
 ROOM = 0.5
-"""In a cloud in which more than this share of the ground has something over it, the ground is below."""
+"""In a cloud in which more than this share of the ground has something over it, the ground is
+below."""
 REACH_M = 0.5
 """Of the ground beside what hangs over it, which is looked at together [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overhead:
-    """A cloud in two layers. ground_m: all points that hang over nothing, shape (K, 3) [m]; beside_m: those of them
-    below and near what hangs over them, shape (K', 3) [m]; boxes_m: what hangs over the ground, each box x, y and z
-    from and to, shape (B, 6) [m]; share: of the cells that have something over them."""
+    """A cloud in two layers. ground_m: all points that hang over nothing, shape (K, 3) [m];
+    beside_m: those of them below and near what hangs over them, shape (K', 3) [m]; boxes_m: what
+    hangs over the ground, each box x, y and z from and to, shape (B, 6) [m]; share: of the cells
+    that have something over them."""
 
     ground_m: Array
     beside_m: Array
@@ -74,7 +78,9 @@ class Overhead:
             return None
         begins = np.flatnonzero(new)
         above = np.cumsum(gap)
-        above = above - np.repeat(above[begins], np.diff(np.append(begins, len(z))))  # gaps below, in the column
+        above = above - np.repeat(
+            above[begins], np.diff(np.append(begins, len(z)))
+        )  # gaps below, in the column
         floor = np.full(shape[0] * shape[1], np.nan)
         last = (above == 0) & np.append((cell[1:] != cell[:-1]) | gap[1:], True)
         floor[cell[last]] = z[last]
@@ -89,7 +95,9 @@ class Overhead:
         above = above + unseen[cell]
         hangs = (above > 0) & (under | unseen)[cell]
         under |= unseen
-        near = binary_dilation(under.reshape(shape), iterations=max(1, round(REACH_M / spacing_m))).ravel()
+        near = binary_dilation(
+            under.reshape(shape), iterations=max(1, round(REACH_M / spacing_m))
+        ).ravel()
         corner = (first - 0.5) * spacing_m
         boxes = list[Array]()
         for number in range(1, int(above[hangs].max()) + 1):
@@ -109,7 +117,8 @@ class Overhead:
 
 
 def _as_beside(bottom: Array) -> Array:
-    """Bottoms of cells, as low as those beside them where these are about as low: a cell shows few points."""
+    """Bottoms of cells, as low as those beside them where these are about as low: a cell shows few
+    points."""
     beside = minimum_filter(bottom, size=3, mode="nearest")
     with np.errstate(invalid="ignore"):
         alike = np.isfinite(bottom) & (bottom - beside <= 1.5 * SAME_M)
@@ -134,7 +143,8 @@ def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
 
 
 def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np.bool_]:
-    """Cells among those with something over the ground, of which all points are over the ground beside them."""
+    """Cells among those with something over the ground, of which all points are over the ground
+    beside them."""
     found = np.zeros(under.shape, dtype=bool)
     for _ in range(ROUNDS):
         count, height = np.zeros(under.shape), np.zeros(under.shape)
@@ -148,7 +158,11 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
             more = ~under & ~found & (count > BESIDE) & (lowest - height / count > FREE_M)
         if not more.any():
             break
-        floor, under, found = np.where(more, height / np.maximum(count, 1.0), floor), under | more, found | more
+        floor, under, found = (
+            np.where(more, height / np.maximum(count, 1.0), floor),
+            under | more,
+            found | more,
+        )
     return found
 
 
@@ -175,8 +189,8 @@ def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
 
 
 def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
-    """Boxes over cells from a bottom to a top, −inf where there is none, each of cells that are about alike, shape
-    (B, 6)."""
+    """Boxes over cells from a bottom to a top, −inf where there is none, each of cells that are
+    about alike, shape (B, 6)."""
     bottom, top = _closed(bottom, top)
     boxes = np.zeros((0, 6))
     for alike in ALIKE_M:
@@ -193,7 +207,9 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
 def _closed(bottom: Array, top: Array) -> tuple[Array, Array]:
     """Cells without gaps of one cell."""
     for axis in (0, 1):
-        before, after = ((np.roll(each, 1, axis), np.roll(each, -1, axis)) for each in (bottom, top))
+        before, after = (
+            (np.roll(each, 1, axis), np.roll(each, -1, axis)) for each in (bottom, top)
+        )
         low, high = (np.stack(pair) for pair in (before, after))
         gap = ~np.isfinite(top) & np.isfinite(high).all(axis=0)
         np.moveaxis(gap, axis, 0)[[0, -1]] = False
@@ -202,8 +218,8 @@ def _closed(bottom: Array, top: Array) -> tuple[Array, Array]:
 
 
 def _rectangles(bottom: Array, top: Array, alike: float) -> Iterator[tuple[float, ...]]:
-    """Rectangles of cells whose bottoms and tops are within ``alike``: as long as they can be along one axis, then as
-    wide; from and to in cells, then the lowest bottom and the highest top."""
+    """Rectangles of cells whose bottoms and tops are within ``alike``: as long as they can be along
+    one axis, then as wide; from and to in cells, then the lowest bottom and the highest top."""
     left = np.isfinite(top)
     for i, j in np.argwhere(left).tolist():
         if not left[i, j]:
@@ -215,7 +231,10 @@ def _rectangles(bottom: Array, top: Array, alike: float) -> Iterator[tuple[float
                 if i + more[0] > left.shape[0] or j + more[1] > left.shape[1]:
                     break
                 window = np.s_[i : i + more[0], j : j + more[1]]
-                if not left[window].all() or max(np.ptp(bottom[window]), np.ptp(top[window])) > alike:
+                if (
+                    not left[window].all()
+                    or max(np.ptp(bottom[window]), np.ptp(top[window])) > alike
+                ):
                     break
                 rows, columns = more
         window = np.s_[i : i + rows, j : j + columns]
@@ -242,5 +261,12 @@ def box_patches(boxes_m: Array, friction: float) -> list[Patch]:
                 corners[:, v] = [low[v], low[v], high[v], high[v]]
                 normal = np.zeros(3)
                 normal[axis] = sign
-                found.append(Patch(vertices_m=corners, normal=normal, shear_reference=np.eye(3)[u], friction=friction))
+                found.append(
+                    Patch(
+                        vertices_m=corners,
+                        normal=normal,
+                        shear_reference=np.eye(3)[u],
+                        friction=friction,
+                    )
+                )
     return found

@@ -1,9 +1,11 @@
-"""Footholds of a mesh: its facets, less what is steep, covered by something close above, or inside a solid.
+"""Footholds of a mesh: its facets, less what is steep, covered by something close above, or inside
+a solid.
 
-In the plane of a facet other triangles are polygons: the part of a triangle between the plane and the clearance above
-it, seen along the normal, covers what is under it. Whether a place is inside a solid is asked of a ray: above a place
-that is outside as many triangles face up as down. That changes only where a surface crosses the facet, and under edges
-at which a surface ends, so that one ray is cast for each part of the facet between such lines.
+In the plane of a facet other triangles are polygons: the part of a triangle between the plane and
+the clearance above it, seen along the normal, covers what is under it. Whether a place is inside a
+solid is asked of a ray: above a place that is outside as many triangles face up as down. That
+changes only where a surface crosses the facet, and under edges at which a surface ends, so that one
+ray is cast for each part of the facet between such lines.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ LONG = 4.0
 WHOLE = 0.97
 """Share of a rung's line over some length that is free where a foot may stand."""
 LEAN = (1.414e-3, 1.732e-3)
-"""Rays lean by this along x and y, so that they hit no edge of a terrain that is drawn along the axes."""
+"""Rays lean by this along x and y, so that they hit no edge of a terrain that is drawn along the
+axes."""
 
 
 def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) -> Footholds:
@@ -65,10 +68,13 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         pieces += _on_rungs(rungs, len(facets), mesh, around, limits, friction, refused)
     facets = _one_sided([*facets, *facets_of(mesh, ~flat)], tops)
     return Footholds(
-        name=mesh.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
+        name=mesh.name,
+        pieces=tuple(pieces),
+        area_m2=sum(piece.area_m2 for piece in pieces),
+        refused_m2=refused,
         surfaces=tuple(patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)),
         limits=limits,
-    )  # fmt: skip
+    )
 
 
 def _on_rungs(
@@ -80,14 +86,17 @@ def _on_rungs(
     friction: float,
     refused: dict[str, float],
 ) -> list[TerrainPatch]:
-    """The lines of rungs that are free, the margin away from their ends; refused gets what else there is of rungs.
+    """The lines of rungs that are free, the margin away from their ends; refused gets what else
+    there is of rungs.
 
     first: number of the first rung as a surface.
     """
     lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
     under = [replace(line, polygon=around.uncovered(line, limits.clearance_m)) for line in lines]
     pieces = list[TerrainPatch]()
-    for number, (each, line, free, outer) in enumerate(zip(rungs, lines, under, around.outside(under), strict=True)):
+    for number, (each, line, free, outer) in enumerate(
+        zip(rungs, lines, under, around.outside(under), strict=True)
+    ):
         refused["covered"] += line.polygon.area - free.polygon.area
         refused["inside"] += free.polygon.area - outer.area
         rung = each.rung
@@ -116,22 +125,38 @@ def _on_rungs(
 
 
 def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[FlatPiece]:
-    """Facets without what lies behind a foothold and looks the other way: of a sheet that a mesh has from both sides
-    one is its surface, or what stands on it would be inside. free: the footholds, by their facet's number."""
+    """Facets without what lies behind a foothold and looks the other way: of a sheet that a mesh
+    has from both sides one is its surface, or what stands on it would be inside. free: the
+    footholds, by their facet's number."""
     if not free:
         return facets
     shapely, numbers = shapely_module(), np.array(list(free))
-    planes = np.array([[*facet.plane.normal, facet.plane.normal @ facet.plane.origin_m] for facet in facets])
-    behind, kept = KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD), list[FlatPiece]()
-    for number, (facet, found) in enumerate(zip(facets, behind, strict=True)):
+    planes = np.array(
+        [[*facet.plane.normal, facet.plane.normal @ facet.plane.origin_m] for facet in facets]
+    )
+    behind, facets_left = (
+        KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD),
+        list[FlatPiece](),
+    )
+    for number, (facet, behind_it) in enumerate(zip(facets, behind, strict=True)):
         over = []
-        for top in (free[k] for k in numbers[found].tolist() if number not in free or k < number):
+        for top in (
+            free[k] for k in numbers[behind_it].tolist() if number not in free or k < number
+        ):
             corners = top.plane.world(shapely.get_coordinates(top.polygon))
             if len(corners) and np.abs(facet.plane.height(corners)).max() < FLAT_M:
-                over.append(shapely.set_coordinates(shapely.force_2d(top.polygon), facet.plane.flat(corners)))
-        left = _difference(facet.polygon, shapely.union_all(over, grid_size=1e-7)) if over else facet.polygon
-        kept.append(replace(facet, polygon=left))
-    return kept
+                over.append(
+                    shapely.set_coordinates(
+                        shapely.force_2d(top.polygon), facet.plane.flat(corners)
+                    )
+                )
+        left = (
+            _difference(facet.polygon, shapely.union_all(over, grid_size=1e-7))
+            if over
+            else facet.polygon
+        )
+        facets_left.append(replace(facet, polygon=left))
+    return facets_left
 
 
 def standing_pieces(
@@ -144,13 +169,15 @@ def standing_pieces(
     margin_m: float | None = None,
     strips: bool = True,
 ) -> list[TerrainPatch]:
-    """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost.
+    """The convex pieces of what is free of a facet, the margin away from its border; refused gets
+    what is lost.
 
-    margin_m: another margin than that of the limits [m]. strips: whether it is flat enough for narrow ones.
+    margin_m: another margin than that of the limits [m]. strips: whether it is flat enough for
+    narrow ones.
     """
     margin_m = limits.margin_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
-    found = [
+    patches = [
         TerrainPatch(
             patch=patch.with_certainty(facet.certainty),
             rms_m=facet.rms_m,
@@ -158,21 +185,25 @@ def standing_pieces(
             surface=surface,
         )
         for part in parts_of(inner)
-        for patch in _standing(replace(facet, polygon=part), limits.width_m, friction, strips=strips)
+        for patch in _standing(
+            replace(facet, polygon=part), limits.width_m, friction, strips=strips
+        )
     ]
     refused["edge"] += max(free.area - inner.area, 0.0)
-    refused["small"] += max(inner.area - sum(piece.area_m2 for piece in found), 0.0)
-    return found
+    refused["small"] += max(inner.area - sum(piece.area_m2 for piece in patches), 0.0)
+    return patches
 
 
 def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool) -> list[Patch]:
-    """The convex pieces of a part inside of the margin that are wide enough; of a strip, which has none, those that are
-    long enough: a foot fits on it, though there is little room beside it."""
+    """The convex pieces of a part inside of the margin that are wide enough; of a strip, which has
+    none, those that are long enough: a foot fits on it, though there is little room beside it."""
     wide_enough = list(part.patches(max(width_m, SMALLEST_M), friction))
     if wide_enough or not strips:
         return wide_enough
     narrow = part.patches(SMALLEST_M, friction)
-    return [strip for strip in narrow if float(np.ptp(strip.vertices_m, axis=0).max()) > LONG * width_m]
+    return [
+        strip for strip in narrow if float(np.ptp(strip.vertices_m, axis=0).max()) > LONG * width_m
+    ]
 
 
 class _Around:
@@ -183,7 +214,9 @@ class _Around:
         self._corners = mesh.spread_m
         self._open = mesh.corners_m[_open_edges(mesh.triangles)]
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
-        self._tree = self._shapely.STRtree(self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T))
+        self._tree = self._shapely.STRtree(
+            self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T)
+        )
 
     def uncovered(self, facet: FlatPiece, clearance_m: float) -> Any:
         """Part of a facet that has nothing within the clearance above it."""
@@ -193,9 +226,13 @@ class _Around:
         corners, heights = corners[within], heights[within]
         flat = facet.plane.flat(corners)
         whole = (heights.min(axis=1) >= ABOVE_M) & (heights.max(axis=1) <= clearance_m)
-        cut = [_slab(*each, clearance_m) for each in zip(flat[~whole], heights[~whole], strict=True)]
+        cut = [
+            _slab(*each, clearance_m) for each in zip(flat[~whole], heights[~whole], strict=True)
+        ]
         shadows = [_closed(flat[whole]), *(_closed(piece[None]) for piece in cut if len(piece))]
-        polygons = np.concatenate([self._shapely.polygons(each) for each in shadows if len(each)] or [np.zeros(0)])
+        polygons = np.concatenate(
+            [self._shapely.polygons(each) for each in shadows if len(each)] or [np.zeros(0)]
+        )
         touching = polygons[self._shapely.intersects(facet.polygon, polygons)]
         if not len(touching):
             return facet.polygon
@@ -205,22 +242,26 @@ class _Around:
         """Part of each facet that is outside of all solids."""
         parts = [self._parts(facet) for facet in facets]
         points = [
-            facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2)) + ABOVE_M * facet.plane.normal
+            facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2))
+            + ABOVE_M * facet.plane.normal
             for facet, of in zip(facets, parts, strict=True)
         ]
         facet_of = np.repeat(np.arange(len(facets)), [len(of) for of in points])
-        own = np.full(len(self._corners), -1)
+        owners = np.full(len(self._corners), -1)
         for number, facet in enumerate(facets):
-            own[facet.triangles] = number
-        free = iter(self._winding(np.concatenate([*points, np.zeros((0, 3))]), facet_of, own) <= 0)
-        kept = [[part for part in of if next(free)] for of in parts]
+            owners[facet.triangles] = number
+        free = iter(
+            self._winding(np.concatenate([*points, np.zeros((0, 3))]), facet_of, owners) <= 0
+        )
+        parts_left = [[part for part in of if next(free)] for of in parts]
         return [
             facet.polygon if len(left) == len(of) else self._shapely.union_all(left, grid_size=1e-7)
-            for facet, of, left in zip(facets, parts, kept, strict=True)
+            for facet, of, left in zip(facets, parts, parts_left, strict=True)
         ]
 
     def _near(self, facet: FlatPiece, above_m: float) -> NDArray[np.int_]:
-        """Triangles whose boxes meet the facet moved up by as much as ``above_m``, its own left out."""
+        """Triangles whose boxes meet the facet moved up by as much as ``above_m``, its own left
+        out."""
         corners = facet.plane.world(np.array(self._shapely.get_coordinates(facet.polygon)))
         corners = np.concatenate([corners, corners + above_m * facet.plane.normal])
         low, high = corners.min(axis=0) - ABOVE_M, corners.max(axis=0) + ABOVE_M
@@ -236,7 +277,9 @@ class _Around:
         corners = self._corners[self._near(facet, 2.0 * ABOVE_M)]
         heights = facet.plane.height(corners) - ABOVE_M
         across = (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)
-        ends = np.concatenate([_crossings(facet.plane.flat(corners[across]), heights[across]), self._shadows(facet)])
+        ends = np.concatenate(
+            [_crossings(facet.plane.flat(corners[across]), heights[across]), self._shadows(facet)]
+        )
         if not len(ends):
             return parts
         lines = self._shapely.linestrings(ends)
@@ -245,7 +288,9 @@ class _Around:
         if not len(lines):
             return parts
         borders = [facet.polygon.boundary, *lines]
-        cut = self._shapely.get_parts(self._shapely.polygonize([self._shapely.union_all(borders, grid_size=1e-7)]))
+        cut = self._shapely.get_parts(
+            self._shapely.polygonize([self._shapely.union_all(borders, grid_size=1e-7)])
+        )
         return [part for part in cut if core.intersects(part.representative_point())] or parts
 
     def _shadows(self, facet: FlatPiece) -> Array:
@@ -259,11 +304,14 @@ class _Around:
             return np.zeros((0, 2, 2))
         return facet.plane.flat(self._open[over] - (heights[over] / rise)[..., None] * along)
 
-    def _winding(self, points: Array, facet_of: NDArray[np.int_], own: NDArray[np.int_]) -> NDArray[np.int_]:
+    def _winding(
+        self, points: Array, facet_of: NDArray[np.int_], own: NDArray[np.int_]
+    ) -> NDArray[np.int_]:
         """Triangles that face up above each point less those that face down, shape (K,).
 
-        facet_of: number of the facet that each point is on; own: of each triangle, −1 for none. A facet's own triangles
-        are as far off its plane as flat things may be, and none of them is above it.
+        facet_of: number of the facet that each point is on; own: of each triangle, −1 for none. A
+        facet's own triangles are as far off its plane as flat things may be, and none of them is
+        above it.
         """
         lean = np.zeros((3, 3))
         lean[2, :2] = LEAN
@@ -278,18 +326,25 @@ class _Around:
         with np.errstate(all="ignore"):
             s = (way[:, 0] * v[triangle, 1] - way[:, 1] * v[triangle, 0]) / of
             t = (u[triangle, 0] * way[:, 1] - u[triangle, 1] * way[:, 0]) / of
-            hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
+            hit = (
+                (s >= 0.0)
+                & (t >= 0.0)
+                & (s + t <= 1.0)
+                & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
+            )
         hit &= own[triangle] != facet_of[point]
-        return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(np.int_)
+        return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(
+            np.int_
+        )
 
 
 def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     """Edges that are not gone along as often one way as the other, shape (K, 2)."""
     edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     ordered = np.sort(edges, axis=1)
-    found, number = np.unique(ordered, axis=0, return_inverse=True)
+    result, number = np.unique(ordered, axis=0, return_inverse=True)
     ways = np.bincount(number.reshape(-1), weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
-    return np.asarray(found[ways != 0.0])
+    return np.asarray(result[ways != 0.0])
 
 
 def _difference(polygon: Any, covered: Any) -> Any:
@@ -309,7 +364,8 @@ def _closed(triangles: Array) -> Array:
 
 
 def _slab(flat: Array, heights: Array, top: float) -> Array:
-    """The part of a triangle between just above the plane and ``top``, in the plane's coordinates, shape (U, 2)."""
+    """The part of a triangle between just above the plane and ``top``, in the plane's coordinates,
+    shape (U, 2)."""
     points, levels = flat, heights
     for sign, level in ((-1.0, -ABOVE_M), (1.0, top)):
         if len(points) < 3:
@@ -317,7 +373,9 @@ def _slab(flat: Array, heights: Array, top: float) -> Array:
         over = sign * levels - level
         corners = list[Array]()
         rows = np.column_stack([points, levels])
-        for here, there, h, g in zip(rows, np.roll(rows, -1, axis=0), over, np.roll(over, -1), strict=True):
+        for here, there, h, g in zip(
+            rows, np.roll(rows, -1, axis=0), over, np.roll(over, -1), strict=True
+        ):
             if h <= 0.0:
                 corners.append(here)
             if (h < 0.0 < g) or (g < 0.0 < h):
@@ -331,9 +389,12 @@ def _crossings(flat: Array, heights: Array) -> Array:
     """Lines in which triangles, shape (K, 3, 2), with corners on both sides of a plane cross it,
     shape (K, 2, 2).
 
-    An edge is always gone down, so that the triangles on both sides of it give the same point to the last bit.
+    An edge is always gone down, so that the triangles on both sides of it give the same point to
+    the last bit.
     """
-    alone = np.where((heights > 0.0).sum(axis=1) == 1, heights.argmax(axis=1), heights.argmin(axis=1))
+    alone = np.where(
+        (heights > 0.0).sum(axis=1) == 1, heights.argmax(axis=1), heights.argmin(axis=1)
+    )
     rows = np.arange(len(flat))
     ends = []
     for turn in (1, 2):

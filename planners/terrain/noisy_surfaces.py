@@ -1,4 +1,5 @@
-"""Surfaces of noisy heights: planes that end at steps, though a step may be no higher than two deviations of the noise.
+"""Surfaces of noisy heights: planes that end at steps, though a step may be no higher than two
+deviations of the noise.
 
 1. About every cell a square of 3 × 3 blocks is fitted by a plane. A step, a ridge or a crease under it moves the means
    of its blocks off the plane, by more than the noise of means: its lack of fit.
@@ -17,24 +18,38 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, about, block_squares, boxed, fitted, mean_square, renumbered, solved, sums_of
+from .cells import (
+    GroundCells,
+    Labels,
+    about,
+    block_squares,
+    boxed,
+    fitted,
+    mean_square,
+    renumbered,
+    solved,
+    sums_of,
+)
 from .footholds import FootholdLimits
 
 FINE_SD_M = 0.0035
-"""Deviation that the height of a square's plane is to have at its middle; squares are as large as that takes [m]."""
+"""Deviation that the height of a square's plane is to have at its middle; squares are as large as
+that takes [m]."""
 COARSE_SD_M = 0.012
 """That of the smallest square that is looked at [m]."""
 LARGEST_M = 0.27
 """Side of the largest square; one of 3 × 3 cells is looked at however large cells are [m]."""
 TURN_RAD = 0.12
-"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
+"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
+[rad]."""
 FEWEST = 6
 """Samples that a plane is fitted to."""
 SURE = 16.4
-"""Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a plane."""
+"""Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a
+plane."""
 ALIKE = 25.0
-"""Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in variances of the
-noise, once in ten thousand times."""
+"""Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in
+variances of the noise, once in ten thousand times."""
 OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
 """Of moments those without heights."""
 OFF = 2.5
@@ -42,17 +57,18 @@ NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -
 FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
 AGREEMENT, SWEEPS = 1.5, 4
-"""What a neighbour of the same surface counts for, as a difference of squares in variances of the noise, and how often
-borders are looked at."""
+"""What a neighbour of the same surface counts for, as a difference of squares in variances of the
+noise, and how often borders are looked at."""
 JUDGED_M, CHOSEN = 0.1, 6.0
-"""Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the smaller one may be
-off, whose cells were chosen by their heights."""
+"""Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the
+smaller one may be off, whose cells were chosen by their heights."""
 ROUNDS, LLOYD, JOINED = 12, 4, 16
 TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
-"""Cells farther than this off a surface that is no plane are taken from it, in its largest rms, round by round."""
+"""Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
+round by round."""
 CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
-"""How often single cells are closed, how many of eight neighbours of one surface that takes, and how far off it they
-may be in deviations of the noise."""
+"""How often single cells are closed, how many of eight neighbours of one surface that takes, and
+how far off it they may be in deviations of the noise."""
 
 
 def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -63,19 +79,24 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
     largest = max(int(LARGEST_M / (3.0 * cells.spacing_m)), 1)
     fine, coarse = (
-        int(np.clip(np.ceil(noise_m / (sd * 3.0 * np.sqrt(dense))), 1, largest)) for sd in (FINE_SD_M, COARSE_SD_M)
+        int(np.clip(np.ceil(noise_m / (sd * 3.0 * np.sqrt(dense))), 1, largest))
+        for sd in (FINE_SD_M, COARSE_SD_M)
     )
     for side in sorted({fine, (fine + coarse) // 2, coarse}, reverse=True):
         left = cells.known & (labels < 0)
         if np.count_nonzero(left) < FEWEST:
             break
-        found = _of_squares(cells.only(left), side, limits, noise_m)
-        found = _joined(_parted(found, cells, limits, noise_m, side), cells, limits, noise_m, side)
-        labels = np.where(found >= 0, found + labels.max() + 1, labels)
+        result = _of_squares(cells.only(left), side, limits, noise_m)
+        result = _joined(
+            _parted(result, cells, limits, noise_m, side), cells, limits, noise_m, side
+        )
+        labels = np.where(result >= 0, result + labels.max() + 1, labels)
         labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
     labels = _joined(renumbered(labels), cells, limits, noise_m, coarse)
     labels = _large_enough(_bordered(labels, cells, limits, noise_m), cells)
-    labels = _parted(_trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse)
+    labels = _parted(
+        _trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse
+    )
     labels = _bordered(_rejoined(labels, cells, noise_m), cells, limits, noise_m)
     return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
 
@@ -95,7 +116,8 @@ def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m
 
 
 def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
-    """Labels with single cells in the midst of a surface given to it: of noise far off, or of a cloud's chance."""
+    """Labels with single cells in the midst of a surface given to it: of noise far off, or of a
+    cloud's chance."""
     n, m = labels.shape
     fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
     planes, (x, y), mean = fitted(labels, cells)[0], cells.places, cells.heights
@@ -113,9 +135,12 @@ def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     return labels
 
 
-def _around(labels: Labels, wanted: NDArray[np.bool_], *, same: bool = True) -> tuple[Labels, tuple[Labels, Labels]]:
-    """The surfaces of the eight neighbours of cells, shape (8, K), −1 beyond the map, and which cells: those wanted,
-    without those whose neighbours are all of their own surface where not ``same``."""
+def _around(
+    labels: Labels, wanted: NDArray[np.bool_], *, same: bool = True
+) -> tuple[Labels, tuple[Labels, Labels]]:
+    """The surfaces of the eight neighbours of cells, shape (8, K), −1 beyond the map, and which
+    cells: those wanted, without those whose neighbours are all of their own surface where not
+    ``same``."""
     padded = np.pad(labels, 1, constant_values=-1)
     (n, m), row = labels.shape, labels.shape[1] + 2
     if not same:
@@ -134,7 +159,10 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     shifts = [(side * u, side * v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
     padded = np.pad(blocks, ((0, 0), (side, side), (side, side)))
     n, m = cells.known.shape
-    parts = {way: padded[:, side + way[0] : side + way[0] + n, side + way[1] : side + way[1] + m] for way in shifts}
+    parts = {
+        way: padded[:, side + way[0] : side + way[0] + n, side + way[1] : side + way[1] + m]
+        for way in shifts
+    }
     i, j = np.indices((n, m), dtype=np.float64)
     total = np.sum([parts[way] for way in shifts], axis=0)
     (a, b, c), rms = solved(about(total, i, j))
@@ -155,12 +183,12 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     best = np.full((n, m), np.inf)
     plane, deviation = np.zeros((3, n, m)), np.zeros((2, n, m))
     for u, v in sorted(shifts, key=lambda way: abs(way[0]) + abs(way[1])):
-        own, other = _overlap(n, u), _overlap(m, v)
-        here, there = (own[0], other[0]), (own[1], other[1])
+        rows, other = _overlap(n, u), _overlap(m, v)
+        here, there = (rows[0], other[0]), (rows[1], other[1])
         better = score[there] < best[here] * (0.9 if (u, v) != (0, 0) else 1.0)
         best[here] = np.where(better, score[there], best[here])
-        found = np.stack([a[there], b[there], c[there] - a[there] * u - b[there] * v])
-        plane[(slice(None), *here)] = np.where(better, found, plane[(slice(None), *here)])
+        planes = np.stack([a[there], b[there], c[there] - a[there] * u - b[there] * v])
+        plane[(slice(None), *here)] = np.where(better, planes, plane[(slice(None), *here)])
         lever = np.sqrt(1.0 + 1.5 * (abs(u) + abs(v)) / side)
         wide = np.stack([lever * noise_m / np.sqrt(count[there]), slope_sd[there]])
         deviation[(slice(None), *here)] = np.where(better, wide, deviation[(slice(None), *here)])
@@ -172,13 +200,21 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
 
 def _overlap(count: int, shift: int) -> tuple[slice, slice]:
     """Cells along an axis, and those so many further on."""
-    return slice(max(-shift, 0), count - max(shift, 0)), slice(max(shift, 0), count - max(-shift, 0))
+    return slice(max(-shift, 0), count - max(shift, 0)), slice(
+        max(shift, 0), count - max(-shift, 0)
+    )
 
 
 def _continued(
-    plane: Array, deviation: Array, ground: NDArray[np.bool_], axis: int, spacing: float, limits: FootholdLimits
+    plane: Array,
+    deviation: Array,
+    ground: NDArray[np.bool_],
+    axis: int,
+    spacing: float,
+    limits: FootholdLimits,
 ) -> tuple[Labels, Labels]:
-    """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their deviations."""
+    """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their
+    deviations."""
     here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
     there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
     (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
@@ -204,14 +240,19 @@ def _misfits(
     planes, rms, count = fitted(labels, cells)
     squares, blocks = block_squares(labels, cells, planes, side)
     freedom = np.maximum(blocks - 3.0, 0.0)
-    allowed = limits.roughness_m**2 * count + noise_m**2 * (freedom + 3.0 * np.sqrt(2.0 * freedom) + 3.0)
+    allowed = limits.roughness_m**2 * count + noise_m**2 * (
+        freedom + 3.0 * np.sqrt(2.0 * freedom) + 3.0
+    )
     bent = (squares > allowed) & (blocks > 3)
-    bent |= rms > np.hypot(limits.roughness_m, noise_m) * (1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0)))
+    bent |= rms > np.hypot(limits.roughness_m, noise_m) * (
+        1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
+    )
     return bent & (count >= 2 * FEWEST), planes
 
 
 def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
-    """Heights of cells as means over the cells of the same surface in a square, by its plane's slope."""
+    """Heights of cells as means over the cells of the same surface in a square, by its plane's
+    slope."""
     planes = fitted(labels, cells)[0]
     of = np.maximum(labels, 0)
     a, b, c = (planes[of, k] for k in range(3))
@@ -222,7 +263,9 @@ def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5))
 
 
-def _parted(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
+def _parted(
+    labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
+) -> Labels:
     """Surfaces parted in two until each is a plane."""
     for _ in range(ROUNDS):
         bent, planes = _misfits(labels, cells, limits, noise_m, side)
@@ -250,19 +293,28 @@ def _parted(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m:
 def halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
     """On which side of the middle of its surface, across its longer axis, each cell is."""
     one, sx, sy, sxx, sxy, syy = (
-        np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
+        np.bincount(number, weights=value, minlength=count)
+        for value in (None, x, y, x * x, x * y, y * y)
     )
     one = np.maximum(one, 1)
     mx, my = sx / one, sy / one
-    angle = 0.5 * np.arctan2(2.0 * (sxy / one - mx * my), sxx / one - mx * mx - (syy / one - my * my))
-    return ((x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0).astype(int)
+    angle = 0.5 * np.arctan2(
+        2.0 * (sxy / one - mx * my), sxx / one - mx * mx - (syy / one - my * my)
+    )
+    return (
+        (x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0
+    ).astype(int)
 
 
 def _apart(key: Labels) -> Labels:
     """Labels anew, of which what does not hang together is apart."""
     index = np.arange(key.size).reshape(key.shape)
-    one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
-    other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
+    one = np.concatenate(
+        [index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]]
+    )
+    other = np.concatenate(
+        [index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]]
+    )
     return renumbered(np.where(key >= 0, _components(one, other, key.shape), -1))
 
 
@@ -283,8 +335,11 @@ def _distinct(pairs: Labels) -> Labels:
     return np.stack(np.divmod(np.unique((low * size + high)[low < high]), size))
 
 
-def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int) -> Labels:
-    """Neighbouring surfaces made one while one plane fits both as well as two, the most alike first."""
+def _joined(
+    labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
+) -> Labels:
+    """Neighbouring surfaces made one while one plane fits both as well as two, the most alike
+    first."""
     pairs, sums = _touching(labels), sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     whose = np.arange(sums.shape[1])
     for _ in range(JOINED):
@@ -297,7 +352,9 @@ def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m:
         smaller = np.where(sums[0][pairs[0]] < sums[0][pairs[1]], pairs[0], pairs[1])
         few = sums[0][smaller]
         apart = mean_square(planes[:, pairs[0]] - planes[:, pairs[1]], sums[:, smaller] * OF_PLACES)
-        unseen = (0.5 * limits.roughness_m) ** 2 + 12.0 * noise_m**2 / few  # two deviations of the smaller one's plane
+        unseen = (
+            0.5 * limits.roughness_m
+        ) ** 2 + 12.0 * noise_m**2 / few  # two deviations of the smaller one's plane
         cost = np.minimum(worse / noise_m**2 / ALIKE, apart / unseen)
         alike = cost <= 1.0
         least = np.full(len(squares), np.inf)
@@ -314,28 +371,39 @@ def _joined(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m:
     return np.append(whose, -1)[labels]
 
 
-def _excess(parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float) -> float:
-    """By how much means over blocks are off one plane of two surfaces beyond what noise may do, below 0 where they are
-    not; the larger of that of both and that of the smaller one alone, in its deviations."""
+def _excess(
+    parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float
+) -> float:
+    """By how much means over blocks are off one plane of two surfaces beyond what noise may do,
+    below 0 where they are not; the larger of that of both and that of the smaller one alone, in its
+    deviations."""
     one, other = pair
     a, b, c = solved(sums[:, one] + sums[:, other])[0]
-    its = np.concatenate([rows[one], rows[other]])
-    n, x, y, z = (parts[k, its] for k in (0, 1, 2, 6))
+    members = np.concatenate([rows[one], rows[other]])
+    n, x, y, z = (parts[k, members] for k in (0, 1, 2, 6))
     rest = z - a * x - b * y - c * n
-    places, at = np.unique(block[its], return_inverse=True)
+    places, at = np.unique(block[members], return_inverse=True)
     together = np.bincount(at, weights=rest) ** 2 / np.bincount(at, weights=n)
-    small = slice(0, len(rows[one])) if sums[0, one] < sums[0, other] else slice(len(rows[one]), None)
+    small = (
+        slice(0, len(rows[one])) if sums[0, one] < sums[0, other] else slice(len(rows[one]), None)
+    )
     alone = rest[small] ** 2 / n[small]
-    found = []
-    for squares, freedom, times in ((together, len(places) - 3.0, 3.0), (alone, float(len(alone)), CHOSEN)):
+    excesses = []
+    for squares, freedom, times in (
+        (together, len(places) - 3.0, 3.0),
+        (alone, float(len(alone)), CHOSEN),
+    ):
         freedom = max(freedom, 1.0)
-        found.append(float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times))
-    return max(found)
+        excesses.append(
+            float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times)
+        )
+    return max(excesses)
 
 
 def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
-    """Neighbouring surfaces made one while means over blocks are off one plane of both by no more than their noise, all
-    together and those of the smaller one alone: noise parts a wide surface here and there, and each part is biased."""
+    """Neighbouring surfaces made one while means over blocks are off one plane of both by no more
+    than their noise, all together and those of the smaller one alone: noise parts a wide surface
+    here and there, and each part is biased."""
     side = max(round(JUDGED_M / cells.spacing_m), 1)
     wide, count = labels.shape[1] // side + 2, int(labels.max(initial=-1)) + 1
     pairs, whose, (i, j) = _touching(labels), np.arange(count), np.nonzero(labels >= 0)
@@ -347,7 +415,9 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
         parts, (block, owner) = sums_of(of, parts, len(keys)), np.divmod(keys, count)
         sums = sums_of(owner, parts, count)
         rows = [np.flatnonzero(owner == k) for k in range(count)]
-        excess = np.array([_excess(parts, block, sums, rows, pair, noise_m) for pair in pairs.T.tolist()])
+        excess = np.array(
+            [_excess(parts, block, sums, rows, pair, noise_m) for pair in pairs.T.tolist()]
+        )
         least = np.full(count, np.inf)
         for row in pairs:
             np.minimum.at(least, row, excess)
@@ -361,25 +431,33 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
 
 
 def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
-    """Cells at borders and without a surface, given to the one about them that height and neighbours speak for."""
+    """Cells at borders and without a surface, given to the one about them that height and
+    neighbours speak for."""
     planes, rms, _ = fitted(labels, cells)
     if not len(planes):
         return labels
     labels = labels.copy()
-    variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + (0.5 * limits.roughness_m) ** 2
+    variance = (
+        np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2
+        + (0.5 * limits.roughness_m) ** 2
+    )
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
     for _ in range(SWEEPS):
         around, (i, j) = _around(labels, cells.known, same=False)
-        own = labels[i, j]
-        candidates = np.concatenate([own[None], around])
+        label = labels[i, j]
+        candidates = np.concatenate([label[None], around])
         of = np.maximum(candidates, 0)
         a, b, c = (planes[of, k] for k in range(3))
-        off = (a * x[i, j] + b * y[i, j] + c - mean[i, j]) ** 2 * np.minimum(one[i, j], 4.0) / variance[of]
+        off = (
+            (a * x[i, j] + b * y[i, j] + c - mean[i, j]) ** 2
+            * np.minimum(one[i, j], 4.0)
+            / variance[of]
+        )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
         energy = np.where((candidates >= 0) & (off <= FARTHEST**2), off - AGREEMENT * votes, np.inf)
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
-        if np.array_equal(best, own):
+        if np.array_equal(best, label):
             break
         labels[i, j] = best
     return labels
@@ -389,6 +467,10 @@ def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
     labels = _apart(labels)
     count = np.bincount(
-        labels[labels >= 0], weights=cells.moments[0][labels >= 0], minlength=labels.max(initial=-1) + 1
+        labels[labels >= 0],
+        weights=cells.moments[0][labels >= 0],
+        minlength=labels.max(initial=-1) + 1,
     )
-    return renumbered(np.where((labels >= 0) & np.append(count >= FEWEST, False)[labels], labels, -1))
+    return renumbered(
+        np.where((labels >= 0) & np.append(count >= FEWEST, False)[labels], labels, -1)
+    )

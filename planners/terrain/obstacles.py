@@ -1,7 +1,7 @@
 """Solids of a terrain, which links may not enter.
 
-A patch has thickness (``Patch.solid``, as the simulators have it). Patches that close around a convex body are that
-body, and patches that close around another one have an inside besides.
+A patch has thickness (``Patch.solid``, as the simulators have it). Patches that close around a
+convex body are that body, and patches that close around another one have an inside besides.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ SAME_AREA = 1e-4
 BLOCK = 10_000
 """So many triangles are looked at together, seen from some points."""
 INSIDE = 0.9
-"""Winding number of a point that a closed surface holds: 1, less what the facets cover that readers leave out."""
+"""Winding number of a point that a closed surface holds: 1, less what the facets cover that readers
+leave out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +42,8 @@ class Obstacle:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedSurface:
-    """A surface around a body that is not convex. triangles_m: outward by the order of corners, shape (T, 3, 3)."""
+    """A surface around a body that is not convex. triangles_m: outward by the order of corners,
+    shape (T, 3, 3)."""
 
     name: str
     triangles_m: Array
@@ -50,16 +52,19 @@ class ClosedSurface:
         """Tell which points, shape (K, 3), are inside: by the winding number, the sum of the
         triangles' solid angles by 4π (Van Oosterom and Strackee, 1983; Jacobson et al., 2013).
         Shape (K,)."""
-        within = np.all((points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))), axis=1)
-        found, size = np.zeros(len(points), dtype=bool), 1 + BLOCK // len(self.triangles_m)
+        within = np.all(
+            (points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))),
+            axis=1,
+        )
+        inside, size = np.zeros(len(points), dtype=bool), 1 + BLOCK // len(self.triangles_m)
         open_ = np.flatnonzero(within)
-        for its in (open_[begin : begin + size] for begin in range(0, len(open_), size)):
-            a, b, c = (self.triangles_m[:, i] - points[its, None] for i in range(3))
+        for block in (open_[begin : begin + size] for begin in range(0, len(open_), size)):
+            a, b, c = (self.triangles_m[:, i] - points[block, None] for i in range(3))
             la, lb, lc = (lengths(v) for v in (a, b, c))
             volume = np.vecdot(a, cross(b, c))
             rest = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
-            found[its] = np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi) > INSIDE
-        return found
+            inside[block] = np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi) > INSIDE
+        return inside
 
     def depth(self, point: Array) -> float:
         """Depth of a point that is inside behind the plane of the facet nearest to it, at least
@@ -73,8 +78,8 @@ class ClosedSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacles:
-    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too; ground: heights that are solid
-    below."""
+    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too; ground:
+    heights that are solid below."""
 
     convex: tuple[Obstacle, ...]
     closed: tuple[ClosedSurface, ...]
@@ -90,15 +95,19 @@ class Obstacles:
         """Obstacles of a course's terrain, named by the patches' numbers in it."""
         convex, closed = list[Obstacle](), list[ClosedSurface]()
         for group in _joined(patches):
-            its = [patches[i] for i in group]
-            name = f"patch {group[0]}" if len(group) == 1 else f"the body of patches {group[0]} to {group[-1]}"
-            corners = np.concatenate([patch.vertices_m for patch in its])
-            if len(its) > 3 and _is_hull(corners, its):
+            members = [patches[i] for i in group]
+            name = (
+                f"patch {group[0]}"
+                if len(group) == 1
+                else f"the body of patches {group[0]} to {group[-1]}"
+            )
+            corners = np.concatenate([patch.vertices_m for patch in members])
+            if len(members) > 3 and _is_hull(corners, members):
                 convex.append(Obstacle(name=name, solid=Solid.of_corners(corners)))
                 continue
             convex += [Obstacle(name=f"patch {i}", solid=patches[i].solid) for i in group]
-            if len(its) > 3 and _closes(its):
-                fans = [fan(patch) for patch in its]
+            if len(members) > 3 and _closes(members):
+                fans = [fan(patch) for patch in members]
                 closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
         return cls(convex=tuple(convex), closed=tuple(closed))
 
@@ -125,7 +134,9 @@ def _joined(patches: Sequence[Patch]) -> list[list[int]]:
 def _area(patch: Patch) -> float:
     ahead = np.roll(patch.vertices_m, -1, axis=0)
     middle = patch.vertices_m.mean(axis=0)
-    return 0.5 * float(np.linalg.norm(np.cross(patch.vertices_m - middle, ahead - middle).sum(axis=0)))
+    return 0.5 * float(
+        np.linalg.norm(np.cross(patch.vertices_m - middle, ahead - middle).sum(axis=0))
+    )
 
 
 def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
@@ -134,7 +145,9 @@ def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
 
     middle = corners.mean(axis=0)
     flat = np.linalg.matrix_rank(corners - middle, tol=WELD_M) < 3
-    if flat or any(((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches):
+    if flat or any(
+        ((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches
+    ):
         return False
     return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < SAME_AREA
 
@@ -145,12 +158,20 @@ def _closes(patches: Sequence[Patch]) -> bool:
     areas = np.array([_area(patch) * patch.normal for patch in patches])
     middles = np.array([patch.vertices_m.mean(axis=0) for patch in patches])
     volume = float(np.vecdot(areas, middles - middles[0]).sum())
-    return bool(np.linalg.norm(areas.sum(axis=0)) < 0.01 * np.linalg.norm(areas, axis=1).sum()) and volume > 0.0
+    return (
+        bool(np.linalg.norm(areas.sum(axis=0)) < 0.01 * np.linalg.norm(areas, axis=1).sum())
+        and volume > 0.0
+    )
 
 
 def fan(patch: Patch) -> Array:
     """The patch as triangles whose order turns about its normal, shape (U − 2, 3, 3)."""
     border = patch.vertices_m
-    around = np.cross(border - border[0], np.roll(border, -1, axis=0) - border[0]).sum(axis=0) @ patch.normal
+    around = (
+        np.cross(border - border[0], np.roll(border, -1, axis=0) - border[0]).sum(axis=0)
+        @ patch.normal
+    )
     border = border if around > 0.0 else border[::-1]
-    return np.stack([np.repeat(border[:1], len(border) - 2, axis=0), border[1:-1], border[2:]], axis=1)
+    return np.stack(
+        [np.repeat(border[:1], len(border) - 2, axis=0), border[1:-1], border[2:]], axis=1
+    )

@@ -1,4 +1,5 @@
-"""A patch: a flat convex piece of terrain on which one toe may stand, with its friction and its contact frame."""
+"""A patch: a flat convex piece of terrain on which one toe may stand, with its friction and its
+contact frame."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from .certainty import Certainty
 from .prism import Solid
 
 FLATNESS = 2e-3
-"""Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not for a bent patch."""
+"""Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not
+for a bent patch."""
 
 MOST_VERTICES = 512
 """More make no difference to a foot, and checks of a polygon take the square of their number."""
@@ -27,11 +29,13 @@ class Patch:
     Arguments:
         vertices_m: v_u in the world, in order around the border, shape (U, 3) with U ≥ 3 [m].
         normal: unit normal n, out of the terrain towards the robot, shape (3,).
-        shear_reference: direction whose projection on the patch is the second shear axis z, shape (3,); not along n.
+        shear_reference: direction whose projection on the patch is the second shear axis z, shape
+            (3,); not along n.
         friction: μ ≥ 0.
         certainty: how sure its plane and its edges are, where it was measured with noise.
     Raises:
-        InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
+        InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along
+            the normal.
     Source:
         Lin et al. §II, Fig. 2, E1 and E10.
     Example:
@@ -50,12 +54,18 @@ class Patch:
     certainty: Certainty | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
+        set_field = object.__setattr__
         collect_errors(
-            lambda: put(self, "vertices_m", read_only(self.vertices_m, (None, 3), "vertices_m")),
-            lambda: put(self, "normal", _unit(self.normal, "normal")),
-            lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
-            lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
+            lambda: set_field(
+                self, "vertices_m", read_only(self.vertices_m, (None, 3), "vertices_m")
+            ),
+            lambda: set_field(self, "normal", _unit(self.normal, "normal")),
+            lambda: set_field(
+                self,
+                "shear_reference",
+                _unit(self.shear_reference, "shear_reference", any_length=True),
+            ),
+            lambda: set_field(self, "friction", checked(self.friction, "friction", least=0.0)),
         )
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
@@ -85,7 +95,8 @@ class Patch:
         return self._with("certainty", certainty)
 
     def with_vertices(self, vertices_m: Array) -> Patch:
-        """Another polygon in the same plane; nothing else is looked at again. Raises InvalidInput."""
+        """Another polygon in the same plane; nothing else is looked at again. Raises
+        InvalidInput."""
         vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
         new = self._with("vertices_m", vertices)
@@ -100,7 +111,9 @@ class Patch:
 
     def _check_polygon(self, vertices: Array) -> None:
         if not 3 <= len(vertices) <= MOST_VERTICES:
-            message = "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            message = (
+                "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            )
             raise InvalidInput(f"vertices_m: expected {message}, got {len(vertices)}")
         defect = polygon_defect(vertices[None], self.frame[None])
         if defect:
@@ -116,12 +129,15 @@ def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
     vector = read_only(value, (3,), where)
     length = float(np.linalg.norm(vector))
     if length < 1e-9 or not (any_length or abs(length - 1.0) < 1e-3):
-        raise InvalidInput(f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length {length:g}")
+        raise InvalidInput(
+            f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length {length:g}"
+        )
     return vector if abs(length - 1.0) < 1e-12 else read_only(vector / length, (3,), where)
 
 
 def contact_frames(normals: Array, shear_references: Array) -> Array:
-    """R_WC, columns n, y = z × n, z, for normals and shear references of shape (..., 3); shape (..., 3, 3)."""
+    """R_WC, columns n, y = z × n, z, for normals and shear references of shape (..., 3); shape
+    (..., 3, 3)."""
     z = shear_references - np.vecdot(shear_references, normals)[..., None] * normals
     z = z / np.sqrt(np.vecdot(z, z))[..., None]
     frames = np.empty((*normals.shape, 3))
@@ -130,8 +146,9 @@ def contact_frames(normals: Array, shear_references: Array) -> Array:
 
 
 def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
-    """The first of K polygons, shape (K, U, 3), whose vertices are not in order around a flat convex polygon with an
-    area in the plane of its frame, shape (K, 3, 3); and what is wrong with it."""
+    """The first of K polygons, shape (K, U, 3), whose vertices are not in order around a flat
+    convex polygon with an area in the plane of its frame, shape (K, 3, 3); and what is wrong with
+    it."""
     local = np.matmul(vertices - vertices[:, :1], frames)
     height, y, z = local[..., 0], local[..., 1], local[..., 2]
     squares = (y[:, :, None] - y[:, None]) ** 2 + (z[:, :, None] - z[:, None]) ** 2
@@ -140,14 +157,23 @@ def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
     area, turn, rounds = _around(y, z, diameter)
     defects = (
         (diameter < 1e-4, "a patch with an area, got one of diameter {0:g} m"),
-        (off_plane > FLATNESS * diameter, "a plane with the given normal, got vertices {1:.3g} mm off it"),
+        (
+            off_plane > FLATNESS * diameter,
+            "a plane with the given normal, got vertices {1:.3g} mm off it",
+        ),
         (np.abs(area) < 1e-4 * diameter**2, "a patch with an area, got {2:.3g} m² on {0:.3g} m"),
-        ((turn < -1e-6 * diameter**2) | (rounds != 1.0), "a convex polygon, its vertices in order around the border"),
+        (
+            (turn < -1e-6 * diameter**2) | (rounds != 1.0),
+            "a convex polygon, its vertices in order around the border",
+        ),
     )
     for wrong, text in defects:
         if wrong.any():
             k = int(wrong.argmax())
-            return k, f"vertices_m: expected {text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}"
+            return (
+                k,
+                f"vertices_m: expected {text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}",
+            )
     return None
 
 
@@ -156,10 +182,15 @@ def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
     how often it goes round."""
     ahead = [*range(1, y.shape[1]), 0]
     dy, dz = y[:, ahead] - y, z[:, ahead] - z
-    double = dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2  # corners that are given twice in a row count once
+    double = (
+        dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2
+    )  # corners that are given twice in a row count once
     double[:, 0] &= ~double[:, 1:].all(axis=1)
     if double.any():
-        rows = [_around(y[k : k + 1, ~double[k]], z[k : k + 1, ~double[k]], diameter[k : k + 1]) for k in range(len(y))]
+        rows = [
+            _around(y[k : k + 1, ~double[k]], z[k : k + 1, ~double[k]], diameter[k : k + 1])
+            for k in range(len(y))
+        ]
         area, turn, rounds = np.concatenate(rows, axis=1)
         return area, turn, rounds
     area = 0.5 * (y * z[:, ahead] - z * y[:, ahead]).sum(axis=1)

@@ -1,7 +1,9 @@
-"""Convex polygons in their plane, and the pieces of a surface that a toe may be given: clipped, shrunk, nearest.
+"""Convex polygons in their plane, and the pieces of a surface that a toe may be given: clipped,
+shrunk, nearest.
 
-A plane polygon is an array of shape (U, 2) [m], its corners in order around the border, either way round. Half-planes
-are (normals, offsets), the points with normals · x ≤ offsets. Clipping only adds corners where a border is crossed.
+A plane polygon is an array of shape (U, 2) [m], its corners in order around the border, either way
+round. Half-planes are (normals, offsets), the points with normals · x ≤ offsets. Clipping only adds
+corners where a border is crossed.
 """
 
 from __future__ import annotations
@@ -15,17 +17,20 @@ from .patch import Patch
 SMALLEST_M = 1e-3
 """What is left of a surface counts as nothing where it is nowhere wider than this [m]."""
 STEEP = 0.7
-"""A surface whose upward share of the normal is below this (45°) is a wall: its shear axis z points up."""
+"""A surface whose upward share of the normal is below this (45°) is a wall: its shear axis z points
+up."""
 VOID_M = -0.6
 """Height of what is between stones and in gaps, where a height is needed [m]."""
 EDGE_M = 1e-9
 """Neighbouring surfaces have no seam between them [m]."""
 UPRIGHT = 0.1
-"""A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a place."""
+"""A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a
+place."""
 
 
 def half_planes(polygon: Array) -> tuple[Array, Array]:
-    """The half-planes that a convex polygon is the intersection of: normals, shape (U, 2), and offsets, shape (U,)."""
+    """The half-planes that a convex polygon is the intersection of: normals, shape (U, 2), and
+    offsets, shape (U,)."""
     edges = polygon[_following(polygon)] - polygon
     real = np.hypot(*edges.T) > 1e-12
     edges, starts = edges[real], polygon[real]
@@ -42,9 +47,12 @@ def signed_area(polygon: Array) -> float:
 
 
 def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
-    """The part of a convex polygon inside all half-planes, shape (V, 2); (0, 2) where nothing with an area is left."""
+    """The part of a convex polygon inside all half-planes, shape (V, 2); (0, 2) where nothing with
+    an area is left."""
     if len(polygon):
-        cuts = (polygon @ normals.T > offsets).any(axis=0)  # what is inside a half-plane stays inside it when it is cut
+        cuts = (polygon @ normals.T > offsets).any(
+            axis=0
+        )  # what is inside a half-plane stays inside it when it is cut
         for normal, offset in zip(normals[cuts], offsets[cuts], strict=True):
             if len(polygon) == 0:
                 break
@@ -53,15 +61,18 @@ def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
 
 
 def shrunk(polygon: Array, margin_m: float) -> Array:
-    """The points of a convex polygon at least ``margin_m`` inside its border, shape (V, 2), maybe (0, 2)."""
+    """The points of a convex polygon at least ``margin_m`` inside its border, shape (V, 2), maybe
+    (0, 2)."""
     normals, offsets = half_planes(polygon)
     return clipped(polygon, normals, offsets - margin_m)
 
 
 def nearest(polygon: Array, point: Array) -> Array:
-    """The point of a convex polygon nearest to a point of the plane, shapes (..., U, 2) and (..., 2).
+    """The point of a convex polygon nearest to a point of the plane, shapes (..., U, 2) and (...,
+    2).
 
-    A corner may be given several times in a row, so that polygons of different U can be asked at once.
+    A corner may be given several times in a row, so that polygons of different U can be asked at
+    once.
     """
     edges = polygon[..., [*range(1, polygon.shape[-2]), 0], :] - polygon
     arms = point[..., None, :] - polygon
@@ -81,7 +92,8 @@ def _following(polygon: Array) -> list[int]:
 
 
 def _below(polygon: Array, heights: Array) -> Array:
-    """The part of a polygon where the heights of its corners, linear between them, are not positive."""
+    """The part of a polygon where the heights of its corners, linear between them, are not
+    positive."""
     if heights.max() <= 0.0:
         return polygon
     corners, points, high = list[tuple[float, float]](), polygon.tolist(), heights.tolist()
@@ -93,15 +105,23 @@ def _below(polygon: Array, heights: Array) -> Array:
             share = h / (h - g)
             corners.append((x + share * (to_x - x), y + share * (to_y - y)))
     pairs = zip(corners, corners[-1:] + corners[:-1], strict=True)
-    kept = [(x, y) for (x, y), (before_x, before_y) in pairs if max(abs(x - before_x), abs(y - before_y)) > 1e-9]
-    return np.array(kept) if len(kept) >= 3 else np.zeros((0, 2))
+    thinned = [
+        (x, y)
+        for (x, y), (before_x, before_y) in pairs
+        if max(abs(x - before_x), abs(y - before_y)) > 1e-9
+    ]
+    return np.array(thinned) if len(thinned) >= 3 else np.zeros((0, 2))
 
 
 def width(polygon: Array) -> float:
-    """Least width of a convex polygon [m]: that across one of its edges; 0 where it has none of a length."""
+    """Least width of a convex polygon [m]: that across one of its edges; 0 where it has none of a
+    length."""
     edges = polygon[_following(polygon)] - polygon
     lengths = np.hypot(edges[:, 0], edges[:, 1])
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)[lengths > 1e-12] / lengths[lengths > 1e-12, None]
+    normals = (
+        np.stack([edges[:, 1], -edges[:, 0]], axis=1)[lengths > 1e-12]
+        / lengths[lengths > 1e-12, None]
+    )
     heights = normals @ polygon.T
     return float((heights.max(axis=1) - heights.min(axis=1)).min()) if len(normals) else 0.0
 
@@ -145,7 +165,8 @@ class Surface:
         return bool(np.all(nearest(self.polygon, point) == point))
 
     def under(self, point_m: Array) -> float | None:
-        """Height of the patch at a place (x, y) of the plan; None where it is not there, or upright [m]."""
+        """Height of the patch at a place (x, y) of the plan; None where it is not there, or upright
+        [m]."""
         normal = self.patch.normal
         if abs(normal[2]) < SMALLEST_M:
             return None
@@ -157,7 +178,8 @@ class Surface:
         return self._world(nearest(self.room, self._flat(point_m)))
 
     def window(self, centre_m: Array, side_m: float) -> Patch | None:
-        """The part inside the margin and a square about ``centre_m`` along the shear axes; None where there is none."""
+        """The part inside the margin and a square about ``centre_m`` along the shear axes; None
+        where there is none."""
         piece = clipped(self.room, *self._square(centre_m, side_m))
         return self.patch.with_vertices(self._world(piece)) if len(piece) else None
 
@@ -182,17 +204,19 @@ class Surface:
 
 
 def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None = None) -> Patch:
-    """A patch from its corners alone, shape (U, 3): the normal by their order (seen from the robot: to the left), the
-    shear axis z up on walls and forward on ground.
+    """A patch from its corners alone, shape (U, 3): the normal by their order (seen from the robot:
+    to the left), the shear axis z up on walls and forward on ground.
 
-    towards_m: a point on the robot's side: the normal is turned towards it, whatever the order, shape (3,).
-    Raises InvalidInput for corners that are no convex planar polygon.
+    towards_m: a point on the robot's side: the normal is turned towards it, whatever the order,
+    shape (3,). Raises InvalidInput for corners that are no convex planar polygon.
     """
     vertices = np.asarray(vertices_m, dtype=np.float64)
     normal = _newell(vertices)
     if towards_m is not None and (towards_m - vertices.mean(axis=0)) @ normal < 0.0:
         normal = -normal
-    return Patch(vertices_m=vertices, normal=normal, shear_reference=shear_of(normal), friction=friction)
+    return Patch(
+        vertices_m=vertices, normal=normal, shear_reference=shear_of(normal), friction=friction
+    )
 
 
 def shear_of(normal: Array) -> Array:
@@ -201,8 +225,11 @@ def shear_of(normal: Array) -> Array:
 
 
 def _newell(vertices: Array) -> Array:
-    """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch then refuses."""
+    """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
+    then refuses."""
     about = vertices - vertices.mean(axis=0)
-    total = sum((cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3))
+    total = sum(
+        (cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3)
+    )
     length = float(np.linalg.norm(total))
     return total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])

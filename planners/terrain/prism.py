@@ -49,12 +49,17 @@ class Solid:
         sides /= np.linalg.norm(sides, axis=1)[:, None]
         normals = np.vstack([normal, -normal, sides])
         fan = np.stack([np.zeros_like(top[2:]), top[1:-1], top[2:]], axis=1)
-        walls = [np.stack([top, top + count, then], axis=1), np.stack([then, top + count, then + count], axis=1)]
+        walls = [
+            np.stack([top, top + count, then], axis=1),
+            np.stack([then, top + count, then + count], axis=1),
+        ]
         triangles = np.concatenate([fan, fan[:, ::-1] + count, *walls])
         return cls(
-            corners=corners, normals=normals, offsets_m=(normals @ corners.T).max(axis=1),
+            corners=corners,
+            normals=normals,
+            offsets_m=(normals @ corners.T).max(axis=1),
             triangles=triangles if around > 0.0 else triangles[:, ::-1],
-        )  # fmt: skip
+        )
 
     @classmethod
     def of_corners(cls, corners: Array) -> Solid:
@@ -67,7 +72,9 @@ class Solid:
         turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), outwards) < 0.0
         triangles[turned] = triangles[turned][:, [0, 2, 1]]
         faces = np.unique(hull.equations.round(12), axis=0)
-        return cls(corners=corners, normals=faces[:, :3], offsets_m=-faces[:, 3], triangles=triangles)
+        return cls(
+            corners=corners, normals=faces[:, :3], offsets_m=-faces[:, 3], triangles=triangles
+        )
 
     def distance(self, points: Array) -> Array:
         """Distance of points from the outside: never more than their distance, negative inside;
@@ -81,8 +88,12 @@ class Solids:
     def __init__(self, solids: Sequence[Solid]) -> None:
         counts = np.array([len(solid.offsets_m) for solid in solids], dtype=np.int_)
         self._first = np.cumsum(counts) - counts
-        self._normals = np.concatenate([solid.normals for solid in solids]) if solids else np.zeros((0, 3))
-        self._offsets_m = np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)
+        self._normals = (
+            np.concatenate([solid.normals for solid in solids]) if solids else np.zeros((0, 3))
+        )
+        self._offsets_m = (
+            np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)
+        )
 
     def distances(self, points: Array) -> Array:
         """Distances from each of S solids, as of ``Solid.distance``: shape (…, 3) to (…, S) [m]."""
@@ -93,6 +104,7 @@ class Solids:
 
 
 def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
-    """The border without doubled corners, then the same moved back along the normal, shape (2U, 3) [m]."""
+    """The border without doubled corners, then the same moved back along the normal, shape (2U, 3)
+    [m]."""
     apart = np.linalg.norm(border - np.roll(border, 1, axis=0), axis=1) > 1e-9
     return np.concatenate([border[apart], border[apart] - thickness_m * normal])

@@ -1,4 +1,5 @@
-"""The upper side of triangles on a grid: which nodes lie under each triangle, and how high it is there."""
+"""The upper side of triangles on a grid: which nodes lie under each triangle, and how high it is
+there."""
 
 from __future__ import annotations
 
@@ -9,23 +10,30 @@ from ..files.arrays import Array
 NEAR_M = 1e-6
 """Nodes this close to a triangle's extent are looked at [m]."""
 EDGE = 1e-5
-"""A node is under a triangle up to this share beyond its edges: corners are often in single precision."""
+"""A node is under a triangle up to this share beyond its edges: corners are often in single
+precision."""
 FLAT_M2 = 1e-14
 """Twice the area, seen from above, below which a triangle covers nothing [m²]."""
 PAIRS = 1_000_000
-"""Pairs of a triangle and a node that are looked at together, unless one triangle alone has more."""
+"""Pairs of a triangle and a node that are looked at together, unless one triangle alone has
+more."""
 
 
 def raised(triangles: Array, x_m: Array, y_m: Array) -> Array:
-    """The greatest height of triangles, shape (T, 3, 3) [m], over each node of a grid, −inf where there is none.
+    """The greatest height of triangles, shape (T, 3, 3) [m], over each node of a grid, −inf where
+    there is none.
 
     x_m, y_m: lines of the grid, shapes (X,) and (Y,), increasing. Returns shape (X, Y) [m].
     """
     heights = np.full((len(x_m), len(y_m)), -np.inf)
     flat = triangles[..., :2]
     low, high = flat.min(axis=1) - NEAR_M, flat.max(axis=1) + NEAR_M
-    first = np.stack([np.searchsorted(line, low[:, k]) for k, line in enumerate((x_m, y_m))], axis=1)
-    last = np.stack([np.searchsorted(line, high[:, k]) for k, line in enumerate((x_m, y_m))], axis=1)
+    first = np.stack(
+        [np.searchsorted(line, low[:, k]) for k, line in enumerate((x_m, y_m))], axis=1
+    )
+    last = np.stack(
+        [np.searchsorted(line, high[:, k]) for k, line in enumerate((x_m, y_m))], axis=1
+    )
     counts = (last - first).prod(axis=1)
     a, b, c = (flat[:, corner] for corner in range(3))
     doubles = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
@@ -41,8 +49,17 @@ def raised(triangles: Array, x_m: Array, y_m: Array) -> Array:
     return heights
 
 
-def _raise(heights: Array, triangles: Array, doubles: Array, first: Array, last: Array, x_m: Array, y_m: Array) -> None:
-    """Raise the grid to some triangles where they lie higher. first, last: of their lines, shape (T, 2)."""
+def _raise(
+    heights: Array,
+    triangles: Array,
+    doubles: Array,
+    first: Array,
+    last: Array,
+    x_m: Array,
+    y_m: Array,
+) -> None:
+    """Raise the grid to some triangles where they lie higher. first, last: of their lines, shape
+    (T, 2)."""
     sizes = last - first
     counts = sizes.prod(axis=1)
     of = np.repeat(np.arange(len(triangles)), counts)
@@ -53,5 +70,5 @@ def _raise(heights: Array, triangles: Array, doubles: Array, first: Array, last:
     second = (u * (cy - ay) - v * (cx - ax)) / double
     third = (v * (bx - ax) - u * (by - ay)) / double
     inside = (second > -EDGE) & (third > -EDGE) & (second + third < 1.0 + EDGE)
-    found = (az + second * (bz - az) + third * (cz - az))[inside]
-    np.maximum.at(heights.reshape(-1), (i * len(y_m) + j)[inside], found)
+    result = (az + second * (bz - az) + third * (cz - az))[inside]
+    np.maximum.at(heights.reshape(-1), (i * len(y_m) + j)[inside], result)

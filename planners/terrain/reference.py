@@ -1,7 +1,8 @@
-"""Reference terrains of Pan et al. (Fig. 3) with their tasks (Pan et al. §V), and grounds by any name.
+"""Reference terrains of Pan et al. (Fig. 3) with their tasks (Pan et al. §V), and grounds by any
+name.
 
-Pan et al. gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The world's domain is
-[−4, 4]².
+Pan et al. gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The
+world's domain is [−4, 4]².
 """
 
 from __future__ import annotations
@@ -63,12 +64,14 @@ def pit(gradient: float) -> Shape:
 FRICTION = 0.75
 """Of grounds that say none, as walks have it."""
 REFERENCE_TOLERANCE_M = 0.025
-"""What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the others by under 1 mm."""
+"""What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the
+others by under 1 mm."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TerrainTask:
-    """One walk: from and to a point, shape (2,) [m], and which feet stick, in the order LF, RF, LH, RH."""
+    """One walk: from and to a point, shape (2,) [m], and which feet stick, in the order LF, RF, LH,
+    RH."""
 
     start_xy_m: Array
     goal_xy_m: Array
@@ -83,13 +86,19 @@ def _around(radius_m: float, from_opposite: bool) -> tuple[TerrainTask, ...]:
     """24 directions, out of the middle or from the opposite side."""
     turns = np.deg2rad(15.0) * np.arange(24)
     goals = radius_m * np.stack([np.sin(turns), np.cos(turns)], axis=1)
-    return tuple(TerrainTask(start_xy_m=-goal if from_opposite else np.zeros(2), goal_xy_m=goal) for goal in goals)
+    return tuple(
+        TerrainTask(start_xy_m=-goal if from_opposite else np.zeros(2), goal_xy_m=goal)
+        for goal in goals
+    )
 
 
 def _up(start_xy_m: Sequence[float], goals_m: Array) -> tuple[TerrainTask, ...]:
     """15 targets from one start; both front feet stick."""
     front = (True, True, False, False)
-    return tuple(TerrainTask(start_xy_m=np.array(start_xy_m), goal_xy_m=goal, adhesive=front) for goal in goals_m)
+    return tuple(
+        TerrainTask(start_xy_m=np.array(start_xy_m), goal_xy_m=goal, adhesive=front)
+        for goal in goals_m
+    )
 
 
 def _out_of_the_pit() -> tuple[TerrainTask, ...]:
@@ -99,8 +108,8 @@ def _out_of_the_pit() -> tuple[TerrainTask, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Formula:
-    """A terrain by its formula. shape: h of x and y, arrays of one shape [m]; spacing_m: of its spline's knots; tasks:
-    walks that it is known for, none if missing."""
+    """A terrain by its formula. shape: h of x and y, arrays of one shape [m]; spacing_m: of its
+    spline's knots; tasks: walks that it is known for, none if missing."""
 
     shape: Shape
     spacing_m: float = 0.05
@@ -132,24 +141,30 @@ TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
 
 def _formula(name: str) -> Formula | HeightField:
     """Ground behind a name, a plain function as a formula. Raises InvalidInput."""
-    found = TERRAINS.get(name)
-    return found if isinstance(found, Formula | HeightField) else Formula(shape=found)
+    formula = TERRAINS.get(name)
+    return formula if isinstance(formula, Formula | HeightField) else Formula(shape=formula)
 
 
 def reference_terrain(name: str) -> HeightField:
-    """The terrain of a name in ``TERRAINS``, or of ``FILE.py:NAME``, over [−4, 4]² m unless it is a height field.
+    """The terrain of a name in ``TERRAINS``, or of ``FILE.py:NAME``, over [−4, 4]² m unless it is a
+    height field.
 
-    Behind a name stands a ``HeightField``, a ``Formula``, or a function h(x, y) of arrays that gives heights [m].
-    Raises InvalidInput for another name, and for a formula that is finer than its spline can hold.
+    Behind a name stands a ``HeightField``, a ``Formula``, or a function h(x, y) of arrays that
+    gives heights [m]. Raises InvalidInput for another name, and for a formula that is finer than
+    its spline can hold.
 
     >>> reference_terrain("ripple").height(np.zeros(2))
     array(0.)
     """
-    found = _formula(name)
-    if isinstance(found, HeightField):
-        return found
+    formula = _formula(name)
+    if isinstance(formula, HeightField):
+        return formula
     return HeightField.from_function(
-        found.shape, float(WIDE[1, 0]), found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
+        formula.shape,
+        float(WIDE[1, 0]),
+        formula.spacing_m,
+        name=name,
+        tolerance_m=REFERENCE_TOLERANCE_M,
     )
 
 
@@ -157,8 +172,8 @@ def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
     """The walks of a terrain: Pan et al.'s benchmark (§V) on its own, 24 directions on ripple and
     cone, 15 targets on hill and pits, where both front feet stick; none on others. Raises
     InvalidInput for another name."""
-    found = _formula(name)
-    return () if isinstance(found, HeightField) else found.tasks()
+    formula = _formula(name)
+    return () if isinstance(formula, HeightField) else formula.tasks()
 
 
 def _spread(count: int, radius_m: float) -> Array:
@@ -168,9 +183,11 @@ def _spread(count: int, radius_m: float) -> Array:
     return np.stack([radii * np.cos(turns), radii * np.sin(turns)], axis=1)
 
 
-def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m: float = 0.0) -> HeightField:
-    """The heights of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw FAMILY:LEVEL:SEED as in ``rough:0.5:7`` or
-    ``mine.py:rolling:0.5:7``, or a file of heights.
+def named_terrain(
+    name: str, options: ImportOptions = ImportOptions(), smooth_m: float = 0.0
+) -> HeightField:
+    """The heights of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw FAMILY:LEVEL:SEED as in
+    ``rough:0.5:7`` or ``mine.py:rolling:0.5:7``, or a file of heights.
 
     options, smooth_m: of files, see ``terrain_file.read_heights``. Raises InvalidInput.
     """
@@ -192,12 +209,13 @@ def names_ground(name: str) -> bool:
     """Tell whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or
     ``FILE.py:NAME``."""
     family = split_name(name)[0]
-    own = family.endswith(".py") or ".py:" in family
-    return name in TERRAINS.names() or own or (drawn_name(name) and not Path(name).exists())
+    is_file = family.endswith(".py") or ".py:" in family
+    return name in TERRAINS.names() or is_file or (drawn_name(name) and not Path(name).exists())
 
 
 def named_ground(name: str) -> Terrain:
-    """A ground by its name, with the patches about the place where courses over it begin. Raises InvalidInput."""
+    """A ground by its name, with the patches about the place where courses over it begin. Raises
+    InvalidInput."""
     if drawn_name(name):
         return family_terrain(*read_draw(name, "terrain"))
     return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE)
@@ -216,8 +234,11 @@ def named_surface(name: str) -> TriangleMesh | ElevationMap:
 if not TYPE_CHECKING:  # checkers read what is there today
 
     def __getattr__(name: str) -> object:
-        """``Formula`` under the name that plug-ins had for it. Raises AttributeError for any other name."""
+        """``Formula`` under the name that plug-ins had for it. Raises AttributeError for any other
+        name."""
         if name != "Terrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        warnings.warn(f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2)
+        warnings.warn(
+            f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2
+        )
         return Formula

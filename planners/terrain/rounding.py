@@ -1,8 +1,9 @@
-"""Heights of patches for walks: tops as they are, and beyond their edges as far as a foot of some size rolls off.
+"""Heights of patches for walks: tops as they are, and beyond their edges as far as a foot of some
+size rolls off.
 
-A patch stays in its place to its very edge. Beyond it the surface bends down over the radius of a foot, then falls at a
-slope that a spline of this spacing can hold, to the next surface or to the bottom. So a lower surface is wrong only
-near a higher one, by less than the drop over ``SLOPE``.
+A patch stays in its place to its very edge. Beyond it the surface bends down over the radius of a
+foot, then falls at a slope that a spline of this spacing can hold, to the next surface or to the
+bottom. So a lower surface is wrong only near a higher one, by less than the drop over ``SLOPE``.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ ROUND_M, SLOPE = 0.03, 3.0
 SPACING_M = 0.025
 """Of the grid [m]."""
 FIRST_M = 0.15
-"""How far from a patch its fall is looked at first; twice as far as long as it is above all else [m]."""
+"""How far from a patch its fall is looked at first; twice as far as long as it is above all else
+[m]."""
 
 
 def rounded(
@@ -33,7 +35,8 @@ def rounded(
 ) -> HeightField | None:
     """The highest surface over a rectangle, rounded beyond edges; None where no patch faces up.
 
-    low_m, high_m: corners of the rectangle, shape (2,), by the patches where they are missing [m]. name: of the field.
+    low_m, high_m: corners of the rectangle, shape (2,), by the patches where they are missing [m].
+    name: of the field.
     """
     up = [patch for patch in patches if patch.normal[2] >= UPRIGHT]
     if not up:
@@ -56,7 +59,8 @@ def rounded(
 
 
 def _raise_to(heights: Array, x: Array, y: Array, patch: Patch, reach_m: float) -> bool:
-    """Raise the grid to a patch and what falls off from it within a reach; whether it was raised at the end of that."""
+    """Raise the grid to a patch and what falls off from it within a reach; whether it was raised at
+    the end of that."""
     corners = patch.vertices_m[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = reach_m + EDGE_M

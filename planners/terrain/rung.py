@@ -1,8 +1,9 @@
 """Rungs: round bars, on which a foot stands on a line.
 
-The surface of a rung turns away to both sides of its highest line, so that a toe beside the line, by as much as feet
-are off, finds a normal that leans to that side. What both such normals bear is a cone about the upright one whose angle
-is smaller by the turn: the foothold is a strip as wide as that, with the friction of both sides,
+The surface of a rung turns away to both sides of its highest line, so that a toe beside the line,
+by as much as feet are off, finds a normal that leans to that side. What both such normals bear is a
+cone about the upright one whose angle is smaller by the turn: the foothold is a strip as wide as
+that, with the friction of both sides,
 
     tan(arctan μ − turn),   turn = arcsin(half width / radius).
 """
@@ -21,11 +22,13 @@ from .polygon import shear_of
 HALF_WIDTH_M, SHARE = 6e-4, 0.05
 """Half the width of a rung's line: this, or this share of the radius where that is more [m]."""
 SIDES = np.array([0.0, 0.6, 1.2, 1.8])
-"""Angles from the line at which the flat sides of a rung that limbs keep out of begin and end [rad]."""
+"""Angles from the line at which the flat sides of a rung that limbs keep out of begin and end
+[rad]."""
 
 
 def held_on_both_sides(friction: float, turn_rad: float) -> float:
-    """The friction that holds on both sides of a rung's line, of which the surface turns by so much to each side."""
+    """The friction that holds on both sides of a rung's line, of which the surface turns by so much
+    to each side."""
     return float(np.tan(max(np.arctan(friction) - turn_rad, 0.0)))
 
 
@@ -51,7 +54,12 @@ class Rung:
         axis = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
         upright = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
         upright /= np.linalg.norm(upright)
-        return cls(axis=axis, upright=upright, middle_m=ends_m.mean(axis=0) + radius_m * upright, radius_m=radius_m)
+        return cls(
+            axis=axis,
+            upright=upright,
+            middle_m=ends_m.mean(axis=0) + radius_m * upright,
+            radius_m=radius_m,
+        )
 
     @property
     def half_width_m(self) -> float:
@@ -64,22 +72,30 @@ class Rung:
         return float(np.arcsin(min(self.half_width_m / self.radius_m, 1.0)))
 
     def line(self, low_m: float, high_m: float, friction: float) -> Patch:
-        """The strip that feet may stand on, from one place along the axis to another, counted from the middle.
+        """The strip that feet may stand on, from one place along the axis to another, counted from
+        the middle.
 
         friction: of the rung's surface; the strip has that of both sides.
         """
-        return self._patch(0.0, self.half_width_m, low_m, high_m, held_on_both_sides(friction, self.turn_rad))
+        return self._patch(
+            0.0, self.half_width_m, low_m, high_m, held_on_both_sides(friction, self.turn_rad)
+        )
 
     def sides(self, low_m: float, high_m: float, friction: float) -> tuple[Patch, ...]:
         """The upper half and some more of the surface as flat patches, which limbs keep out of."""
         found = []
         for begin, end in pairwise(SIDES):
             middle, half = 0.5 * (begin + end), self.radius_m * np.sin(0.5 * (end - begin))
-            found += [self._patch(sign * middle, half, low_m, high_m, friction) for sign in (-1.0, 1.0)]
+            found += [
+                self._patch(sign * middle, half, low_m, high_m, friction) for sign in (-1.0, 1.0)
+            ]
         return tuple(found)
 
-    def _patch(self, angle: float, half_m: float, low_m: float, high_m: float, friction: float) -> Patch:
-        """A rectangle along the axis that touches the surface from within at its long borders, at an angle about it."""
+    def _patch(
+        self, angle: float, half_m: float, low_m: float, high_m: float, friction: float
+    ) -> Patch:
+        """A rectangle along the axis that touches the surface from within at its long borders, at
+        an angle about it."""
         across = cross(self.upright, self.axis)
         normal = np.cos(angle) * self.upright + np.sin(angle) * across
         aside = cross(normal, self.axis)
@@ -89,4 +105,9 @@ class Rung:
             centre + along * self.axis + way * half_m * aside
             for along, way in ((low_m, -1.0), (high_m, -1.0), (high_m, 1.0), (low_m, 1.0))
         ]
-        return Patch(vertices_m=np.array(corners), normal=normal, shear_reference=shear_of(normal), friction=friction)
+        return Patch(
+            vertices_m=np.array(corners),
+            normal=normal,
+            shear_reference=shear_of(normal),
+            friction=friction,
+        )

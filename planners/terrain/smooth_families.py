@@ -1,6 +1,8 @@
-"""Families of terrain that are smooth: heights h(x, y) of a level in [0, 1] and a generator, level about the origin.
+"""Families of terrain that are smooth: heights h(x, y) of a level in [0, 1] and a generator, level
+about the origin.
 
-``stairs-spline`` and ``stones-spline`` are what walks had under ``stairs`` and ``stones`` before a name was one ground.
+``stairs-spline`` and ``stones-spline`` are what walks had under ``stairs`` and ``stones`` before a
+name was one ground.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from .heightfield import HeightField
 
 HALF_WIDTH_M = float(WIDE[1, 0])
 LEVEL_M = 0.6
-"""Smooth terrains are level within this distance of the origin, so that a robot can stand there [m]."""
+"""Smooth terrains are level within this distance of the origin, so that a robot can stand there
+[m]."""
 
 
 def _rough(difficulty: float, rng: np.random.Generator) -> Shape:
@@ -32,7 +35,8 @@ def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
 
 
 def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10 cm."""
+    """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10
+    cm."""
     turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
     edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
     steps = (
@@ -56,7 +60,8 @@ def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
 
 
 def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are smaller."""
+    """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are
+    smaller."""
     pitch, depth = 0.7, 0.4 * difficulty
     lattice = pitch * np.arange(-7, 8)
     centres = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -97,8 +102,8 @@ def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Sha
     """White noise under a Gaussian of this length, as a function."""
     spacing = 0.05
     count = 2 * int(HALF_WIDTH_M / spacing) + 1
-    drawn = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
-    field = HeightField.from_array(deviation_m / float(drawn.std()) * drawn, spacing)
+    noise = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
+    field = HeightField.from_array(deviation_m / float(noise.std()) * noise, spacing)
     return lambda x, y: field.height(np.stack([x, y], axis=-1))
 
 

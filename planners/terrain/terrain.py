@@ -1,4 +1,5 @@
-"""A terrain: its patches, where toes may stand on them, and its heights. Patches and heights show one surface."""
+"""A terrain: its patches, where toes may stand on them, and its heights. Patches and heights show
+one surface."""
 
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ from .polygon import EDGE_M, UPRIGHT, VOID_M, half_planes
 if TYPE_CHECKING:
     from .heightfield import HeightField  # splines are slow to import
 
+
 @dataclass(frozen=True, eq=False)
 class Terrain:
     """One ground, for key frames as patches and for walks as heights.
@@ -23,11 +25,13 @@ class Terrain:
     Arguments:
         patches: every surface, in order.
         footing: per patch, whether a toe may stand on it; risers, for one, are only in the way.
-        footholds: where toes may stand instead: pieces of the patches that keep ``inset_m`` from their borders [m].
+        footholds: where toes may stand instead: pieces of the patches that keep ``inset_m`` from
+            their borders [m].
         rise: rise of the mean ground per metre along x; None between walls, where the way is up.
         figures: what was drawn, by name, in SI units.
         begin_m: point of the ground over which a course begins, shape (3,) [m].
-        laid: makes the heights where they go on beyond the patches; without it they are those of the patches.
+        laid: makes the heights where they go on beyond the patches; without it they are those of
+            the patches.
     """
 
     patches: tuple[Patch, ...]
@@ -58,7 +62,8 @@ class Terrain:
 
     @cached_property
     def heights(self) -> HeightField | None:
-        """The surface for walks, its edges rounded (``rounding``); None where nothing faces up, as between walls."""
+        """The surface for walks, its edges rounded (``rounding``); None where nothing faces up, as
+        between walls."""
         if self.laid is not None:
             return self.laid()
         from .rounding import rounded

@@ -1,4 +1,5 @@
-"""The one reader of terrain files: meshes, grids and point clouds, for postures, courses, walks and environments."""
+"""The one reader of terrain files: meshes, grids and point clouds, for postures, courses, walks and
+environments."""
 
 from __future__ import annotations
 
@@ -29,16 +30,19 @@ MOST_SEEN = 3_000_000
 ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025
-"""How far a spline may swing beyond the heights about a cell; beyond, the terrain is too fine for it [m]."""
+"""How far a spline may swing beyond the heights about a cell; beyond, the terrain is too fine for
+it [m]."""
 
 
 def read_terrain(
     path: str | Path, options: ImportOptions = ImportOptions(), *, name: str = ""
 ) -> TriangleMesh | ElevationMap:
-    """A mesh, or the elevation map of a grid or a point cloud, in the world's frame; holes as ``options`` has them.
+    """A mesh, or the elevation map of a grid or a point cloud, in the world's frame; holes as
+    ``options`` has them.
 
-    A mesh of kind "grid" is the map of what is seen of it from above, at the options' spacing.
-    A .ply without faces is a cloud. Raises InvalidInput, in one line, for anything that is no terrain.
+    A mesh of kind "grid" is the map of what is seen of it from above, at the options' spacing. A
+    .ply without faces is a cloud. Raises InvalidInput, in one line, for anything that is no
+    terrain.
     """
     path = Path(path)
     label = name or path.name
@@ -71,18 +75,22 @@ def read_heights(
     tolerance_m: float = TOLERANCE_M,
     name: str = "",
 ) -> HeightField:
-    """A terrain as one height at every place, smoothed by a Gaussian of deviation smooth_m where that is above 0; a
-    mesh is seen from above.
+    """A terrain as one height at every place, smoothed by a Gaussian of deviation smooth_m where
+    that is above 0; a mesh is seen from above.
 
-    Raises InvalidInput for what is no terrain, holes that are not to be filled, fewer than four grid lines, sizes no
-    robot walks on, and for a terrain that is finer than its spline can hold: in a cell it swings by more than
-    tolerance_m beyond its corners.
+    Raises InvalidInput for what is no terrain, holes that are not to be filled, fewer than four
+    grid lines, sizes no robot walks on, and for a terrain that is finer than its spline can hold:
+    in a cell it swings by more than tolerance_m beyond its corners.
     """
-    found = read_terrain(path, options, name=name)
-    if isinstance(found, TriangleMesh):
-        found = found.from_above(options.spacing_m).with_holes(options.holes)
-    field = found.field()
-    smoothed = field.smoothed(smooth_m) if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M) else field
+    terrain = read_terrain(path, options, name=name)
+    if isinstance(terrain, TriangleMesh):
+        terrain = terrain.from_above(options.spacing_m).with_holes(options.holes)
+    field = terrain.field()
+    smoothed = (
+        field.smoothed(smooth_m)
+        if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M)
+        else field
+    )
     _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
     return smoothed
 
@@ -92,10 +100,14 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
     InvalidInput."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise InvalidInput(f"{path}: expected a terrain that ends in {', '.join(SUFFIXES)}, got {suffix or 'none'}")
+        raise InvalidInput(
+            f"{path}: expected a terrain that ends in {', '.join(SUFFIXES)}, got {suffix or 'none'}"
+        )
     if wanted is not None:
         if suffix not in MAY_HOLD[wanted]:
-            raise InvalidInput(f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got {suffix}")
+            raise InvalidInput(
+                f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got {suffix}"
+            )
         return wanted
     if suffix == ".ply":
         head = read_bytes(path, mesh_file.MOST_BYTES)[:HEAD_BYTES].partition(b"end_header")[0]
@@ -106,7 +118,8 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
 
 
 def _check_held(field: HeightField, tolerance_m: float) -> None:
-    """Raise InvalidInput where the spline between grid points is far above or below all that are about."""
+    """Raise InvalidInput where the spline between grid points is far above or below all that are
+    about."""
     h = field.heights_m
     corners = np.stack([h[:-1, :-1], h[1:, :-1], h[:-1, 1:], h[1:, 1:]])
     x, y = (0.5 * (line[1:] + line[:-1]) for line in (field.x_m, field.y_m))

@@ -22,14 +22,16 @@ from .raster import raised
 WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
 LARGEST_M, SMALLEST_MESH_M = 50.0, 0.01
-"""A terrain is no larger and no smaller than this from end to end [m]: what is, is in another unit."""
+"""A terrain is no larger and no smaller than this from end to end [m]: what is, is in another
+unit."""
 MOST_COVERED = 2e8
 """Grid points under all triangles of a mesh together, as each has to be looked at."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TriangleMesh:
-    """Corners, shape (V, 3) [m], and triangles by their numbers, shape (T, 3), each with an area. name: for messages.
+    """Corners, shape (V, 3) [m], and triangles by their numbers, shape (T, 3), each with an area.
+    name: for messages.
 
     Seen from where the terrain may be stood on, a triangle's corners turn to the left.
     """
@@ -39,10 +41,13 @@ class TriangleMesh:
     name: str
 
     @classmethod
-    def of(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
+    def of(
+        cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str
+    ) -> TriangleMesh:
         """Mesh of a file, welded, in the world's frame, cropped.
 
-        Raises InvalidInput where nothing is left, for an unlikely size, and for a solid that is inside out.
+        Raises InvalidInput where nothing is left, for an unlikely size, and for a solid that is
+        inside out.
         """
         with np.errstate(all="ignore"):  # absurd magnitudes end as no area
             corners, triangles = _welded(options.placed(corners), triangles)
@@ -51,7 +56,9 @@ class TriangleMesh:
         if options.crop_m is not None:
             corners, triangles = _cropped(corners, triangles, options.box_m)
             if len(triangles) == 0:
-                raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
+                raise InvalidInput(
+                    f"{name}: crop_m: expected some of the mesh inside, got none of it"
+                )
         middle = inside_out(corners, triangles)
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
@@ -62,7 +69,9 @@ class TriangleMesh:
         return cls(corners_m=corners, triangles=triangles, name=name)
 
     @classmethod
-    def as_given(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
+    def as_given(
+        cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str
+    ) -> TriangleMesh:
         """Mesh of a file in the world's frame, cropped, to be seen from above alone: nothing else
         is looked at.
 
@@ -75,7 +84,9 @@ class TriangleMesh:
             meets = np.all((high >= options.box_m[0]) & (low <= options.box_m[1]), axis=1)
             corners, triangles = _cropped(corners, triangles[meets], options.box_m)
             if len(triangles) == 0:
-                raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
+                raise InvalidInput(
+                    f"{name}: crop_m: expected some of the mesh inside, got none of it"
+                )
         return cls(corners_m=corners, triangles=triangles, name=name)
 
     @classmethod
@@ -91,7 +102,8 @@ class TriangleMesh:
         return np.asarray(self.corners_m[self.triangles])
 
     def check_size(self, unit_m: float) -> None:
-        """Raise InvalidInput for a mesh that nobody walks on; unit_m: what its file's unit was taken for."""
+        """Raise InvalidInput for a mesh that nobody walks on; unit_m: what its file's unit was
+        taken for."""
         size = float(np.ptp(self.corners_m, axis=0).max())
         if size > LARGEST_M:
             raise InvalidInput(
@@ -105,7 +117,8 @@ class TriangleMesh:
             )
 
     def from_above(self, spacing_m: float) -> ElevationMap:
-        """The upper side on the largest grid within the extent, with holes where there is no triangle.
+        """The upper side on the largest grid within the extent, with holes where there is no
+        triangle.
 
         Raises InvalidInput for a mesh that is too wide, too small, or takes too long.
         """
@@ -113,19 +126,28 @@ class TriangleMesh:
         x_m, y_m = _grid_lines(triangles, spacing_m, self.name)
         _check_cover(triangles, spacing_m, self.name)
         heights = raised(triangles, x_m, y_m)
-        return ElevationMap(x_m=x_m, y_m=y_m, heights_m=np.where(np.isfinite(heights), heights, np.nan), name=self.name)
+        return ElevationMap(
+            x_m=x_m,
+            y_m=y_m,
+            heights_m=np.where(np.isfinite(heights), heights, np.nan),
+            name=self.name,
+        )
 
 
 def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
     """Corners and triangles without corners given twice and triangles without an area."""
-    _, first, number = np.unique(np.round(corners / WELD_M), axis=0, return_index=True, return_inverse=True)
+    _, first, number = np.unique(
+        np.round(corners / WELD_M), axis=0, return_index=True, return_inverse=True
+    )
     corners, triangles = corners[first], number.reshape(-1)[triangles]
     a, b, c = (corners[triangles[:, i]] for i in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return corners, triangles[area > WELD_M**2]
 
 
-def _cropped(corners: Array, triangles: NDArray[np.int_], box: Array) -> tuple[Array, NDArray[np.int_]]:
+def _cropped(
+    corners: Array, triangles: NDArray[np.int_], box: Array
+) -> tuple[Array, NDArray[np.int_]]:
     """Part inside a box, with triangles cut at its sides."""
     from trimesh.intersections import slice_faces_plane
 
@@ -137,7 +159,9 @@ def _cropped(corners: Array, triangles: NDArray[np.int_], box: Array) -> tuple[A
                 continue
             normal, origin = sign * np.eye(3)[axis], at * np.eye(3)[axis]
             corners, triangles, *_ = sliced(corners, triangles, normal, origin)
-    return _welded(np.asarray(corners, dtype=np.float64), np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
+    return _welded(
+        np.asarray(corners, dtype=np.float64), np.asarray(triangles, dtype=np.int_).reshape(-1, 3)
+    )
 
 
 def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
@@ -152,22 +176,27 @@ def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
     edge = 1e-9 * (high - low)  # the outermost nodes lie just within the mesh
     counts = np.floor((high - low - 2.0 * edge)[:2] / spacing + 1e-6).astype(int) + 1
     if counts[0] * counts[1] > MOST_POINTS:
-        raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {counts[0] * counts[1]}")
+        raise InvalidInput(
+            f"{name}: expected {MOST_POINTS} grid points or fewer, got {counts[0] * counts[1]}"
+        )
     if counts.min() < 4:
         raise InvalidInput(
             f"{name}: expected {4 * spacing:g} m or more at spacing_m={spacing:g}, "
             f"got {high[0] - low[0]:g} x {high[1] - low[1]:g} m"
         )
-    lines = [np.linspace(low[k] + edge[k], low[k] + edge[k] + (n - 1) * spacing, n) for k, n in enumerate(counts)]
+    lines = [
+        np.linspace(low[k] + edge[k], low[k] + edge[k] + (n - 1) * spacing, n)
+        for k, n in enumerate(counts)
+    ]
     return [np.minimum(line, high[k] - edge[k]) for k, line in enumerate(lines)]
 
 
 def _check_cover(triangles: Array, spacing: float, name: str) -> None:
-    """Raise InvalidInput for triangles that lie over one another so often that reading them takes minutes."""
+    """Raise InvalidInput for triangles that lie over one another so often that reading them takes
+    minutes."""
     spans = np.ptp(triangles[:, :, :2], axis=1) / spacing + 1.0
     covered = float(np.prod(spans, axis=1).sum())
     if covered > MOST_COVERED:
         raise InvalidInput(
             f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
         )
-

@@ -1,9 +1,10 @@
-"""The independent verifier: it knows the problem or course and the answer, and nothing of how the answer was made.
+"""The independent verifier: it knows the problem or course and the answer, and nothing of how the
+answer was made.
 
-``check_plan`` judges answers, ``check_certificate`` proofs that there is none, of a posture
-problem or of a course alike; ``explain`` says what such a proof gives as its reason. The batches, ``check_postures``
-and ``check_certificates``, give numbers in place of reports. No solver takes part in a verdict on contacts or on a
-proof, and no code of a planner in anything.
+``check_plan`` judges answers, ``check_certificate`` proofs that there is none, of a posture problem
+or of a course alike; ``explain`` says what such a proof gives as its reason. The batches,
+``check_postures`` and ``check_certificates``, give numbers in place of reports. No solver takes
+part in a verdict on contacts or on a proof, and no code of a planner in anything.
 """
 
 from ..answer.report import GROUPS as GROUPS

@@ -1,8 +1,9 @@
 """Judging bodies: does a link go through another one, or through the terrain?
 
-Key frames are judged with the angles that joints are judged with, and the path between them at moments a centimetre
-apart (``planners.motion``), on which the runner drives the joints. Links are the shapes of the robot's file, the
-terrain is ``Obstacles``; a foot may be in the surface it stands on.
+Key frames are judged with the angles that joints are judged with, and the path between them at
+moments a centimetre apart (``planners.motion``), on which the runner drives the joints. Links are
+the shapes of the robot's file, the terrain is ``Obstacles``; a foot may be in the surface it stands
+on.
 """
 
 from __future__ import annotations
@@ -33,12 +34,13 @@ NO_ANGLES = "the plan has no joint angles that the motion could go through"
 class BodyReport:
     """Report on links that go through something.
 
-    postures: how many were judged; hit: how many of them a link is too deep in something in. worst: the deepest
-    overlap; place: of it, for people, and frame, its key frame or progress between two. missing: what has no shape and
-    was not judged. drawn_so: pairs of links that are inside each other in every posture, and are left out. astray: of
-    a foot that cannot follow its path; empty where all do. short_m: what is missing to bodies that are clear: of the
-    depth in the terrain what is more than touch, of the distance between links what is less than ``ROOM_M``, and how
-    far a foot is off its path.
+    postures: how many were judged; hit: how many of them a link is too deep in something in. worst:
+    the deepest overlap; place: of it, for people, and frame, its key frame or progress between two.
+    missing: what has no shape and was not judged. drawn_so: pairs of links that are inside each
+    other in every posture, and are left out. astray: of a foot that cannot follow its path; empty
+    where all do. short_m: what is missing to bodies that are clear: of the depth in the terrain
+    what is more than touch, of the distance between links what is less than ``ROOM_M``, and how far
+    a foot is off its path.
     """
 
     postures: int
@@ -87,10 +89,11 @@ class BodyReport:
 
 
 def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
-    """As few samples of a motion as are not farther apart than ``APART_M`` and ``TURN_RAD``, with the first and the
-    last.
+    """As few samples of a motion as are not farther apart than ``APART_M`` and ``TURN_RAD``, with
+    the first and the last.
 
-    points_m: feet and body's origin at every sample, shape (K, P, 3) [m]. angles_rad: of the joints, shape (K, J).
+    points_m: feet and body's origin at every sample, shape (K, P, 3) [m]. angles_rad: of the
+    joints, shape (K, J).
     """
     from ..motion.joints import TURN_RAD  # slow to import
     from ..motion.path import APART_M
@@ -119,9 +122,9 @@ def bodies_report(
         frames: progress of every posture, shape (T,).
         postures: the T postures.
         astray: as of ``BodyReport``, and how far that foot is off its path [m].
-        between: whether the postures follow each other, and what is only on the way from one to the next is judged,
-            too. Whether they are near enough to each other to stand for the motion between them is their maker's to
-            see to.
+        between: whether the postures follow each other, and what is only on the way from one to the
+            next is judged, too. Whether they are near enough to each other to stand for the motion
+            between them is their maker's to see to.
         deadline: as of ``check_bodies``.
     """
     from ..robot.bodies import LINKS_M, ROOM_M, TOUCH_M  # slow to import
@@ -131,12 +134,14 @@ def bodies_report(
     short_m = astray[1] if astray[0] else 0.0
     for count, near in bodies.sweep(postures, links_m=-ROOM_M, between=between):
         for _, overlap in near:
-            short_m = max(short_m, overlap.depth_m + (ROOM_M if overlap.other in bodies.links else -TOUCH_M))
-        found = [(moment, overlap) for moment, overlap in near if overlap.depth_m > LINKS_M]
-        ways = sum(moment % 1.0 > 0.0 for moment, _ in found)
-        hit += ways + len({moment for moment, _ in found if not moment % 1.0})
+            short_m = max(
+                short_m, overlap.depth_m + (ROOM_M if overlap.other in bodies.links else -TOUCH_M)
+            )
+        overlaps = [(moment, overlap) for moment, overlap in near if overlap.depth_m > LINKS_M]
+        ways = sum(moment % 1.0 > 0.0 for moment, _ in overlaps)
+        hit += ways + len({moment for moment, _ in overlaps if not moment % 1.0})
         on_the_way += ways
-        for moment, overlap in sorted(found, key=lambda each: each[0]):
+        for moment, overlap in sorted(overlaps, key=lambda each: each[0]):
             if deepest is None or overlap.depth_m > deepest[0].depth_m:
                 deepest = overlap, float(np.interp(moment, at, frames))
         if time.perf_counter() > deadline and count < len(frames):
@@ -144,17 +149,26 @@ def bodies_report(
             break
     worst, frame = deepest or (None, 0.0)
     return BodyReport(
-        postures=count + on_the_way, hit=hit, worst=worst, frame=frame, missing=missing, drawn_so=bodies.drawn_so,
-        astray=astray[0], short_m=short_m,
-    )  # fmt: skip
+        postures=count + on_the_way,
+        hit=hit,
+        worst=worst,
+        frame=frame,
+        missing=missing,
+        drawn_so=bodies.drawn_so,
+        astray=astray[0],
+        short_m=short_m,
+    )
 
 
-def check_bodies(plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf) -> tuple[Group, ...]:
-    """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and, where limbs carry
-    between them, ``motion``, of the path through them where they are the plan's own.
+def check_bodies(
+    plan: Plan, angles: Array, solver: Kinematics, *, deadline: float = math.inf
+) -> tuple[Group, ...]:
+    """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad],
+    and, where limbs carry between them, ``motion``, of the path through them where they are the
+    plan's own.
 
-    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked. Raises InvalidInput
-    without coal.
+    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked.
+    Raises InvalidInput without coal.
     """
     from ..motion.joints import STRAY_M, JointPath, key_postures, path_bodies  # slow to import
     from ..motion.path import PlanPath
@@ -162,28 +176,38 @@ def check_bodies(plan: Plan, angles: Array, solver: Kinematics, *, deadline: flo
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
-    keys = bodies_report(bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline)
-    found = keys.group("bodies")
-    if plan.problem.robot.absent and found.verdict == "holds":
+    keys = bodies_report(
+        bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline
+    )
+    group = keys.group("bodies")
+    if plan.problem.robot.absent and group.verdict == "holds":
         absent = ", ".join(plan.problem.robot.absent)
-        found = replace(found, verdict="not checked", message=f"legs {absent}: nobody says where they are")
+        group = replace(
+            group, verdict="not checked", message=f"legs {absent}: nobody says where they are"
+        )
     if plan.problem.uncarried:
-        return (found,)  # nobody asks for a motion
-    unchecked = NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
+        return (group,)  # nobody asks for a motion
+    unchecked = (
+        NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
+    )
     if unchecked:
-        return found, Group("motion", unit="m", message=unchecked, verdict="not checked")
+        return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
         path = PlanPath(plan)
         moments, postures = JointPath(path, solver).judged(deadline=deadline)
     except TimeEnded:
-        return found, Group("motion", unit="m", message=LATE, verdict="not checked")
+        return group, Group("motion", unit="m", message=LATE, verdict="not checked")
     except InvalidInput as error:
-        return found, Group("motion", unit="m", message=str(error), verdict="not checked")
+        return group, Group("motion", unit="m", message=str(error), verdict="not checked")
     stray_m = float(postures.error_m.max())
-    astray = (_astray(plan, moments.frame, postures.error_m), stray_m) if stray_m > STRAY_M else ("", 0.0)
+    astray = (
+        (_astray(plan, moments.frame, postures.error_m), stray_m)
+        if stray_m > STRAY_M
+        else ("", 0.0)
+    )
     on_path = path_bodies(path, moments, postures)
     motion = bodies_report(bodies, moments.frame, on_path, astray, between=True, deadline=deadline)
-    return found, motion.group("motion")
+    return group, motion.group("motion")
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:

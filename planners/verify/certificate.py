@@ -1,8 +1,10 @@
-"""Independent check of infeasibility certificates of posture problems and courses: matrix-vector work, no solver.
+"""Independent check of infeasibility certificates of posture problems and courses: matrix-vector
+work, no solver.
 
 A certificate is a tree that covers all choices of patches, toes and forces, and multipliers a leaf
-(``outcome.Certificate``). The tree is replayed from the problem's own patches and force boxes (``tree``), and every
-leaf's bound is worked out anew (``lagrangian``), so nothing in a certificate has to be trusted.
+(``outcome.Certificate``). The tree is replayed from the problem's own patches and force boxes
+(``tree``), and every leaf's bound is worked out anew (``lagrangian``), so nothing in a certificate
+has to be trusted.
 """
 
 from __future__ import annotations
@@ -25,16 +27,20 @@ from .soles import counts_of
 from .tree import Forest, Replayed
 
 GAP = 1e-4
-"""The moment residual that the certificate of a posture has to prove unless another is asked for, non-dimensional."""
+"""The moment residual that the certificate of a posture has to prove unless another is asked for,
+non-dimensional."""
 
 
-def check_certificate(certificate: Certificate, *, tolerance: float | None = None) -> Report[Certificate]:
-    """Replay the certificate's tree and bound the moment residual at every leaf; never raises for a bad certificate.
+def check_certificate(
+    certificate: Certificate, *, tolerance: float | None = None
+) -> Report[Certificate]:
+    """Replay the certificate's tree and bound the moment residual at every leaf; never raises for a
+    bad certificate.
 
-    Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0); unless told, that is
-    ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the proof gives as its reason. Proofs about
-    leaps have limits of their own (``leap_proof``). Raises InvalidInput for a certificate that does not know its
-    problem.
+    Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0);
+    unless told, that is ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the
+    proof gives as its reason. Proofs about leaps have limits of their own (``leap_proof``). Raises
+    InvalidInput for a certificate that does not know its problem.
     """
     subject = certificate.refuted
     if isinstance(subject, Leap):
@@ -59,20 +65,24 @@ def check_certificate(certificate: Certificate, *, tolerance: float | None = Non
         message = f"refuted at all leaves ({leaves}), even without the balance of moments"
     else:
         moment_nm = bound * subject.moment_scale_nm
-        message = f"refuted at all leaves ({leaves}): {moment_nm:.3g} Nm of moment or more are left over"
+        message = (
+            f"refuted at all leaves ({leaves}): {moment_nm:.3g} Nm of moment or more are left over"
+        )
     return proof_report(certificate, tolerance, bound, leaves, weakest, message)
 
 
 def check_certificates(certificates: Sequence[Certificate]) -> Array:
-    """The ``lower_bound`` of ``check_certificate`` for many posture problems at once, shape (B,); 0 for a bad tree.
+    """The ``lower_bound`` of ``check_certificate`` for many posture problems at once, shape (B,); 0
+    for a bad tree.
 
-    A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number of contacts.
+    A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number
+    of contacts.
     """
     problems = [_posture_problem(certificate) for certificate in certificates]
     bounds = np.zeros(len(problems))
     kinds = [(row_counts(problem.contacts), counts_of(problem.contacts)) for problem in problems]
     for kind in set(kinds):
-        rows = [row for row, its in enumerate(kinds) if its == kind]
+        rows = [row for row, of_kind in enumerate(kinds) if of_kind == kind]
         forest = Forest.of_postures([problems[row] for row in rows])
         replayed: dict[int, Replayed] = {}
         for q, row in enumerate(rows):
@@ -88,10 +98,13 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
 
 
 def _posture_problem(certificate: Certificate) -> Problem:
-    """The posture problem that a certificate is of. Raises InvalidInput for one of anything else."""
+    """The posture problem that a certificate is of. Raises InvalidInput for one of anything
+    else."""
     problem = certificate.refuted
     if not (isinstance(problem, Problem) and problem.is_posture):
-        raise InvalidInput(f"certificate: expected one of a posture problem, got one of a {type(problem).__name__}")
+        raise InvalidInput(
+            f"certificate: expected one of a posture problem, got one of a {type(problem).__name__}"
+        )
     return problem
 
 

@@ -15,8 +15,8 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     """Defect that keeps the plan from being one at all, with its frame and limb; empty when nothing
     does.
 
-    Looks at what there is, shapes and finiteness, of soles also whether forces at points add up. Nothing is raised.
-    Shapes of a posture are said as files have them, without the axis of frames.
+    Looks at what there is, shapes and finiteness, of soles also whether forces at points add up.
+    Nothing is raised. Shapes of a posture are said as files have them, without the axis of frames.
     """
     course = plan.problem
     for name, shape in plan_shapes(course).items():
@@ -28,16 +28,27 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
         if not np.isfinite(array).all():
             return f"{name}: expected finite numbers", -1, ""
         if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
-            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
-    for put, chosen in zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ():
-        if not 0 <= chosen < len(put.candidates):
-            most = len(put.candidates) - 1
             return (
-                f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
-                put.frame, put.limb,
-            )  # fmt: skip
+                f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}",
+                -1,
+                "",
+            )
+    for foothold, chosen in (
+        zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ()
+    ):
+        if not 0 <= chosen < len(foothold.candidates):
+            most = len(foothold.candidates) - 1
+            return (
+                f"choice: frame {foothold.frame}, limb {foothold.limb}: expected a candidate from 0 to {most}, got {chosen}",
+                foothold.frame,
+                foothold.limb,
+            )
     if course.has_soles and plan.point_forces_n is not None:
-        return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)), -1, ""
+        return (
+            forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)),
+            -1,
+            "",
+        )
     return _points_defect(plan), -1, ""
 
 

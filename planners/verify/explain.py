@@ -1,4 +1,5 @@
-"""Why is there no posture, or no plan? What a certificate says of the reason: the smallest change that would help."""
+"""Why is there no posture, or no plan? What a certificate says of the reason: the smallest change
+that would help."""
 
 from __future__ import annotations
 
@@ -22,8 +23,15 @@ from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangi
 from .multipliers import Multipliers
 from .tree import Forest
 
-FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
-"""``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
+FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
+    10.0,
+    1.0,
+    10.0,
+    1.0,
+    0.5 * math.pi,
+)
+"""``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its
+scale), radius."""
 BISECTIONS = 30
 MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
@@ -34,8 +42,9 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
     of a posture problem, the cheapest growth first, those of a course's weakest leaf, the one that
     changes least first, or friction and reach of a leap.
 
-    tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted explains nothing: no
-    relaxations, and the message says why. Raises InvalidInput for one that does not know its problem.
+    tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted
+    explains nothing: no relaxations, and the message says why. Raises InvalidInput for one that
+    does not know its problem.
     """
     subject = certificate.refuted
     if isinstance(subject, Leap):
@@ -48,17 +57,21 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
     forest = forest_of(subject)
     leaves = forest.leaves({0: forest.replay(0, certificate)})
     if not subject.is_posture:
-        found = _of_course(subject, forest.numbers, leaves)
+        explanation = _of_course(subject, forest.numbers, leaves)
     else:
-        found = _of_posture(subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0))
-    return found if subject.wrench is None else _of_wrench(subject, forest, found)
+        explanation = _of_posture(
+            subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0)
+        )
+    return explanation if subject.wrench is None else _of_wrench(subject, forest, explanation)
 
 
 def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
     unit_m, force = problem.length_scale_m, problem.moment_scale_nm / problem.length_scale_m
-    found = []
+    relaxations = []
 
-    def search(name: str, leg: str, unit: str, now: float, cap: float, grow: Callable[[float], Array]) -> None:
+    def search(
+        name: str, leg: str, unit: str, now: float, cap: float, grow: Callable[[float], Array]
+    ) -> None:
         """Bisect on the growth in (0, cap]; the bounds fall as it grows."""
         low, high = 0.0, cap
         if cap <= 0.0 or np.all(grow(cap) > least):
@@ -67,7 +80,9 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
             for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
-        found.append(Relaxation(parameter=name, leg=leg, now=now, needed=now + low, unit=unit))
+        relaxations.append(
+            Relaxation(parameter=name, leg=leg, now=now, needed=now + low, unit=unit)
+        )
 
     for i, contact in enumerate(problem.contacts):
         one = np.eye(len(problem.contacts))[i]
@@ -80,25 +95,46 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
 
         def reach(by: float, one: Array = one) -> Array:
             rows = numbers.row_bounds + by / unit_m * one[numbers.schedule.row_limb]
-            return leaf_bounds(replace(numbers, reach=numbers.reach + by / unit_m * one, row_bounds=rows), leaves)
+            return leaf_bounds(
+                replace(numbers, reach=numbers.reach + by / unit_m * one, row_bounds=rows), leaves
+            )
 
         def normal_force(by: float, outermost: NDArray[np.bool_] = outermost) -> Array:
-            return leaf_bounds(numbers, replace(leaves, upper=leaves.upper + by / force * outermost))
+            return leaf_bounds(
+                numbers, replace(leaves, upper=leaves.upper + by / force * outermost)
+            )
 
         mu = contact.patch.friction
         search("friction", contact.leg, "1", mu, FRICTION_CAP - mu, friction)
         search("reach", contact.leg, "m", contact.reach_m, REACH_CAP_M, reach)
-        search("force_max", contact.leg, "N", float(contact.force_max[0]) * force, FORCE_CAP * force, normal_force)
+        search(
+            "force_max",
+            contact.leg,
+            "N",
+            float(contact.force_max[0]) * force,
+            FORCE_CAP * force,
+            normal_force,
+        )
     search(
-        "com_radius", "", "m", float(problem.com_radius_m[0]), RADIUS_CAP_M,
-        lambda by: leaf_bounds(replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves),
-    )  # fmt: skip
+        "com_radius",
+        "",
+        "m",
+        float(problem.com_radius_m[0]),
+        RADIUS_CAP_M,
+        lambda by: leaf_bounds(
+            replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves
+        ),
+    )
     search(
-        "tilt_limit", "", "rad", problem.tilt_limit_rad, TILT_CAP_RAD - problem.tilt_limit_rad,
+        "tilt_limit",
+        "",
+        "rad",
+        problem.tilt_limit_rad,
+        TILT_CAP_RAD - problem.tilt_limit_rad,
         lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
-    )  # fmt: skip
-    found.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
-    return Explanation(relaxations=tuple(found), message=_cheapest(found[0]))
+    )
+    relaxations.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
+    return Explanation(relaxations=tuple(relaxations), message=_cheapest(relaxations[0]))
 
 
 def _cheapest(first: Relaxation) -> str:
@@ -107,7 +143,9 @@ def _cheapest(first: Relaxation) -> str:
     name = first.parameter + (f" of {first.leg}" if first.leg else "")
     unit = "" if first.unit == "1" else f" {first.unit}"
     percent = 100.0 * first.relative
-    change = f" ({percent:{'+.2g' if percent < 99.5 else '+.0f'}} %)" if math.isfinite(percent) else ""
+    change = (
+        f" ({percent:{'+.2g' if percent < 99.5 else '+.0f'}} %)" if math.isfinite(percent) else ""
+    )
     values = f"from {first.now:.4g}{unit} to at least {first.needed:.4g}{unit}"
     return f"infeasible: the cheapest single change is {name}, {values}{change}"
 
@@ -124,7 +162,9 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
     where += "" if problem.is_posture else f" at frame {stance.frame}"
     force, moment = (float(length(part)) for part in np.split(problem.wrench[stance.frame], 2))
     now, unit = (force, "N") if force > 0.0 else (moment, "Nm")
-    most = Relaxation(parameter=f"wrench on {where}", leg="", now=now, needed=held.share * now, unit=unit)
+    most = Relaxation(
+        parameter=f"wrench on {where}", leg="", now=now, needed=held.share * now, unit=unit
+    )
     message = f"infeasible: holds {most.needed:.3g} {unit} at most, of {now:.4g} {unit}: {where}"
     return Explanation(relaxations=(most, *found.relaxations), message=message)
 
@@ -136,18 +176,20 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
     weakest, groups = int(value.argmin()), int(np.sum(~empty))
     if not groups:
         return Explanation(relaxations=(), message="infeasible: no leaf has a choice left")
-    found, where = _limits(course, numbers, leaves.part(weakest, weakest + 1), float(value[weakest]))
-    found.sort(key=lambda r: abs(r.needed - r.now) / max(r.now, 0.05))
-    if not found or math.isinf(found[0].needed):
+    relaxations, where = _limits(
+        course, numbers, leaves.part(weakest, weakest + 1), float(value[weakest])
+    )
+    relaxations.sort(key=lambda r: abs(r.needed - r.now) / max(r.now, 0.05))
+    if not relaxations or math.isinf(relaxations[0].needed):
         reason = f"the balances at {where} cannot be held; no single limit, however large, lifts this proof"
     else:
-        first, *others = (r for r in found if math.isfinite(r.needed))
+        first, *others = (r for r in relaxations if math.isfinite(r.needed))
         reason = f"with all else as it is, {first.parameter} would have to {_change(first)}"
         slippery = [r for r in others if r.parameter.startswith("friction")]
         if slippery and not first.parameter.startswith("friction"):
             reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
-    return Explanation(relaxations=tuple(found), message=f"infeasible: {reason}{many}")
+    return Explanation(relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}")
 
 
 def _change(one: Relaxation) -> str:
@@ -156,7 +198,9 @@ def _change(one: Relaxation) -> str:
     verb, least = ("rise", "at least") if rises else ("fall", "at most")
     if abs(one.needed - one.now) < 1e-3:
         return f"{verb} from {one.now:.3g}{unit}"
-    return f"{verb} from {one.now:.3g}{unit} to {least} {_on_this_side(one.needed, rises):.3g}{unit}"
+    return (
+        f"{verb} from {one.now:.3g}{unit} to {least} {_on_this_side(one.needed, rises):.3g}{unit}"
+    )
 
 
 def _on_this_side(value: float, rises: bool) -> float:
@@ -165,30 +209,50 @@ def _on_this_side(value: float, rises: bool) -> float:
     return (math.floor if rises else math.ceil)(value / step) * step
 
 
-def _limits(course: Problem, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
+def _limits(
+    course: Problem, numbers: Numbers, leaf: Leaves, value: float
+) -> tuple[list[Relaxation], str]:
     """Values of each limit that would lift one leaf's proof, all else as it is; and where the proof
     pulls most."""
-    names, who, m = course.robot.limb_names, numbers.schedule, Multipliers.of(numbers.schedule, leaf.multipliers)
+    names, who, m = (
+        course.robot.limb_names,
+        numbers.schedule,
+        Multipliers.of(numbers.schedule, leaf.multipliers),
+    )
     pushes = (length(m.nu_F) + length(m.nu_M))[0]
     hardest = int(pushes.argmax())
     stance = course.stances[hardest]
     where = f"frame {stance.frame} on {', '.join(names[i] for i in stance.limbs)}"
-    found = _lengths(course, numbers, leaf, m, value)
+    relaxations = _lengths(course, numbers, leaf, m, value)
     if pushes[hardest] > 1e-6:
         under = np.isin(numbers.candidate, who.holds[stance.frame, list(stance.limbs)])
-        now = float(numbers.friction[0, under & (leaf.pieces[0] >= 0)].max())  # ice is there, too: the best grip
+        now = float(
+            numbers.friction[0, under & (leaf.pieces[0] >= 0)].max()
+        )  # ice is there, too: the best grip
         by = _grip(numbers, leaf, under)
-        found.append(Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit=""))
+        relaxations.append(
+            Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit="")
+        )
         if math.isinf(by):
             by = _grip(numbers, leaf, np.ones_like(under))
-            found.append(Relaxation(parameter="friction everywhere", leg="", now=now, needed=now + by, unit=""))
-    return found, where
+            relaxations.append(
+                Relaxation(
+                    parameter="friction everywhere", leg="", now=now, needed=now + by, unit=""
+                )
+            )
+    return relaxations, where
 
 
-def _lengths(course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
-    """Every limit that the Lagrangian is linear in, where a change within reason lifts the proof."""
+def _lengths(
+    course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float
+) -> list[Relaxation]:
+    """Every limit that the Lagrangian is linear in, where a change within reason lifts the
+    proof."""
     unit_m, steps = course.length_scale_m, course.steps
-    gripped, reach = m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]), length(m.reach)[0]
+    gripped, reach = (
+        m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]),
+        length(m.reach)[0],
+    )
     if gripped is not None:
         for h, limb in enumerate(numbers.schedule.row_limb):
             reach[:, limb] += m.reach_rows[0, :, h]
@@ -197,28 +261,62 @@ def _lengths(course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, va
     frame, limb = (int(i) for i in np.unravel_index(int(reach.argmax()), reach.shape))
     worst, owner = int(pull.argmax()), course.robot.limbs[limb]
     rows = (
-        (float(reach[frame, limb]), f"reach of {owner.name} at frame {frame}", owner.reach_m, unit_m, "m"),
-        (float(reach.sum()), "reach of all limbs", min(limb.reach_m for limb in course.robot.limbs), unit_m, "m"),
+        (
+            float(reach[frame, limb]),
+            f"reach of {owner.name} at frame {frame}",
+            owner.reach_m,
+            unit_m,
+            "m",
+        ),
+        (
+            float(reach.sum()),
+            "reach of all limbs",
+            min(limb.reach_m for limb in course.robot.limbs),
+            unit_m,
+            "m",
+        ),
         (float(length(m.com_step).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
         (float(length(m.toe_step).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
         (float(m.relative_reach.sum()), "reach between feet", 0.0, unit_m, "m"),
-        (float(length(m.rotation_step).sum()), "steps.rotation_rad", steps.rotation_rad, 1.0, "rad"),
-        (float(pull[worst]), f"com_radius_m at frame {worst}", float(course.com_radius_m[worst]), unit_m, "m"),
+        (
+            float(length(m.rotation_step).sum()),
+            "steps.rotation_rad",
+            steps.rotation_rad,
+            1.0,
+            "rad",
+        ),
+        (
+            float(pull[worst]),
+            f"com_radius_m at frame {worst}",
+            float(course.com_radius_m[worst]),
+            unit_m,
+            "m",
+        ),
         (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
         *_linear(course, m),
     )
-    found = []
+    relaxations = []
     for size, name, now, scale, unit in rows:
         falls = name == "steps.progress_m"
         by = value / size * scale if size > 1e-9 else math.inf
         if by <= (now if falls else MOST_LENGTH):
-            found.append(Relaxation(parameter=name, leg="", now=now, needed=now - by if falls else now + by, unit=unit))
-    return found
+            relaxations.append(
+                Relaxation(
+                    parameter=name,
+                    leg="",
+                    now=now,
+                    needed=now - by if falls else now + by,
+                    unit=unit,
+                )
+            )
+    return relaxations
 
 
 def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float, float, str]]:
     """(pull, name, limit, scale, unit) of further limits of the body's steps."""
-    rows = np.repeat(list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear])
+    rows = np.repeat(
+        list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear]
+    )
     for name, limit in course.steps.linear.items():
         unit = LINEAR[name][1]
         pull = float(m.linear_step[0][:, rows == name].sum())
@@ -226,10 +324,13 @@ def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float
 
 
 def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
-    """Least friction on top, for all candidates in these candidates, that lifts a leaf's proof; inf where none does."""
+    """Least friction on top, for all candidates in these candidates, that lifts a leaf's proof; inf
+    where none does."""
 
     def proves(grip: float) -> bool:
-        values, _ = least_lagrangians(replace(numbers, friction=numbers.friction + grip * under), leaf)
+        values, _ = least_lagrangians(
+            replace(numbers, friction=numbers.friction + grip * under), leaf
+        )
         return bool(values[1, 0] > 0.0)
 
     low, high = 0.0, MOST_GRIP

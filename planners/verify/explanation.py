@@ -9,11 +9,12 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxation:
-    """The least value of one parameter, the others as they are, at which a certificate stops refuting its problem.
+    """The least value of one parameter, the others as they are, at which a certificate stops
+    refuting its problem.
 
-    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf beyond the caps.
-    leg: empty for parameters of the body, and of a course, whose parameters say where themselves.
-    now, needed: in ``unit`` (SI; 1 for friction).
+    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf
+    beyond the caps. leg: empty for parameters of the body, and of a course, whose parameters say
+    where themselves. now, needed: in ``unit`` (SI; 1 for friction).
     """
 
     parameter: str
@@ -49,5 +50,8 @@ class Explanation:
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; an infinite ``needed`` becomes null."""
-        rows = [{**vars(r), "needed": r.needed if math.isfinite(r.needed) else None} for r in self.relaxations]
+        rows = [
+            {**vars(r), "needed": r.needed if math.isfinite(r.needed) else None}
+            for r in self.relaxations
+        ]
         return {"relaxations": rows, "message": self.message}

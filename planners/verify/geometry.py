@@ -1,4 +1,5 @@
-"""Geometry that the verifier works out for itself: contact frames, distances from patches, cuts of polygons."""
+"""Geometry that the verifier works out for itself: contact frames, distances from patches, cuts of
+polygons."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from ..files.arrays import Array
 
 FLAT = 1e-12
-"""A polygon whose corners leave its plane by less than this share of its size is the fan of its triangles."""
+"""A polygon whose corners leave its plane by less than this share of its size is the fan of its
+triangles."""
 
 
 FOLLOWING, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -35,13 +37,16 @@ def exact_and_linear(rotation: Array, vectors: Array) -> tuple[Array, Array]:
     sine = np.where(angle < 1e-12, 1.0, np.sin(angle) / flat)
     versine = np.where(angle < 1e-6, 0.5, (1.0 - np.cos(angle)) / flat**2)
     once = cross(rotation, vectors)
-    return vectors + sine[..., None] * once + versine[..., None] * cross(rotation, once), vectors + once
+    return vectors + sine[..., None] * once + versine[..., None] * cross(
+        rotation, once
+    ), vectors + once
 
 
 def contact_frames(normals: Array, references: Array) -> Array:
     """R_WC of every contact, columns n, y = z × n, z with z the shear reference in the patch (E3).
 
-    normals, references: unit normals and shear references, shape (..., 3). Returns shape (..., 3, 3).
+    normals, references: unit normals and shear references, shape (..., 3). Returns shape (..., 3,
+    3).
     """
     n = normals
     z = references - np.vecdot(references, n)[..., None] * n
@@ -54,9 +59,9 @@ def contact_frames(normals: Array, references: Array) -> Array:
 def patch_distances(polygons: list[Array], toes: Array) -> Array:
     """Distance of every toe from the convex hull of its patch's vertices (E1).
 
-    polygons: one a toe, shape (U, 3) [m] each; toes: shape (K, 3) [m]. Returns shape (K,) [m].
-    A flat convex polygon is the fan of its triangles. The corners of a rounded file span a thin body, and where a toe
-    is off the fan of such, its distance is that from the body's nearest point.
+    polygons: one a toe, shape (U, 3) [m] each; toes: shape (K, 3) [m]. Returns shape (K,) [m]. A
+    flat convex polygon is the fan of its triangles. The corners of a rounded file span a thin body,
+    and where a toe is off the fan of such, its distance is that from the body's nearest point.
     """
     counts = [len(polygon) for polygon in polygons]
     if max(counts) == 3:
@@ -68,11 +73,11 @@ def patch_distances(polygons: list[Array], toes: Array) -> Array:
         fan = np.empty((len(rows), count - 2, 3, 3))
         fan[:, :, 0], fan[:, :, 1], fan[:, :, 2] = corners[:, :1], corners[:, 1:-1], corners[:, 2:]
         each = triangle_distances(fan.reshape(-1, 3, 3), np.repeat(points, count - 2, axis=0))
-        found = each.reshape(-1, count - 2).min(axis=1)
-        off = np.flatnonzero(found > 1e-12) if count > 3 else np.zeros(0, dtype=np.intp)
+        result = each.reshape(-1, count - 2).min(axis=1)
+        off = np.flatnonzero(result > 1e-12) if count > 3 else np.zeros(0, dtype=np.intp)
         for k in off[_bent(corners[off])] if len(off) else off:
-            found[k] = min(found[k], hull_distance(corners[k], points[k]))
-        distances[rows] = found
+            result[k] = min(result[k], hull_distance(corners[k], points[k]))
+        distances[rows] = result
     return distances
 
 
@@ -81,7 +86,9 @@ def triangle_distances(triangles: Array, points: Array) -> Array:
     edges = triangles.take(FOLLOWING, axis=1) - triangles
     away = points[:, None] - triangles
     normals = cross(edges[:, 0], edges[:, 1])
-    sides = np.vecdot(cross(edges, away), normals[:, None])  # all ≥ 0 above the inside, either way round
+    sides = np.vecdot(
+        cross(edges, away), normals[:, None]
+    )  # all ≥ 0 above the inside, either way round
     areas = np.vecdot(normals, normals)
     heights = np.vecdot(away[:, 0], normals)
     above = (sides.min(axis=1) >= 0.0) & (areas > 0.0)
@@ -96,9 +103,10 @@ def triangle_distances(triangles: Array, points: Array) -> Array:
 def hull_distance(vertices: Array, point: Array) -> float:
     """Distance of a point from the convex hull of points in space, shape (U, 3), never too small.
 
-    By least-distance programming (Lawson and Hanson, Solving Least Squares Problems, ch. 23): the non-negative least
-    squares of [(v_u − p)ᵀ; 1] λ = (0, 1) has the shares of the nearest point, up to a factor. What is returned is the
-    distance of that combination of the vertices, whatever the method says of it. Cost grows with U, not with its cube.
+    By least-distance programming (Lawson and Hanson, Solving Least Squares Problems, ch. 23): the
+    non-negative least squares of [(v_u − p)ᵀ; 1] λ = (0, 1) has the shares of the nearest point, up
+    to a factor. What is returned is the distance of that combination of the vertices, whatever the
+    method says of it. Cost grows with U, not with its cube.
     """
     from scipy.optimize import nnls  # costs as much to import as everything else here
 
@@ -107,7 +115,9 @@ def hull_distance(vertices: Array, point: Array) -> float:
     if size == 0.0:
         return 0.0
     try:
-        shares, _ = nnls(np.vstack([away.T / size, np.ones(len(away))]), np.array([0.0, 0.0, 0.0, 1.0]))
+        shares, _ = nnls(
+            np.vstack([away.T / size, np.ones(len(away))]), np.array([0.0, 0.0, 0.0, 1.0])
+        )
     except RuntimeError:  # too many steps: any combination is an upper bound
         shares = np.ones(len(away))
     total = float(shares.sum())
@@ -115,8 +125,8 @@ def hull_distance(vertices: Array, point: Array) -> float:
 
 
 def _bent(corners: Array) -> NDArray[np.bool_]:
-    """Tell which polygons, shape (G, U, 3), are not flat and convex to the last digits, shape (G,).
-    """
+    """Tell which polygons, shape (G, U, 3), are not flat and convex to the last digits, shape
+    (G,)."""
     from_mean = corners - corners.mean(axis=1, keepdims=True)
     edges = np.roll(from_mean, -1, axis=1) - from_mean
     size = np.abs(from_mean).max(axis=(1, 2))
@@ -130,17 +140,22 @@ def _bent(corners: Array) -> NDArray[np.bool_]:
 def cut(polygon: Array, first: float, second: float) -> tuple[Array, Array]:
     """Cut a convex polygon along the chord between two border coordinates (see ``Certificate``).
 
-    polygon: corners in order, shape (U, 3). first < second: k + s is the point s of the way from corner k to the next.
-    Returns both parts, the one between the two points first.
+    polygon: corners in order, shape (U, 3). first < second: k + s is the point s of the way from
+    corner k to the next. Returns both parts, the one between the two points first.
     """
 
     def point(coordinate: float) -> Array:
         e = int(coordinate)
         start = polygon[e]
-        return np.asarray(start + (coordinate - e) * (polygon[(e + 1) % len(polygon)] - start))[None]
+        return np.asarray(start + (coordinate - e) * (polygon[(e + 1) % len(polygon)] - start))[
+            None
+        ]
 
     begin, end = point(first), point(second)
-    after_first, after_second = math.floor(first) + 1, math.floor(second) + 1  # corners strictly after each point
+    after_first, after_second = (
+        math.floor(first) + 1,
+        math.floor(second) + 1,
+    )  # corners strictly after each point
     before_first, before_second = math.ceil(first), math.ceil(second)
     return (
         np.concatenate([begin, polygon[after_first:before_second], end]),
@@ -149,10 +164,12 @@ def cut(polygon: Array, first: float, second: float) -> tuple[Array, Array]:
 
 
 def sag(polygon: Array) -> float:
-    """Largest distance of a point of the convex hull from the pieces that any cuts leave; 0 for a triangle.
+    """Largest distance of a point of the convex hull from the pieces that any cuts leave; 0 for a
+    triangle.
 
-    Cut pieces of a flat convex polygon cover it. A polygon from a rounded file is neither, quite: its corners are off
-    some flat convex polygon by a height and by up to a depth in the plane, and so is every point of hull and pieces.
+    Cut pieces of a flat convex polygon cover it. A polygon from a rounded file is neither, quite:
+    its corners are off some flat convex polygon by a height and by up to a depth in the plane, and
+    so is every point of hull and pieces.
     """
     if len(polygon) <= 3:
         return 0.0
@@ -164,17 +181,17 @@ def sag(polygon: Array) -> float:
     def turn(p: int, q: int, r: int) -> float:
         return float(around * ((x[q] - x[p]) * (y[r] - y[q]) - (y[q] - y[p]) * (x[r] - x[q])))
 
-    kept, at = list(range(len(polygon))), 0
-    while at < len(kept) and len(kept) > 3:
-        if turn(kept[at - 1], kept[at], kept[(at + 1) % len(kept)]) < 0.0:
-            del kept[at]
-            at = max(at - 1, 0) if at < len(kept) else 0
+    corners, at = list(range(len(polygon))), 0
+    while at < len(corners) and len(corners) > 3:
+        if turn(corners[at - 1], corners[at], corners[(at + 1) % len(corners)]) < 0.0:
+            del corners[at]
+            at = max(at - 1, 0) if at < len(corners) else 0
         else:
             at += 1
     depth = 0.0
-    for corner in set(range(len(polygon))).difference(kept):
-        start = flat[max((k for k in kept if k < corner), default=kept[-1]), :2]
-        edge = flat[min((k for k in kept if k > corner), default=kept[0]), :2] - start
+    for corner in set(range(len(polygon))).difference(corners):
+        start = flat[max((k for k in corners if k < corner), default=corners[-1]), :2]
+        edge = flat[min((k for k in corners if k > corner), default=corners[0]), :2] - start
         away = flat[corner, :2] - start
         share = np.clip(away @ edge / max(float(edge @ edge), 1e-300), 0.0, 1.0)
         depth = max(depth, float(np.linalg.norm(away - share * edge)))

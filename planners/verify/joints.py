@@ -1,8 +1,9 @@
-"""Judging joints: is every foot at its toe, is every joint within its limits, does any need more torque than it has?
+"""Judging joints: is every foot at its toe, is every joint within its limits, does any need more
+torque than it has?
 
-A plan that comes with angles is judged by them: pinocchio puts the feet where the robot's URDF has them, while the
-angles were found over chains of our own (``robot.chain``). For one without, inverse kinematics finds some here. Torques
-are those at rest, under the plan's own forces, in every stance.
+A plan that comes with angles is judged by them: pinocchio puts the feet where the robot's URDF has
+them, while the angles were found over chains of our own (``robot.chain``). For one without, inverse
+kinematics finds some here. Torques are those at rest, under the plan's own forces, in every stance.
 """
 
 from __future__ import annotations
@@ -38,13 +39,15 @@ Place = tuple[int, str]
 class JointReport:
     """Can the joints do what a plan asks for? M frames, S stances, N limbs, J joints.
 
-    angles: shape (M, J) [rad]. error_m: of every foot from its toe, shape (M, N). limit_rad: how far the worst joint of
-    a limb is beyond its limits; of angles found here, how far it would have to be, shape (M, N). torque_nm: largest
-    joint torque of a limb in a stance, shape (S, N); excess_nm: how far one of its joints is over its limit, 0 where
-    within. share: largest torque as a share of its joint's limit, of joints whose limit counts.
-    worst_…: where the largest is, as (frame, limb's name). shift_m: how far the whole robot's centre of mass is from
-    the body's origin, which Lin et al. take for it, shape (M,) [m]; nothing is judged by it. unlimited: what is wrong
-    with torque limits that count for nothing, a line each: the file has none, or one that no such joint has.
+    angles: shape (M, J) [rad]. error_m: of every foot from its toe, shape (M, N). limit_rad: how
+    far the worst joint of a limb is beyond its limits; of angles found here, how far it would have
+    to be, shape (M, N). torque_nm: largest joint torque of a limb in a stance, shape (S, N);
+    excess_nm: how far one of its joints is over its limit, 0 where within. share: largest torque as
+    a share of its joint's limit, of joints whose limit counts. worst_…: where the largest is, as
+    (frame, limb's name). shift_m: how far the whole robot's centre of mass is from the body's
+    origin, which Lin et al. take for it, shape (M,) [m]; nothing is judged by it. unlimited: what
+    is wrong with torque limits that count for nothing, a line each: the file has none, or one that
+    no such joint has.
     """
 
     angles: Array
@@ -63,7 +66,8 @@ class JointReport:
 
     @property
     def accepted(self) -> bool:
-        """Every foot is where it should be, and no joint needs more than it has as far as that is known."""
+        """Every foot is where it should be, and no joint needs more than it has as far as that is
+        known."""
         return not self.message
 
     @property
@@ -102,7 +106,11 @@ class JointReport:
             limb=limb,
             when=frame,
             message=self.torque_message or "; ".join(self.unlimited),
-            verdict="violated" if self.torque_message else "not checked" if self.unlimited else "holds",
+            verdict="violated"
+            if self.torque_message
+            else "not checked"
+            if self.unlimited
+            else "holds",
             figures={
                 "torque_nm": float(self.torque_nm.max()),
                 "share": self.share,
@@ -115,38 +123,52 @@ class JointReport:
 def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, ...]:
     """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``.
 
-    Nothing is checked without pinocchio, or where the legs are not known, and no bodies without coal; a motion is not
-    asked for where nobody carries between frames.
+    Nothing is checked without pinocchio, or where the legs are not known, and no bodies without
+    coal; a motion is not asked for where nobody carries between frames.
 
     Arguments:
         plan: to judge.
-        deadline: when to stop (``time.perf_counter()``); groups that were not looked at by then are not checked.
+        deadline: when to stop (``time.perf_counter()``); groups that were not looked at by then are
+            not checked.
     """
     from ..robot.kinematics import Kinematics  # slow to import
 
-    found = dict[str, Group]()
+    groups = dict[str, Group]()
     if plan.problem.uncarried:
-        found["motion"] = Group("motion", unit="m", message=NOBODY_CARRIES, verdict="not asked for")
+        groups["motion"] = Group(
+            "motion", unit="m", message=NOBODY_CARRIES, verdict="not asked for"
+        )
     try:
         if time.perf_counter() > deadline:
             raise InvalidInput(LATE)
         solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
         report = joint_report(plan, solver=solver)
-        found["joints"], found["torque"] = report.groups
-        found |= {group.name: group for group in check_bodies(plan, report.angles, solver, deadline=deadline)}
+        groups["joints"], groups["torque"] = report.groups
+        groups |= {
+            group.name: group
+            for group in check_bodies(plan, report.angles, solver, deadline=deadline)
+        }
     except InvalidInput as error:
-        return tuple(found.get(name, Group(name, message=str(error), verdict="not checked")) for name in WHOLE_BODY)
-    return tuple(found[name] for name in WHOLE_BODY)
+        return tuple(
+            groups.get(name, Group(name, message=str(error), verdict="not checked"))
+            for name in WHOLE_BODY
+        )
+    return tuple(groups[name] for name in WHOLE_BODY)
 
 
 def joint_report(
-    plan: Plan, servo: Servo | None = None, *, reached_m: float = REACHED_M, solver: Kinematics | None = None
+    plan: Plan,
+    servo: Servo | None = None,
+    *,
+    reached_m: float = REACHED_M,
+    solver: Kinematics | None = None,
 ) -> JointReport:
     """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
 
-    servo: drives the joints of drawn-up legs, in place of the robot's own. reached_m: a foot farther than this from
-    where it should be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says
-    within which torque it was made is held to that, where joints have more.
+    servo: drives the joints of drawn-up legs, in place of the robot's own. reached_m: a foot
+    farther than this from where it should be is out of reach. solver: of the plan's robot, in place
+    of one with this servo. A plan that says within which torque it was made is held to that, where
+    joints have more.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
@@ -155,7 +177,9 @@ def joint_report(
     angles, error, limit, wrong = _postures(plan, solver, reached_m)
     torque = np.array(
         [
-            np.abs(solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces))
+            np.abs(
+                solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
+            )
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
@@ -177,7 +201,9 @@ def joint_report(
         torque_nm=_by_leg(solver, torque),
         excess_nm=np.maximum(_by_leg(solver, over), 0.0),
         share=float(shares.max()),
-        shift_m=np.array([np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]),
+        shift_m=np.array(
+            [np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]
+        ),
         worst_error=_where(error, frames, course),
         worst_limit=_where(limit, frames, course),
         worst_torque=place,
@@ -190,8 +216,8 @@ def joint_report(
 def torque_cap(plan: Plan) -> float:
     """Largest torque that the plan allows any joint, whatever it has [Nm]; inf where it says
     nothing."""
-    said = plan.provenance.get("torque_nm")
-    return float(said) if isinstance(said, int | float) and said > 0.0 else np.inf
+    limit = plan.provenance.get("torque_nm")
+    return float(limit) if isinstance(limit, int | float) and limit > 0.0 else np.inf
 
 
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
@@ -203,11 +229,19 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
     if plan.joints_rad is None:
         answers = plan_angles(plan, solver)
         angles = np.array([answer.angles for answer in answers])
-        error, limit = np.array([a.error_m for a in answers]), np.array([a.limit_rad for a in answers])
+        error, limit = (
+            np.array([a.error_m for a in answers]),
+            np.array([a.limit_rad for a in answers]),
+        )
     else:
         angles = plan.joints_rad
         feet = [
-            solver.targets(plan.com_m[k], rotation_of(plan.rotation_rad[k]), plan.toes_at(k), normals_at(plan, k))
+            solver.targets(
+                plan.com_m[k],
+                rotation_of(plan.rotation_rad[k]),
+                plan.toes_at(k),
+                normals_at(plan, k),
+            )
             for k in frames
         ]
         error = np.array([np.linalg.norm(solver.feet(angles[k]) - feet[k], axis=1) for k in frames])
@@ -216,16 +250,24 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
     (far, limb), (bent, owner) = _where(error, frames, course), _where(limit, frames, course)
     if not error.max() <= reached_m:
         away = f"{1e3 * error.max():.3g} mm away from its toe"
-        found = f"its foot stays {away} within the joints' limits" if plan.joints_rad is None else f"its foot is {away}"
-        wrong.append(f"frame {far}, limb {limb}: {found}")
+        message = (
+            f"its foot stays {away} within the joints' limits"
+            if plan.joints_rad is None
+            else f"its foot is {away}"
+        )
+        wrong.append(f"frame {far}, limb {limb}: {message}")
     if plan.joints_rad is not None and not limit.max() <= LIMIT_RAD:
-        wrong.append(f"frame {bent}, limb {owner}: a joint is {limit.max():.3g} rad beyond its limit")
+        wrong.append(
+            f"frame {bent}, limb {owner}: a joint is {limit.max():.3g} rad beyond its limit"
+        )
     return angles, error, limit, "; ".join(wrong)
 
 
 def _by_leg(solver: Kinematics, values: Array) -> Array:
     """The largest number of a limb's joints, shape (K, J) to (K, N)."""
-    return np.array([[row[solver.joints_of(i)].max() for i in range(len(solver.robot.limbs))] for row in values])
+    return np.array(
+        [[row[solver.joints_of(i)].max() for i in range(len(solver.robot.limbs))] for row in values]
+    )
 
 
 def _where(table: Array, frames: Sequence[int], course: Problem) -> Place:

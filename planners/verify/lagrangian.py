@@ -1,36 +1,41 @@
 """Proof in the leaf of a certificate: weak duality for posture problems and courses, matrix-vector
 work, no solver.
 
-All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At key frame k the
-body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a foothold put on one
-of its candidate patches (a *candidate*; v_u the vertices of the piece of it that is left in this leaf, C its frame, E3,
-μ its friction); in a stance some limbs carry the weight w with forces f in the box B. A posture is one frame with one
-stance. With multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb's reach at every frame,
-a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets all constraints but the
-balances of moments, whose largest component is off by ε, has
+All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At
+key frame k the body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a
+toe q, which a foothold put on one of its candidate patches (a *candidate*; v_u the vertices of the
+piece of it that is left in this leaf, C its frame, E3, μ its friction); in a stance some limbs
+carry the weight w with forces f in the box B. A posture is one frame with one stance. With
+multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb's reach at every
+frame, a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets
+all constraints but the balances of moments, whose largest component is off by ε, has
 
-    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) − ρ‖r‖]
-      + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
-      ≤  Σ_stances ‖ν_M‖₁ ε.
+    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) −
+    ρ‖r‖]
+      + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q'
+      − q) − Δ_p‖b‖ ≤  Σ_stances ‖ν_M‖₁ ε.
 
-Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) − b), σ ≥ 0, further
-rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
+Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) −
+b), σ ≥ 0, further rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
 
-(The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) A force F
-and a moment M on the body beside its weight add ν_F·F + ν_M·(c × F + M) in their stances. Where the
-least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
-each toe the least over its open candidates and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in
-the friction cone}, a = Cᵀ(ν_F + ν_M × v). A candidate of a force box that misses the cone is closed, and a leaf in
-which a foothold has no candidate left is empty: its bound is infinite, whatever the multipliers.
+(The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame;
+g ≥ 0.) A force F and a moment M on the body beside its weight add ν_F·F + ν_M·(c × F + M) in their
+stances. Where the least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a
+ball for each c, a box for each Θ, and for each toe the least over its open candidates and their
+vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the friction cone}, a = Cᵀ(ν_F +
+ν_M × v). A candidate of a force box that misses the cone is closed, and a leaf in which a foothold
+has no candidate left is empty: its bound is infinite, whatever the multipliers.
 
-*Slack.* An answer may break every constraint by ``SLACK``. Then a term moves by no more than: ‖r‖ SLACK and so on for
-reach, steps and progress, each limit being widened; (‖r‖ + ‖b‖ of a toe and ‖ν_M‖ ‖f‖) times its distance from the
-pieces; ‖ν_F‖ SLACK + ‖ν_M‖ (1 + ‖c‖) SLACK for the balances, where the force that is left over acts at c. All of that
-is taken off, and nothing is proved unless ℓ stays positive.
+*Slack.* An answer may break every constraint by ``SLACK``. Then a term moves by no more than: ‖r‖
+SLACK and so on for reach, steps and progress, each limit being widened; (‖r‖ + ‖b‖ of a toe and
+‖ν_M‖ ‖f‖) times its distance from the pieces; ‖ν_F‖ SLACK + ‖ν_M‖ (1 + ‖c‖) SLACK for the balances,
+where the force that is left over acts at c. All of that is taken off, and nothing is proved unless
+ℓ stays positive.
 
-*Rounding.* ℓ is a sum of products of multipliers with numbers of the problem. Each frame adds to it some hundred
-rounded operations at most; each loses 1.1e-16 of the size of what it works on, so all of them lose less than 1e-13 M of
-the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is taken off.
+*Rounding.* ℓ is a sum of products of multipliers with numbers of the problem. Each frame adds to it
+some hundred rounded operations at most; each loses 1.1e-16 of the size of what it works on, so all
+of them lose less than 1e-13 M of the sum of these sizes over M frames. Ten times that, ``GUARD`` M
+of the sum, is taken off.
 """
 
 from __future__ import annotations
@@ -52,7 +57,8 @@ from .work import SLACK, least_works, misses_cone
 GUARD = 1e-12
 """Every leaf's bound is lowered by this share of its terms, times the number of frames."""
 MOST_ROWS = 2048
-"""So many forces (a vertex, a limb that carries) are looked at together: what fits in a processor's cache."""
+"""So many forces (a vertex, a limb that carries) are looked at together: what fits in a processor's
+cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,9 +66,9 @@ class Numbers:
     """Numbers of Q problems with one schedule, as the bounds need them: M frames, N limbs, T
     candidates, B limbs that carry in a stance.
 
-    candidate: the foothold of each candidate, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least progress of each step
-    along ``ahead``, the direction of the nominal path (zero where that does not move). Problems of one frame have no
-    steps.
+    candidate: the foothold of each candidate, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least
+    progress of each step along ``ahead``, the direction of the nominal path (zero where that does
+    not move). Problems of one frame have no steps.
     """
 
     schedule: Schedule
@@ -83,10 +89,14 @@ class Numbers:
     row_normals: Array  # (Q, H, 3), of the half-spaces of reach
     row_bounds: Array  # (Q, H)
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
-    apart_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of ``half_spaces.relative_rows``
+    apart_normals: Array = field(
+        default_factory=lambda: np.zeros((0, 3))
+    )  # of ``half_spaces.relative_rows``
     apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
     linear: Array = field(default_factory=lambda: np.zeros((0, 7)))  # of ``StepLimits.linear_rows``
-    wrench: Array | None = None  # (Q, S, 6), force and moment on the body in every stance beside the weight
+    wrench: Array | None = (
+        None  # (Q, S, 6), force and moment on the body in every stance beside the weight
+    )
 
     @cached_property
     def first_candidate(self) -> Index:
@@ -98,9 +108,10 @@ class Numbers:
 class Leaves:
     """L leaves of trees over these problems.
 
-    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its patch each candidate
-    still has, −1 for none. Piece j has the vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be
-    off all pieces by ``sag[j]``. multipliers: the largest entry of each row ±1, or 0.
+    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its
+    patch each candidate still has, −1 for none. Piece j has the vertices ``first[j]`` up to
+    ``first[j + 1]`` and a toe of its patch may be off all pieces by ``sag[j]``. multipliers: the
+    largest entry of each row ±1, or 0.
     """
 
     problem: Index  # (L,)
@@ -114,41 +125,58 @@ class Leaves:
 
     def part(self, begin: int, end: int) -> Leaves:
         """Some of the leaves."""
-        rows = {name: getattr(self, name)[begin:end] for name in ("problem", "lower", "upper", "pieces", "multipliers")}
+        rows = {
+            name: getattr(self, name)[begin:end]
+            for name in ("problem", "lower", "upper", "pieces", "multipliers")
+        }
         return replace(self, **rows)
 
 
 def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
-    """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is proved, inf where empty.
+    """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is
+    proved, inf where empty.
 
-    Nothing is proved against answers within ``SLACK`` of the constraints, so that no problem has both an accepted
-    answer and an accepted certificate.
+    Nothing is proved against answers within ``SLACK`` of the constraints, so that no problem has
+    both an accepted answer and an accepted certificate.
     """
     values, empty = least_lagrangians(numbers, leaves)
     moments = Multipliers.of(numbers.schedule, leaves.multipliers).nu_M
-    with np.errstate(all="ignore"):  # absurd magnitudes end as NaN, which proves nothing; without moments: inf
-        bounds = np.where((values > 0.0).all(axis=0), values[0] / np.abs(moments).sum(axis=(1, 2)), 0.0)
+    with np.errstate(
+        all="ignore"
+    ):  # absurd magnitudes end as NaN, which proves nothing; without moments: inf
+        bounds = np.where(
+            (values > 0.0).all(axis=0), values[0] / np.abs(moments).sum(axis=(1, 2)), 0.0
+        )
     return np.asarray(np.where(empty, np.inf, bounds))
 
 
 def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[np.bool_]]:
     """Least value ℓ of the left side (see the module) over every leaf, and which leaves are empty.
 
-    Returns shapes (2, L), rounded down, as the problem is and with every constraint widened by ``SLACK``, and (L,).
+    Returns shapes (2, L), rounded down, as the problem is and with every constraint widened by
+    ``SLACK``, and (L,).
     """
-    sizes = np.append(np.diff(leaves.first), 0)[leaves.pieces]  # vertices of each candidate; piece −1 has none
+    sizes = np.append(np.diff(leaves.first), 0)[
+        leaves.pieces
+    ]  # vertices of each candidate; piece −1 has none
     rows = (sizes * np.maximum(numbers.schedule.borne, 1)[numbers.candidate]).sum(axis=1)
     chunk = np.cumsum(rows) // MOST_ROWS
     ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
     with np.errstate(all="ignore"):
-        found = [_least(numbers, leaves.part(begin, end), sizes[begin:end]) for begin, end in itertools.pairwise(ends)]
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate([values for values, _ in found], axis=1), np.concatenate([empty for _, empty in found])
+        bounds = [
+            _least(numbers, leaves.part(begin, end), sizes[begin:end])
+            for begin, end in itertools.pairwise(ends)
+        ]
+    if len(bounds) == 1:
+        return bounds[0]
+    return np.concatenate([values for values, _ in bounds], axis=1), np.concatenate(
+        [empty for _, empty in bounds]
+    )
 
 
 def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArray[np.bool_]]:
-    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each candidate, shape (L, T)."""
+    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each candidate, shape
+    (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
     gripped = m.gripped(who, numbers.row_normals[q])
@@ -157,28 +185,44 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     if len(who.apart):
         toes += relative_pulls(who.apart, numbers.apart_normals, m.relative_reach, toes.shape[1])
     pull, twist = body_pulls(numbers, q, pulls, m)
-    com, weight, shoulders, tilt = numbers.com[q], numbers.weight[q], numbers.shoulders[q], numbers.tilt[q]
+    com, weight, shoulders, tilt = (
+        numbers.com[q],
+        numbers.weight[q],
+        numbers.shoulders[q],
+        numbers.tilt[q],
+    )
     far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
-    most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK  # ‖f‖, (L, B)
+    most = (
+        length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK
+    )  # ‖f‖, (L, B)
     pushed, torque, pulled, stretch = length(m.nu_F), length(m.nu_M), length(pull), length(m.reach)
     reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
 
     candidates, far, empty = _candidates(numbers, leaves, m, toes, sizes)
-    leverage = (torque[:, who.stance] * most) @ who.on_foothold  # Σ ‖ν_M‖ ‖f‖ at each foothold, (L, P)
+    leverage = (
+        torque[:, who.stance] * most
+    ) @ who.on_foothold  # Σ ‖ν_M‖ ‖f‖ at each foothold, (L, P)
     slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
-    candidates -= off_patch * (length(toes) + leverage)[:, numbers.candidate]  # ‖q − Σ λ v‖ ≤ off_patch
+    candidates -= (
+        off_patch * (length(toes) + leverage)[:, numbers.candidate]
+    )  # ‖q − Σ λ v‖ ≤ off_patch
     value = (
-        np.vecdot(pull, com).sum(axis=1) - np.vecdot(numbers.com_radius[q], pulled)   # ‖c − c_nominal‖ ≤ com_radius
-        - tilt * twisted                                                              # |Θ_k| ≤ tilt
+        np.vecdot(pull, com).sum(axis=1)
+        - np.vecdot(numbers.com_radius[q], pulled)  # ‖c − c_nominal‖ ≤ com_radius
+        - tilt * twisted  # |Θ_k| ≤ tilt
         - np.vecdot(m.reach, shoulders[:, None]).sum(axis=(1, 2))
-        - np.vecdot(reached, numbers.reach[q])                                        # ‖q − c − s − Θ × s‖ ≤ ρ
+        - np.vecdot(reached, numbers.reach[q])  # ‖q − c − s − Θ × s‖ ≤ ρ
         - weight * m.nu_F[:, :, 2].sum(axis=1)
-    )  # fmt: skip
+    )
     loose = (
-        pulled.sum(axis=1) + twisted + reached.sum(axis=1)
-        + (pushed + torque * (1.0 + far_com[:, who.frame])).sum(axis=1)               # both balances are off by slack
-    )  # fmt: skip
+        pulled.sum(axis=1)
+        + twisted
+        + reached.sum(axis=1)
+        + (pushed + torque * (1.0 + far_com[:, who.frame])).sum(
+            axis=1
+        )  # both balances are off by slack
+    )
     arm = length(shoulders) * (1.0 + 2.0 * (tilt + SLACK))[:, None] + numbers.reach[q] + SLACK
     carried = (torque[:, who.stance] * far[:, who.foothold] + pushed[:, who.stance]) * most
     terms = (
@@ -192,7 +236,10 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         size = (pushed + torque * far_com[:, who.frame]) * length(force) + torque * length(moment)
         terms += size.sum(axis=1)
     if len(who.holds) > 1:
-        used = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
+        used = np.stack(
+            [length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)],
+            axis=1,
+        )
         gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
         value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
         loose += used.sum(axis=1) + gained
@@ -213,25 +260,34 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         terms += m.relative_reach @ np.abs(numbers.apart_bounds) + 2.0 * used * far.max(axis=1)
         value = np.where((m.relative_reach < 0.0).any(axis=1), -np.inf, value)
     if gripped is not None:
-        used, bounds, bent = m.reach_rows.sum(axis=1), numbers.row_bounds[q], length(gripped).sum(axis=1)
+        used, bounds, bent = (
+            m.reach_rows.sum(axis=1),
+            numbers.row_bounds[q],
+            length(gripped).sum(axis=1),
+        )
         value = value - np.vecdot(used, bounds)  # (a + Θ × a)·(q − c) ≤ b
-        value = value - bending(gripped, shoulders, tilt + slack, numbers.reach[q] + slack[..., None])
+        value = value - bending(
+            gripped, shoulders, tilt + slack, numbers.reach[q] + slack[..., None]
+        )
         value = np.where((m.reach_rows < 0.0).any(axis=(1, 2)), -np.inf, value)
         loose += used.sum(axis=1)
         farthest = far.max(axis=1) + far_com.max(axis=1)
         terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
         terms += 3.0 * np.vecdot(bent, arm)
     value = value - GUARD * len(who.holds) * (1.0 + terms)
-    return np.minimum.reduceat(candidates, numbers.first_candidate, axis=2).sum(axis=2) + value - slack * loose, empty
+    return np.minimum.reduceat(candidates, numbers.first_candidate, axis=2).sum(
+        axis=2
+    ) + value - slack * loose, empty
 
 
 def _candidates(
     numbers: Numbers, leaves: Leaves, m: Multipliers, toes: Array, sizes: Index
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """The least over each slot's vertices of what its toe and the forces on it contribute, inf where it is closed.
+    """The least over each slot's vertices of what its toe and the forces on it contribute, inf
+    where it is closed.
 
-    Returns that, as the problem is and widened, shape (2, L, T); how far each foothold's toes are from the origin at
-    most, (L, P); which leaves have a foothold without candidates, (L,).
+    Returns that, as the problem is and widened, shape (2, L, T); how far each foothold's toes are
+    from the origin at most, (L, P); which leaves have a foothold without candidates, (L,).
     """
     who, shape, flat = numbers.schedule, sizes.shape, sizes.ravel()
     pair = np.repeat(np.arange(len(flat)), flat)  # leaf and candidate of every vertex
@@ -258,22 +314,34 @@ def _candidates(
     lower, upper = leaves.lower[leaf_row, stance_contact], leaves.upper[leaf_row, stance_contact]
     friction = numbers.friction[problem, candidate_row]
     works = least_works(a, lower, upper, friction)
-    missed = np.bincount(row, weights=misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
+    missed = (
+        np.bincount(row, weights=misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
+    )
 
     work = np.stack([np.bincount(row, weights=each, minlength=len(pair)) for each in works])
-    candidates, gone, far = np.full((2, len(flat)), np.inf), np.ones(len(flat), dtype=bool), np.zeros(len(flat))
+    candidates, gone, far = (
+        np.full((2, len(flat)), np.inf),
+        np.ones(len(flat), dtype=bool),
+        np.zeros(len(flat)),
+    )
     if len(there):
-        candidates[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
+        candidates[:, there] = np.minimum.reduceat(
+            work + np.vecdot(toes[leaf, place], v), begins, axis=1
+        )
         gone[there] = missed[begins]
         far[there] = np.maximum.reduceat(length(v), begins)
         far[there] += 0.0 if numbers.offsets is None else float(length(numbers.offsets).max())
     candidates[:, gone] = np.inf
-    empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_candidate, axis=1).any(axis=1))
+    empty = np.asarray(
+        np.logical_and.reduceat(gone.reshape(shape), numbers.first_candidate, axis=1).any(axis=1)
+    )
     farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_candidate, axis=1)
     return candidates.reshape(2, *shape), farthest, empty
 
 
-def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -> tuple[Array, Array]:
+def body_pulls(
+    numbers: Numbers, problem: Index, pulls: Array, m: Multipliers
+) -> tuple[Array, Array]:
     """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
 
     problem: of each leaf; pulls: r + α of every limb at every frame, (L, M, N, 3).
@@ -281,7 +349,10 @@ def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -
     who = numbers.schedule
     pull = -pulls.sum(axis=2)
     twist = -cross(numbers.shoulders[problem][:, None], pulls).sum(axis=2)
-    weight, first = numbers.weight[problem][:, None], np.searchsorted(who.frame, np.arange(len(who.holds)))
+    weight, first = (
+        numbers.weight[problem][:, None],
+        np.searchsorted(who.frame, np.arange(len(who.holds))),
+    )
     moments = np.add.reduceat(m.nu_M, first, axis=1)
     pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
     pull[..., 1] -= weight * moments[..., 0]
@@ -300,9 +371,12 @@ def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -
 
 
 def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
-    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3); pulls: as ``body_pulls``."""
+    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3); pulls:
+    as ``body_pulls``."""
     leaves = len(pulls)
-    toes = np.add.reduceat(pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
+    toes = np.add.reduceat(
+        pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1
+    )
     before, after = who.moves.T
     toes[:, after] += m.toe_step  # a foothold is moved to once at most, and from once
     toes[:, before] -= m.toe_step

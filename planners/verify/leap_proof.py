@@ -1,6 +1,8 @@
-"""Independent check of a certificate that no leap exists: a tree over toes' candidates, and bounds at its leaves.
+"""Independent check of a certificate that no leap exists: a tree over toes' candidates, and bounds
+at its leaves.
 
-A leaf's multipliers give, for every motion that obeys the hard limits, a sum that is not above zero:
+A leaf's multipliers give, for every motion that obeys the hard limits, a sum that is not above
+zero:
 
     Σ r·(p − c − (I + [Θ]×) s) − |r| ρ          reach of a limb that stands, ρ widened by ½ |Θ|² |s|
   + Σ σ (a·(p − c) + Θ·(a × s) − b)             half-spaces of reach, b widened likewise
@@ -9,9 +11,10 @@ A leaf's multipliers give, for every motion that obeys the hard limits, a sum th
   + u·(v_end − v_goal)                          how fast
   + Σ ν·(F − e_z) + Σ μ·(Σ p × f − c × e_z)     equilibrium of the intervals at rest
 
-with c and v written in the forces. Its least value over toes in their patches, forces in their cones and |Θ_i| ≤ tilt
-splits into a constant and a number per candidate; above zero it refutes every choice of the leaf. There is no place for
-rows that are no relaxations: speeds, powers, lengths, and linearised moments cannot be weighed.
+with c and v written in the forces. Its least value over toes in their patches, forces in their
+cones and |Θ_i| ≤ tilt splits into a constant and a number per candidate; above zero it refutes
+every choice of the leaf. There is no place for rows that are no relaxations: speeds, powers,
+lengths, and linearised moments cannot be weighed.
 """
 
 from __future__ import annotations
@@ -38,12 +41,15 @@ GUARD = 1e-7
 
 
 def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
-    """Replay a certificate's tree and bound every leaf; never raises for a bad certificate of a leap."""
+    """Replay a certificate's tree and bound every leaf; never raises for a bad certificate of a
+    leap."""
     leap = _leap(certificate)
     try:
         leaves = _replayed(leap, certificate)
         timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
-        bounds = np.array([timings[timing].parts(row).least(opened) for timing, opened, row in leaves])
+        bounds = np.array(
+            [timings[timing].parts(row).least(opened) for timing, opened, row in leaves]
+        )
     except _Refused as error:
         return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
@@ -65,10 +71,12 @@ class Refuter:
         self._parts: dict[tuple[int, bytes], _Parts] = {}
 
     def bounds(self, timing: int, row: Array, choices: NDArray[np.int_]) -> Array:
-        """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it refutes the choice.
+        """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it
+        refutes the choice.
 
-        choices: a candidate per foothold, shape (K, P). Returns shape (K,); −inf where there is no such timing, no such
-        candidate, or a number that is not finite. Multipliers are taken in units of the largest.
+        choices: a candidate per foothold, shape (K, P). Returns shape (K,); −inf where there is no
+        such timing, no such candidate, or a number that is not finite. Multipliers are taken in
+        units of the largest.
         """
         nothing = np.full(len(choices), -np.inf)
         options = np.array([len(foothold.candidates) for foothold in self._leap.footholds])
@@ -80,11 +88,15 @@ class Refuter:
             parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
         except _Refused:
             return nothing
-        its = parts.bounds
+        parts_bounds = parts.bounds
         there = ((choices >= 0) & (choices < options)).all(axis=1)
-        values = {(j, r): its.candidate(parts, j, r) for j, r in sorted(_pairs(choices[there]))}
+        values = {
+            (j, r): parts_bounds.candidate(parts, j, r) for j, r in sorted(_pairs(choices[there]))
+        }
         for k in np.flatnonzero(there).tolist():
-            nothing[k] = parts.constant + sum(values[pair] for pair in enumerate(choices[k].tolist()))
+            nothing[k] = parts.constant + sum(
+                values[pair] for pair in enumerate(choices[k].tolist())
+            )
         return nothing
 
     def _weighed(self, timing: int, row: Array) -> _Parts:
@@ -106,27 +118,41 @@ def explain_leap(certificate: Certificate) -> Explanation:
     """Measure how far friction under each toe, or reach of each limb, must grow at least before a
     certificate fails.
 
-    Returns these growths, the smallest relative one first, and the first of them in one line; a certificate that is not
-    accepted explains nothing.
+    Returns these growths, the smallest relative one first, and the first of them in one line; a
+    certificate that is not accepted explains nothing.
     """
     leap, report = _leap(certificate), check_leap_certificate(certificate)
     if not report.accepted:
-        return Explanation(relaxations=(), message=f"not explained: the certificate is {report.message}")
+        return Explanation(
+            relaxations=(), message=f"not explained: the certificate is {report.message}"
+        )
     timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
-    leaves = [(timings[timing].parts(row), opened) for timing, opened, row in _replayed(leap, certificate)]
-    found = []
+    leaves = [
+        (timings[timing].parts(row), opened) for timing, opened, row in _replayed(leap, certificate)
+    ]
+    relaxations = []
     for j, foothold in enumerate(leap.footholds):
         now = max(patch.friction for patch in foothold.candidates)
         needed = min(parts.grip_needed(opened, j) for parts, opened in leaves)
         place = f"friction under {foothold.limb} in phase {foothold.frame}"
         if needed > now:
-            found.append(Relaxation(parameter=place, leg=foothold.limb, now=now, needed=needed, unit=""))
+            relaxations.append(
+                Relaxation(parameter=place, leg=foothold.limb, now=now, needed=needed, unit="")
+            )
     for i, limb in enumerate(leap.robot.limbs):
         more = min(parts.reach_needed(opened, i) for parts, opened in leaves)
         now = limb.reach_m
-        found.append(Relaxation(parameter=f"reach of {limb.name}", leg=limb.name, now=now, needed=now + more, unit="m"))
-    found.sort(key=lambda one: one.relative)
-    best = found[0]
+        relaxations.append(
+            Relaxation(
+                parameter=f"reach of {limb.name}",
+                leg=limb.name,
+                now=now,
+                needed=now + more,
+                unit="m",
+            )
+        )
+    relaxations.sort(key=lambda one: one.relative)
+    best = relaxations[0]
     if not math.isfinite(best.needed):
         message = "infeasible: no friction and no reach of a single toe would do"
     elif best.unit:
@@ -137,14 +163,16 @@ def explain_leap(certificate: Certificate) -> Explanation:
             f"infeasible: no candidate of {best.leg} in phase {phase} can push enough: μ {best.now:.2f} at most, "
             f"{best.needed:.2f} needed"
         )
-    return Explanation(relaxations=tuple(found), message=message)
+    return Explanation(relaxations=tuple(relaxations), message=message)
 
 
 def _leap(certificate: Certificate) -> Leap:
     """The leap that a certificate is of. Raises InvalidInput for one of anything else."""
     leap = certificate.refuted
     if not isinstance(leap, Leap):
-        raise InvalidInput(f"certificate: expected one of a leap, got one of a {type(leap).__name__}")
+        raise InvalidInput(
+            f"certificate: expected one of a leap, got one of a {type(leap).__name__}"
+        )
     return leap
 
 
@@ -177,13 +205,15 @@ def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list
             stack.append(([int(first)], opened))
         elif kind == 1.0 and first in range(len(opened)) and second in opened[int(first)]:
             j, r = int(first), int(second)
-            on, off = [list(own) for own in opened], [list(own) for own in opened]
+            on, off = [list(options) for options in opened], [list(options) for options in opened]
             on[j] = [r]
             off[j].remove(r)
             stack.append((timings, off))
             stack.append((timings, on))
         else:
-            raise _Refused(f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}")
+            raise _Refused(
+                f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}"
+            )
     if stack:
         raise _Refused("expected a leaf at every end of the tree")
     if len(leaves) != len(rows):
@@ -202,7 +232,8 @@ class _Stand:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at rest, |r| by limb."""
+    """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at
+    rest, |r| by limb."""
 
     bounds: _Bounds
     constant: float
@@ -214,13 +245,14 @@ class _Parts:
     def least(self, opened: list[list[int]], but: int = -1) -> float:
         """The least value of the sum over open candidates; but: a foothold that is left out."""
         total = self.constant
-        for j, own in enumerate(opened):
+        for j, option in enumerate(opened):
             if j != but:
-                total += min((self.bounds.candidate(self, j, r) for r in own), default=math.inf)
+                total += min((self.bounds.candidate(self, j, r) for r in option), default=math.inf)
         return total
 
     def grip_needed(self, opened: list[list[int]], j: int) -> float:
-        """The least friction of foothold ``j`` at which the leaf fails, inf where none up to ``MOST_GRIP`` does."""
+        """The least friction of foothold ``j`` at which the leaf fails, inf where none up to
+        ``MOST_GRIP`` does."""
         rest = self.least(opened, but=j)
 
         def holds(grip: float) -> bool:
@@ -236,7 +268,8 @@ class _Parts:
         return high
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
-        """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs nothing."""
+        """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs
+        nothing."""
         return self.least(opened) / self.pulls[i] if self.pulls[i] > 0.0 else math.inf
 
 
@@ -248,7 +281,9 @@ class _Bounds:
         self.ends = leap.times_s(timing)
         self.stands = list(self._standing())
         limbs = leap.robot.limbs
-        self.rows_of = [0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs]
+        self.rows_of = [
+            0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs
+        ]
         at_rest = [k for k, still in zip((0, leap.intervals - 1), leap.still, strict=True) if still]
         self.rests = at_rest
         standing = len(self.stands)
@@ -260,7 +295,11 @@ class _Bounds:
         if len(row) != sum(self.sizes):
             raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
         parts = np.split(row, np.cumsum(self.sizes)[:-1])
-        reach, spaces, height = parts[0].reshape(-1, 3), np.maximum(parts[1], 0.0), np.maximum(parts[2], 0.0)
+        reach, spaces, height = (
+            parts[0].reshape(-1, 3),
+            np.maximum(parts[1], 0.0),
+            np.maximum(parts[2], 0.0),
+        )
         goal, end = parts[3], parts[4]
         rest, moment = parts[5].reshape(-1, 3), parts[6].reshape(-1, 3)
         leap, limits = self.leap, self.leap.limits
@@ -273,10 +312,14 @@ class _Bounds:
             limb, shoulder = leap.robot.limbs[stand.limb], leap.robot.limbs[stand.limb].shoulder_m
             far = float(np.linalg.norm(shoulder))
             pull = reach[number].copy()
-            constant -= float(pull @ shoulder) + float(np.linalg.norm(pull)) * (limb.reach_m + bend * far)
+            constant -= float(pull @ shoulder) + float(np.linalg.norm(pull)) * (
+                limb.reach_m + bend * far
+            )
             twist = -np.cross(shoulder, pull)
             if limb.reach_rows is not None:
-                for normal, bound in zip(limb.reach_rows.normals, limb.reach_rows.bounds_m, strict=True):
+                for normal, bound in zip(
+                    limb.reach_rows.normals, limb.reach_rows.bounds_m, strict=True
+                ):
                     weight = spaces[at]
                     at += 1
                     turned = self._most_turned(normal)
@@ -311,7 +354,8 @@ class _Bounds:
         return _Parts(self, float(constant), toes, slopes, levers, pulls)
 
     def candidate(self, parts: _Parts, j: int, r: int, grip: float | None = None) -> float:
-        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it; grip: another friction."""
+        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it; grip: another
+        friction."""
         foothold, patch = self.leap.footholds[j], self.leap.footholds[j].candidates[r]
         friction = patch.friction if grip is None else grip
         corners = patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
@@ -349,20 +393,26 @@ class _Bounds:
     def _most_turned(self, vector: Array) -> float:
         """The largest ‖Θ × x‖ over |Θ_i| ≤ tilt."""
         tilt = self.leap.limits.tilt_rad
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+        signs = np.array(
+            [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
+        )
         return float(tilt * np.linalg.norm(np.cross(signs, vector), axis=1).max())
 
     def _standing(self) -> list[_Stand]:
         """Feet that stand at the ends and the middle of every interval, by time, then limb."""
         holds = self.leap.holds[self.leap.interval_phases]
-        found = []
+        stands = []
         for index in range(2 * len(holds) + 1):
             k = index // 2
-            time = float(self.ends[k]) if index % 2 == 0 else float(0.5 * (self.ends[k] + self.ends[k + 1]))
+            time = (
+                float(self.ends[k])
+                if index % 2 == 0
+                else float(0.5 * (self.ends[k] + self.ends[k + 1]))
+            )
             for limb in range(holds.shape[1]):
-                own = holds[k, limb] if k < len(holds) else -1
-                if index % 2 == 0 and k > 0 and own < 0:
-                    own = holds[k - 1, limb]
-                if own >= 0:
-                    found.append(_Stand(time, limb, int(own)))
-        return found
+                foothold = holds[k, limb] if k < len(holds) else -1
+                if index % 2 == 0 and k > 0 and foothold < 0:
+                    foothold = holds[k - 1, limb]
+                if foothold >= 0:
+                    stands.append(_Stand(time, limb, int(foothold)))
+        return stands

@@ -1,7 +1,9 @@
-"""Is this a leap? Newton and Euler, integrated finely from the forces alone, and every limit between instants, too.
+"""Is this a leap? Newton and Euler, integrated finely from the forces alone, and every limit
+between instants, too.
 
-Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``SUBSTEPS`` steps per interval) and what
-a plan says of them is held against that. Rotations are exact here, R = exp([Θ]×), in reach, length and speed of legs.
+Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``SUBSTEPS`` steps
+per interval) and what a plan says of them is held against that. Rotations are exact here, R =
+exp([Θ]×), in reach, length and speed of legs.
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ UNITS = {
     "speed": ("m/s", 1.0),
     "power": ("W", 1.0),
 }
-"""Unit of each group in SI, and what 1 of its non-dimensional violation is in it: forces are in units of the weight,
-momenta in those of their limit, power in those of the weight times m/s."""
+"""Unit of each group in SI, and what 1 of its non-dimensional violation is in it: forces are in
+units of the weight, momenta in those of their limit, power in those of the weight times m/s."""
 
 
 def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
@@ -55,7 +57,10 @@ def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
     """
     defect = _defect(plan)
     if defect:
-        broken = (violation(name, math.inf, 1.0, TOLERANCE, unit=unit) for name, (unit, _) in UNITS.items())
+        broken = (
+            violation(name, math.inf, 1.0, TOLERANCE, unit=unit)
+            for name, (unit, _) in UNITS.items()
+        )
         return Report(groups=tuple(broken), answer=plan, tolerance=TOLERANCE, defect=defect)
     judge = _Judge(plan)
     return Report(
@@ -71,7 +76,9 @@ def _defect(plan: LeapPlan) -> str:
     leap = plan.problem
     m, n, p = leap.intervals, len(leap.robot.limbs), len(leap.footholds)
     nodes = (m + 1, 3)
-    shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {"choice": (p,)}
+    shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {
+        "choice": (p,)
+    }
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
     for name, shape in shapes.items():
@@ -82,7 +89,9 @@ def _defect(plan: LeapPlan) -> str:
             return f"{name}: expected finite numbers"
     for j, foothold in enumerate(leap.footholds):
         if not 0 <= plan.choice[j] < len(foothold.candidates):
-            return f"choice[{j}]: expected 0 to {len(foothold.candidates) - 1}, got {plan.choice[j]}"
+            return (
+                f"choice[{j}]: expected 0 to {len(foothold.candidates) - 1}, got {plan.choice[j]}"
+            )
     return ""
 
 
@@ -117,14 +126,19 @@ class _Judge:
     @property
     def momentum_error(self) -> float:
         """Error of the claimed L, in units of its limit."""
-        away = self.plan.momentum_m2_s - np.array([path[0, 6:9] for path in self.paths] + [self.paths[-1][-1, 6:9]])
+        away = self.plan.momentum_m2_s - np.array(
+            [path[0, 6:9] for path in self.paths] + [self.paths[-1][-1, 6:9]]
+        )
         return float(np.abs(away).max()) / self.leap.limits.momentum_m2_s
 
     def _integrate(self) -> None:
-        """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1, 12) each."""
+        """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1,
+        12) each."""
         leap, plan = self.leap, self.plan
         start = leap.start
-        state = np.concatenate([start.com_m, start.velocity_m_s, start.momentum_m2_s, start.rotation_rad])
+        state = np.concatenate(
+            [start.com_m, start.velocity_m_s, start.momentum_m2_s, start.rotation_rad]
+        )
         mass, self.paths = leap.robot.mass_kg, []
         for k in range(leap.intervals):
             pushes = np.zeros(3)
@@ -145,7 +159,8 @@ class _Judge:
             self.paths.append(np.array(path))
 
     def _rate(self, state: Array, pushes: Array, twists: Array) -> Array:
-        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's origin."""
+        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's
+        origin."""
         x, y, z = state[:3].tolist()
         a, b, c = pushes.tolist()
         rate = np.empty(12)
@@ -158,15 +173,20 @@ class _Judge:
         rate[9:] = self.spin @ state[6:9]
         return rate
 
-    def _note(self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0) -> None:
-        """Keep the worst violation of a group. scale: what 1 of it is in SI; 0 for the group's own."""
+    def _note(
+        self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0
+    ) -> None:
+        """Keep the worst violation of a group. scale: what 1 of it is in SI; 0 for the group's
+        own."""
         value = float(np.max(by))
-        unit, own = UNITS[group]
+        unit, scale_of_group = UNITS[group]
         if not math.isfinite(value):
             value = math.inf
-        found = violation(group, value, scale or own, TOLERANCE, unit=unit, limb=limb, when=k)
-        if found.worst > self.found[group].worst:
-            self.found[group] = found
+        violation_found = violation(
+            group, value, scale or scale_of_group, TOLERANCE, unit=unit, limb=limb, when=k
+        )
+        if violation_found.worst > self.found[group].worst:
+            self.found[group] = violation_found
 
     def _ends(self) -> None:
         """Start, goal and rest."""
@@ -185,9 +205,11 @@ class _Judge:
     def _claims(self) -> None:
         """Check the plan's c, v, L and Θ at the ends of intervals."""
         plan, limit = self.plan, self.leap.limits.momentum_m2_s
-        says = np.concatenate([plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad], axis=1)
-        found = np.array([path[0] for path in self.paths] + [self.paths[-1][-1]])
-        for k, away in enumerate(np.abs(says - found)):
+        says = np.concatenate(
+            [plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad], axis=1
+        )
+        states = np.array([path[0] for path in self.paths] + [self.paths[-1][-1]])
+        for k, away in enumerate(np.abs(says - states)):
             at = min(k, len(self.paths) - 1)
             self._note("motion", away[:3], at)
             self._note("rest", away[3:6], at)
@@ -212,7 +234,8 @@ class _Judge:
             self._note("force_bounds", max(-normal, normal - most), k, limb, scale=weight)
 
     def _ramp(self, k: int, i: int) -> float:
-        """Share of the largest force: less in the interval after the limb lands and in the one before it lifts."""
+        """Share of the largest force: less in the interval after the limb lands and in the one
+        before it lifts."""
         stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
         lands = k > 0 and not stands[k - 1]
         lifts = k + 1 < len(stands) and not stands[k + 1]
@@ -226,7 +249,8 @@ class _Judge:
         self._note("momentum", over, k, scale=limits.momentum_m2_s)
 
     def _limb(self, k: int, i: int) -> None:
-        """Reach, height, length, speed and power of a limb that stands, at all instants of an interval."""
+        """Reach, height, length, speed and power of a limb that stands, at all instants of an
+        interval."""
         leap, path = self.leap, self.paths[k]
         limb = leap.robot.limbs[i]
         leg = leap.leg(limb)
@@ -237,8 +261,10 @@ class _Judge:
         away = np.linalg.norm(toe - com - turns @ limb.shoulder_m, axis=1)
         self._note("reach", away - limb.reach_m, k, name)
         if limb.reach_rows is not None:
-            own = np.einsum("tij,ti->tj", turns, toe - com)  # Rᵀ (p − c)
-            self._note("reach", own @ limb.reach_rows.normals.T - limb.reach_rows.bounds_m, k, name)
+            arms = np.einsum("tij,ti->tj", turns, toe - com)  # Rᵀ (p − c)
+            self._note(
+                "reach", arms @ limb.reach_rows.normals.T - limb.reach_rows.bounds_m, k, name
+            )
         self._note("height", toe[2] + leap.limits.height_m - com[:, 2], k, name)
         arm = turns @ leg.hip_m
         hip = com + arm - toe
@@ -271,7 +297,8 @@ class _Judge:
 
 
 def _rotations(vectors: Array) -> Array:
-    """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3, 3)."""
+    """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3,
+    3)."""
     angles = np.linalg.norm(vectors, axis=1)
     x, y, z = (vectors / np.maximum(angles, 1e-12)[:, None]).T
     zero = np.zeros_like(x)

@@ -1,17 +1,19 @@
 """Margins of a stance beyond its own weight: a push, a body that is elsewhere, and less friction.
 
-With toes and body held, the contacts of a stance balance a set of horizontal pushes at the centre of mass, and they
-carry the weight from a set of places of it. Both sets are convex, shadows of the forces within cones and bounds:
+With toes and body held, the contacts of a stance balance a set of horizontal pushes at the centre
+of mass, and they carry the weight from a set of places of it. Both sets are convex, shadows of the
+forces within cones and bounds:
 
-    Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0  pushes F = (F_x, F_y, 0) of a body that gives way by y F / w
-    Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
+    Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0  pushes F = (F_x, F_y, 0) of a body that gives way
+    by y F / w Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
 
-Of a course with a wrench on the body it is the loaded robot's: the weight is w e_z less the force, the moment on the
-right −M, and the wrench goes where the centre of mass goes.
+Of a course with a wrench on the body it is the loaded robot's: the weight is w e_z less the force,
+the moment on the right −M, and the wrench goes where the centre of mass goes.
 
-Their support functions are one small cone program per direction. The hull of the points that were found lies inside of
-the set and its half-planes outside, so that the distance from the origin to the border is known from both sides; what
-is reported is the lower one, which the contacts hold in every direction.
+Their support functions are one small cone program per direction. The hull of the points that were
+found lies inside of the set and its half-planes outside, so that the distance from the origin to
+the border is known from both sides; what is reported is the lower one, which the contacts hold in
+every direction.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ CLOSE = 0.02
 DIRECTIONS = 32
 """Most directions that are tried for one distance."""
 SAME = 1e-5
-"""Corners of a region this close to each other are one: what a solver leaves of a corner that it finds twice."""
+"""Corners of a region this close to each other are one: what a solver leaves of a corner that it
+finds twice."""
 FRICTION_STEPS = 5
 """Halvings of the interval in which the least share of the friction is sought."""
 OUTLINE = 24
@@ -44,8 +47,9 @@ OUTLINE = 24
 
 
 YIELDS = 0.12
-"""How far a body on its legs gives way under a horizontal push as large as its weight, in units of a leg's reach: its
-weight then bears nearer to the side that it tips over. Of pushes that a simulation held the median is .14."""
+"""How far a body on its legs gives way under a horizontal push as large as its weight, in units of
+a leg's reach: its weight then bears nearer to the side that it tips over. Of pushes that a
+simulation held the median is .14."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +59,10 @@ class StanceMargin:
     Arguments:
         frame: key frame of the stance.
         limbs: names of the limbs that carry.
-        push_n: largest horizontal push at the centre of mass that is balanced in every direction [N].
-        support_m: how far the centre of mass may move horizontally in every direction before the contacts no longer
-            carry it [m].
+        push_n: largest horizontal push at the centre of mass that is balanced in every direction
+            [N].
+        support_m: how far the centre of mass may move horizontally in every direction before the
+            contacts no longer carry it [m].
         friction_left: share of the friction that could be missing, 0 to 1.
     """
 
@@ -78,7 +83,8 @@ class _Contacts:
         friction: of each, shape (n,).
         low, high: bounds of (f_n, f_y, f_z), in units of the weight, shape (n, 3).
         weight_n: of the robot [N].
-        borne: sum and moment about the centre of mass of the contacts' forces, in units of the weight and metres, (6,).
+        borne: sum and moment about the centre of mass of the contacts' forces, in units of the
+            weight and metres, (6,).
     """
 
     arms_m: Array
@@ -91,16 +97,18 @@ class _Contacts:
 
     @property
     def balance(self) -> Array:
-        """The map from forces to their sum and their moment about the centre of mass, shape (6, 3 n)."""
+        """The map from forces to their sum and their moment about the centre of mass, shape (6, 3
+        n)."""
         moments = cross(self.arms_m[:, None], self.frames.transpose(0, 2, 1)).transpose(0, 2, 1)
         return np.concatenate([np.hstack(list(self.frames)), np.hstack(list(moments))])
 
 
 class _Program:
-    """The cone program of n contacts: forces, and a shift in the plane, of which a direction is maximised.
+    """The cone program of n contacts: forces, and a shift in the plane, of which a direction is
+    maximised.
 
-    Variables are the shift (2,) and the forces in contact frames (n, 3), in units of the weight and of metres. One
-    solver is kept and loaded anew.
+    Variables are the shift (2,) and the forces in contact frames (n, 3), in units of the weight and
+    of metres. One solver is kept and loaded anew.
     """
 
     def __init__(self, contacts: int) -> None:
@@ -116,7 +124,9 @@ class _Program:
         self._places = rows, columns
         starts = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
         matrix = Columns(np.ones(len(rows)), rows, starts, (len(filled), size))
-        nothing = Columns(np.zeros(0), np.zeros(0, dtype=np.int_), np.zeros(size + 1, dtype=np.int_), (size, size))
+        nothing = Columns(
+            np.zeros(0), np.zeros(0, dtype=np.int_), np.zeros(size + 1, dtype=np.int_), (size, size)
+        )
         cones: list[Any] = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(6 * contacts)]
         cones += [clarabel.SecondOrderConeT(3)] * contacts
         settings = clarabel.DefaultSettings()
@@ -127,8 +137,11 @@ class _Program:
             nothing, np.zeros(size), matrix, np.zeros(len(self._dense)), cones, settings
         )
 
-    def support(self, at: _Contacts, shifts: Array, friction_share: float = 1.0) -> Callable[[Array], Array | None]:
-        """The function that finds the farthest shift in a direction, until the next call; None where no forces balance.
+    def support(
+        self, at: _Contacts, shifts: Array, friction_share: float = 1.0
+    ) -> Callable[[Array], Array | None]:
+        """The function that finds the farthest shift in a direction, until the next call; None
+        where no forces balance.
 
         Arguments:
             at: the contacts.
@@ -141,7 +154,11 @@ class _Program:
         slope[::3] = -friction_share * at.friction
         dense[self._cone_rows] = slope
         right = np.zeros(len(dense))
-        right[:6], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = at.borne, at.high.ravel(), -at.low.ravel()
+        right[:6], right[6 : 6 + 3 * n], right[6 + 3 * n : 6 + 6 * n] = (
+            at.borne,
+            at.high.ravel(),
+            -at.low.ravel(),
+        )
         self._solver.update(A=dense[self._places].tolist(), b=right.tolist())
         still = [0.0] * (3 * n)
 
@@ -158,34 +175,39 @@ PUSH = np.array([[1.0, 0.0], [0.0, 1.0], *np.zeros((4, 2))])
 
 
 def _shift(borne: Array) -> Array:
-    """A centre of mass that is t elsewhere takes t × b of the moments, b the sum of the forces; shape (6, 2)."""
+    """A centre of mass that is t elsewhere takes t × b of the moments, b the sum of the forces;
+    shape (6, 2)."""
     x, y, z = borne[:3]
     return np.array([*np.zeros((3, 2)), [0.0, -z], [z, 0.0], [-y, x]])
 
 
-def stance_margins(plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0) -> tuple[StanceMargin, ...]:
+def stance_margins(
+    plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0
+) -> tuple[StanceMargin, ...]:
     """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
-    pushes_alone: measure the pushes, and leave the rest at nan. yields_m: how far the body gives way under a push as
-    large as its weight [m]; 0 for one that stays where it is.
+    pushes_alone: measure the pushes, and leave the rest at nan. yields_m: how far the body gives
+    way under a push as large as its weight [m]; 0 for one that stays where it is.
     """
     programs: dict[int, _Program] = {}
-    found = []
+    margins = []
     for stance in plan.problem.stances:
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
         push = _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)))
-        found.append(
+        margins.append(
             StanceMargin(
                 frame=stance.frame,
                 limbs=tuple(plan.problem.robot.limb_names[limb] for limb in stance.limbs),
                 push_n=push * plan.problem.weight_n,
-                support_m=math.nan if pushes_alone else _inner_distance(program.support(at, _shift(at.borne))),
+                support_m=math.nan
+                if pushes_alone
+                else _inner_distance(program.support(at, _shift(at.borne))),
                 friction_left=math.nan if pushes_alone else _friction_left(program, at),
             )
         )
-    return tuple(found)
+    return tuple(margins)
 
 
 def support_region(plan: Plan, stance: Stance) -> Array:
@@ -209,11 +231,11 @@ def verdict_yields_m(plan: Plan) -> float:
 
 
 def least_margins(plan: Plan) -> dict[str, StanceMargin]:
-    """The margin of the stance that bears least, under each of "push_n", "support_m" and "friction_left"; the push is
-    one that moves the body.
+    """The margin of the stance that bears least, under each of "push_n", "support_m" and
+    "friction_left"; the push is one that moves the body.
 
-    They are the least of ``stance_margins``. Of the other stances no more is known than that each bears as much, which
-    a few directions of a push say, and one program of the friction.
+    They are the least of ``stance_margins``. Of the other stances no more is known than that each
+    bears as much, which a few directions of a push say, and one program of the friction.
     """
     course, yields_m = plan.problem, verdict_yields_m(plan)
     programs: dict[int, _Program] = {}
@@ -223,12 +245,16 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        found = {
-            "push_n": _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]),
-            "support_m": _inner_distance(program.support(at, _shift(at.borne)), enough=least["support_m"]),
+        least_found = {
+            "push_n": _inner_distance(
+                program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]
+            ),
+            "support_m": _inner_distance(
+                program.support(at, _shift(at.borne)), enough=least["support_m"]
+            ),
             "friction_left": _friction_left(program, at, enough=least["friction_left"]),
         }
-        for name, value in found.items():
+        for name, value in least_found.items():
             if value < least[name]:
                 least[name], weakest[name] = value, stance
     least["push_n"] *= course.weight_n
@@ -243,8 +269,8 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
 
 
 def borne_share(plan: Plan, shares: Sequence[float]) -> float:
-    """The largest of some shares of the weight, the largest first, that a push may have which every stance of a plan
-    bears, the body where it is; 0 for none."""
+    """The largest of some shares of the weight, the largest first, that a push may have which every
+    stance of a plan bears, the body where it is; 0 for none."""
     programs: dict[int, _Program] = {}
     left = list(shares)
     for stance in plan.problem.stances:
@@ -261,8 +287,8 @@ def borne_share(plan: Plan, shares: Sequence[float]) -> float:
 def margin_group(plan: Plan) -> Group:
     """The verifier's word on margins: the least of each over all stances, and where it is.
 
-    It is violated where the course asks for a push that some stance does not balance, the body where it is: that is
-    what is planned. The push that is reported is one that moves the body.
+    It is violated where the course asks for a push that some stance does not balance, the body
+    where it is: that is what is planned. The push that is reported is one that moves the body.
     """
     least = least_margins(plan)
     figures: dict[str, Any] = {}
@@ -275,7 +301,9 @@ def margin_group(plan: Plan) -> Group:
     message = ""
     if short > 0.0:
         limbs = " ".join(weakest.limbs)
-        message = f"{limbs} at frame {weakest.frame}: {weakest.push_n:.3g} N, expected {wanted:.3g} N"
+        message = (
+            f"{limbs} at frame {weakest.frame}: {weakest.push_n:.3g} N, expected {wanted:.3g} N"
+        )
     return Group(
         "margin",
         value=short,
@@ -300,10 +328,15 @@ def _contacts(plan: Plan, stance: Stance) -> _Contacts:
     feet = [int(holds[limb]) for limb in stance.limbs]
     chosen = [course.patch(foot, plan.choice) for foot in feet]
     offsets = [course.offsets_m[foot][int(plan.choice[foot])] for foot in feet]
-    counts = [len(its) for its in offsets]
+    counts = [len(offsets_of_foot) for offsets_of_foot in offsets]
     low, high = (course.force_n / course.weight_n * bounds[feet] for bounds in course.force_bounds)
     axes = np.array([(patch.normal, patch.shear_reference) for patch in chosen])
-    points = np.concatenate([plan.toes_m[foot] + its for foot, its in zip(feet, offsets, strict=True)])
+    points = np.concatenate(
+        [
+            plan.toes_m[foot] + offsets_of_foot
+            for foot, offsets_of_foot in zip(feet, offsets, strict=True)
+        ]
+    )
     return _Contacts(
         arms_m=points - plan.com_m[stance.frame],
         frames=np.repeat(contact_frames(axes[:, 0], axes[:, 1]), counts, axis=0),
@@ -322,38 +355,41 @@ def _borne(course: Problem, frame: int) -> Array:
 
 
 def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = math.inf) -> float:
-    """The distance from the origin to the border of a convex set that holds it, from below; 0 where it is empty.
+    """The distance from the origin to the border of a convex set that holds it, from below; 0 where
+    it is empty.
 
     Arguments:
         farthest: the point of the set that is farthest in a direction.
-        enough: a distance that need not be known any better; what is returned may then be as small as this.
+        enough: a distance that need not be known any better; what is returned may then be as small
+            as this.
     """
-    found: list[tuple[float, Array]] = []
+    directions: list[tuple[float, Array]] = []
 
     def look(turn: float) -> float:
         direction = np.array([math.cos(turn), math.sin(turn)])
         point = farthest(direction)
         if point is None:
             return 0.0
-        found.append((turn, point))
+        directions.append((turn, point))
         return float(direction @ point)
 
     outer = math.inf
     for turn in (0.25 * math.pi, 0.75 * math.pi, 1.25 * math.pi, 1.75 * math.pi):
         outer = min(outer, look(turn))
     while outer > 0.0:
-        inner, turn = _nearest_side(found)
-        if inner >= min(enough, (1.0 - CLOSE) * outer) or len(found) >= DIRECTIONS:
+        inner, turn = _nearest_side(directions)
+        if inner >= min(enough, (1.0 - CLOSE) * outer) or len(directions) >= DIRECTIONS:
             return max(0.0, inner)
-        before = len(found)
+        before = len(directions)
         outer = min(outer, look(turn))
-        if len(found) == before:
+        if len(directions) == before:
             break
     return 0.0
 
 
 def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
-    """The distance of the nearest side of the hull of the points, and the direction that it faces [rad]."""
+    """The distance of the nearest side of the hull of the points, and the direction that it faces
+    [rad]."""
     points = [(float(x), float(y)) for _, (x, y) in sorted(found, key=lambda each: each[0])]
     nearest, facing = math.inf, 0.0
     for (x, y), (then_x, then_y) in zip(points, [*points[1:], points[0]], strict=True):
@@ -367,7 +403,8 @@ def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
 def _friction_left(program: _Program, at: _Contacts, enough: float = math.inf) -> float:
     """The largest share of the friction without which there are still forces, from below.
 
-    enough: a share that need not be known any better; where there are forces without it, it is what is returned.
+    enough: a share that need not be known any better; where there are forces without it, it is what
+    is returned.
     """
     held = np.zeros((6, 2))
 

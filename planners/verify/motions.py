@@ -1,10 +1,12 @@
-"""The verifier of motions that come from elsewhere: a table of joints and body, a robot, a terrain, and nothing else.
+"""The verifier of motions that come from elsewhere: a table of joints and body, a robot, a terrain,
+and nothing else.
 
-Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts are those of the
-table, or else of feet that are within ``GAP_M`` of the terrain and move neither to nor from it, nor fast along it;
-whether forces that carry the motion exist is a program per row: λ ≥ 0 over the edges of friction cones of eight sides,
-least distance from Newton and Euler for the whole robot. Forces of the table are judged, too, where it has some. A
-group of which the table, the robot's file or the terrain does not say enough is named as not checked, with the reason.
+Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts
+are those of the table, or else of feet that are within ``GAP_M`` of the terrain and move neither to
+nor from it, nor fast along it; whether forces that carry the motion exist is a program per row: λ ≥
+0 over the edges of friction cones of eight sides, least distance from Newton and Euler for the
+whole robot. Forces of the table are judged, too, where it has some. A group of which the table, the
+robot's file or the terrain does not say enough is named as not checked, with the reason.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ GAP_M = 1e-3
 STILL_M_S = 0.02
 """A foot that stands moves no faster to or from the terrain."""
 SLIDES_M_S = 0.15
-"""Nor along it, where the file does not say that it stands: a foot that skims over the ground swings."""
+"""Nor along it, where the file does not say that it stands: a foot that skims over the ground
+swings."""
 WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 EDGES = 8
@@ -67,12 +70,13 @@ UNITS = {
 class MotionLimits:
     """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
-    joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives. contact_gap_m,
-    penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot since it came down, of its point of
-    contact, rolling left out, or of its centre: whichever moved less. balance: what no forces in the cones give, mean
-    over ``WINDOW_S``; forces: the same of the forces of the table, which may be those of a body at rest. cone,
-    swing_force: of the table's forces, outside of cones, and on feet that do not stand. bodies_m: of a link in another
-    or in the terrain.
+    joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives.
+    contact_gap_m, penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot
+    since it came down, of its point of contact, rolling left out, or of its centre: whichever moved
+    less. balance: what no forces in the cones give, mean over ``WINDOW_S``; forces: the same of the
+    forces of the table, which may be those of a body at rest. cone, swing_force: of the table's
+    forces, outside of cones, and on feet that do not stand. bodies_m: of a link in another or in
+    the terrain.
     """
 
     joints: float = 1e-3
@@ -105,29 +109,30 @@ def check_motion(
         limits: what is accepted.
         gravity_m_s2: that acts.
     Raises:
-        InvalidInput: for joints or limbs that are not the robot's, a robot whose legs are not known, no pinocchio.
+        InvalidInput: for joints or limbs that are not the robot's, a robot whose legs are not
+            known, no pinocchio.
     """
     kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
     measured = _Measured(_ordered(table, kinematics), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     groups = []
     for name, unit in UNITS.items():
-        why, found = measured.missing.get(name, ""), _Worst()
+        why, worst = measured.missing.get(name, ""), _Worst()
         if not why:
             try:
-                found = getattr(measured, name)()
-                why = found.why
+                worst = getattr(measured, name)()
+                why = worst.why
             except InvalidInput as error:
                 why = str(error)
-        held = found.value <= most[name]
+        held = worst.value <= most[name]
         groups.append(
             Group(
                 name=name,
-                value=found.value,
+                value=worst.value,
                 limit=most[name],
                 unit=unit,
-                where=found.where,
-                when=found.time_s,
+                where=worst.where,
+                when=worst.time_s,
                 message=why,
                 verdict="not checked" if why and held else "",
             )
@@ -154,16 +159,19 @@ class _Worst:
         if table[row, column] <= 0.0:
             return cls(why=why)
         where = names[int(column)] if names else ""
-        return cls(value=float(table[row, column]), where=where, time_s=float(times_s[row]), why=why)
+        return cls(
+            value=float(table[row, column]), where=where, time_s=float(times_s[row]), why=why
+        )
 
 
 def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
-    """The table with joints and limbs in the robot's order. Raises InvalidInput for others than the robot's."""
+    """The table with joints and limbs in the robot's order. Raises InvalidInput for others than the
+    robot's."""
     from dataclasses import replace
 
     limbs = kinematics.robot.limb_names
     changed: dict[str, Any] = {}
-    for kind, own, names, arrays in (
+    for kind, names_of_robot, names, arrays in (
         ("joints", kinematics.joints, table.joints, ("angles_rad", "rates_rad_s", "torques_nm")),
         ("limbs", limbs, table.limbs, ("contact", "forces_n", "feet_m")),
     ):
@@ -171,15 +179,17 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
             continue
         if not names:
             raise InvalidInput("motion: expected angles of the joints, got none")
-        if set(names) != set(own):
-            odd = sorted(set(names) ^ set(own))
-            which = "it lacks" if odd[0] in own else "the robot has no"
+        if set(names) != set(names_of_robot):
+            odd = sorted(set(names) ^ set(names_of_robot))
+            which = "it lacks" if odd[0] in names_of_robot else "the robot has no"
             raise InvalidInput(
-                f"{kind}: expected those of {kinematics.robot.name}, {', '.join(own):.120}; {which} {odd[0]}"
+                f"{kind}: expected those of {kinematics.robot.name}, {', '.join(names_of_robot):.120}; {which} {odd[0]}"
             )
-        order = [names.index(name) for name in own]
-        changed[kind] = tuple(own)
-        changed |= {name: array[:, order] for name, array in table.known().items() if name in arrays}
+        order = [names.index(name) for name in names_of_robot]
+        changed[kind] = tuple(names_of_robot)
+        changed |= {
+            name: array[:, order] for name, array in table.known().items() if name in arrays
+        }
     return replace(table, **changed)
 
 
@@ -187,7 +197,11 @@ class _Measured:
     """A table's measurements: T rows, J joints, N limbs."""
 
     def __init__(
-        self, table: MotionTable, kinematics: Kinematics, terrain: Sequence[Patch] | Ground, limits: MotionLimits
+        self,
+        table: MotionTable,
+        kinematics: Kinematics,
+        terrain: Sequence[Patch] | Ground,
+        limits: MotionLimits,
     ) -> None:
         self.table, self.kinematics, self.terrain, self.limits = table, kinematics, terrain, limits
         self.known, self.times_s = table.known(), table.time_s
@@ -203,10 +217,22 @@ class _Measured:
         if not {"origin_m", "quaternion"} <= set(self.known):
             lost = "where the body is and how it is turned is not known"
             self.missing |= dict.fromkeys(
-                ("contact_gap", "penetration", "slip", "balance", "forces", "cone", "swing_force", "bodies"), lost
+                (
+                    "contact_gap",
+                    "penetration",
+                    "slip",
+                    "balance",
+                    "forces",
+                    "cone",
+                    "swing_force",
+                    "bodies",
+                ),
+                lost,
             )
         if "contact" not in self.known:
-            self.missing.setdefault("contact_gap", "no contacts in the file: they are derived from the distance")
+            self.missing.setdefault(
+                "contact_gap", "no contacts in the file: they are derived from the distance"
+            )
         if "forces_n" not in self.known:
             for name in ("forces", "cone", "swing_force"):
                 self.missing.setdefault(name, "no forces in the file")
@@ -231,7 +257,9 @@ class _Measured:
         """Torques of the table as a share of the limit, (T, J)."""
         most = self.kinematics.torque_nm
         why = "; ".join(self.kinematics.model.lines_of(self.kinematics.model.torque_doubts))
-        return _Worst.of(np.abs(self.known["torques_nm"]) / most, self.kinematics.joints, self.times_s, why)
+        return _Worst.of(
+            np.abs(self.known["torques_nm"]) / most, self.kinematics.joints, self.times_s, why
+        )
 
     def contact_gap(self) -> _Worst:
         """Distance to the terrain of feet that are said to stand, (T, N)."""
@@ -242,10 +270,12 @@ class _Measured:
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """Way of feet along the terrain since they came down, (T, N): of contact points or centres, whichever is less.
+        """Way of feet along the terrain since they came down, (T, N): of contact points or centres,
+        whichever is less.
 
-        A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is how far the point of
-        contact slid. Planners that take feet for points keep the centre where it is, and their feet stand, too.
+        A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is
+        how far the point of contact slid. Planners that take feet for points keep the centre where
+        it is, and their feet stand, too.
         """
         centres, turns = self.feet
         normals = self.surface[1]
@@ -264,18 +294,20 @@ class _Measured:
         return _Worst.of(far, self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
-        """Part of the force and moment that the motion needs and that no forces within the cones give, (T − 2,)."""
+        """Part of the force and moment that the motion needs and that no forces within the cones
+        give, (T − 2,)."""
         return _Worst.of(self._windowed(self._lacks), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
         2,)."""
-        given = self.known["forces_n"][1:-1]
+        table_forces = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
-        return _Worst.of(self._windowed(self._residual(given, arms)), (), self.times_s[1:-1])
+        return _Worst.of(self._windowed(self._residual(table_forces, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
-        """Distance of the table's forces from their cones, the nearer one where a foot touches two surfaces, (T, N)."""
+        """Distance of the table's forces from their cones, the nearer one where a foot touches two
+        surfaces, (T, N)."""
         forces, outside = self.known["forces_n"], np.full(self.stands.shape, np.inf)
         for gap, normals, friction in (self.surface, self._beside):
             along = np.sum(forces * normals, axis=-1)
@@ -294,14 +326,24 @@ class _Measured:
         from ..robot.bodies import Bodies
 
         around = self.terrain
-        solid = Obstacles.under(around.heights) if isinstance(around, Ground) else Obstacles.of(around)
+        solid = (
+            Obstacles.under(around.heights) if isinstance(around, Ground) else Obstacles.of(around)
+        )
         centres, normals = self.feet[0], self.surface[1]
-        rows = spaced(np.concatenate([centres, self.known["origin_m"][:, None]], axis=1), self.angles)
+        rows = spaced(
+            np.concatenate([centres, self.known["origin_m"][:, None]], axis=1), self.angles
+        )
         body = WholeBody(
-            rotation=self.table.rotation[rows], origin_m=self.known["origin_m"][rows], angles=self.angles[rows],
-            toes_m=self._points[rows], normals=normals[rows], stands=self.stands[rows],
-        )  # fmt: skip
-        report = bodies_report(Bodies(self.kinematics, solid), self.times_s[rows], body, between=True)
+            rotation=self.table.rotation[rows],
+            origin_m=self.known["origin_m"][rows],
+            angles=self.angles[rows],
+            toes_m=self._points[rows],
+            normals=normals[rows],
+            stands=self.stands[rows],
+        )
+        report = bodies_report(
+            Bodies(self.kinematics, solid), self.times_s[rows], body, between=True
+        )
         why = "; ".join(report.missing)
         if report.worst is None:
             return _Worst(why=why)
@@ -310,29 +352,51 @@ class _Measured:
 
     @cached_property
     def feet(self) -> tuple[Array, Array]:
-        """Centres of the feet and how they are turned, in the world, shape (T, N, 3), (T, N, 3, 3)."""
+        """Centres of the feet and how they are turned, in the world, shape (T, N, 3), (T, N, 3,
+        3)."""
         rotation, origin = self.table.rotation, self.known["origin_m"]
         legs = self.kinematics.model.legs
         angles = [self.angles[:, self.kinematics.joints_of(i)] for i in range(len(legs))]
-        places = np.stack([leg.chain.feet(its) for leg, its in zip(legs, angles, strict=True)], axis=1)
-        turns = np.stack([leg.chain.frames(its)[0][:, -1] for leg, its in zip(legs, angles, strict=True)], axis=1)
+        places = np.stack(
+            [
+                leg.chain.feet(angles_of_leg)
+                for leg, angles_of_leg in zip(legs, angles, strict=True)
+            ],
+            axis=1,
+        )
+        turns = np.stack(
+            [
+                leg.chain.frames(angles_of_leg)[0][:, -1]
+                for leg, angles_of_leg in zip(legs, angles, strict=True)
+            ],
+            axis=1,
+        )
         centres = origin[:, None] + np.einsum("tij,tnj->tni", rotation, places)
         return centres, np.einsum("tij,tnjk->tnik", rotation, turns)
 
     @cached_property
     def surface(self) -> tuple[Array, Array, Array]:
-        """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3), (T, N)."""
+        """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3),
+        (T, N)."""
         centres = self.feet[0]
         radii = np.broadcast_to(self.kinematics.radii_m, centres.shape[:2])
         gap, normal, friction = nearest(self.terrain, centres.reshape(-1, 3), radii.ravel())
-        return gap.reshape(centres.shape[:2]), normal.reshape(centres.shape), friction.reshape(centres.shape[:2])
+        return (
+            gap.reshape(centres.shape[:2]),
+            normal.reshape(centres.shape),
+            friction.reshape(centres.shape[:2]),
+        )
 
     @cached_property
     def _beside(self) -> tuple[Array, Array, Array]:
-        """The same of the nearest surface that leans otherwise and is touched, too; its gap is infinite without one."""
+        """The same of the nearest surface that leans otherwise and is touched, too; its gap is
+        infinite without one."""
         centres = self.feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)
-        flat, radii = centres.reshape(-1, 3), np.broadcast_to(self.kinematics.radii_m, centres.shape[:2]).ravel()
+        flat, radii = (
+            centres.reshape(-1, 3),
+            np.broadcast_to(self.kinematics.radii_m, centres.shape[:2]).ravel(),
+        )
         first, second = normal.reshape(-1, 3), np.full(len(flat), np.inf)
         normals, frictions = first.copy(), friction.reshape(-1).copy()
         for patch in () if isinstance(self.terrain, Ground) else self.terrain:
@@ -341,7 +405,11 @@ class _Measured:
             second = np.where(better, away, second)
             normals = np.where(better[:, None], patch.normal, normals)
             frictions = np.where(better, patch.friction, frictions)
-        return second.reshape(gap.shape), normals.reshape(normal.shape), frictions.reshape(gap.shape)
+        return (
+            second.reshape(gap.shape),
+            normals.reshape(normal.shape),
+            frictions.reshape(gap.shape),
+        )
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:
@@ -361,14 +429,17 @@ class _Measured:
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        """Centre of mass, shape (T, 3), and the force and moment about it that the motion needs, shape (T − 2, 6)."""
+        """Centre of mass, shape (T, 3), and the force and moment about it that the motion needs,
+        shape (T − 2, 6)."""
         pin, kinematics = pinocchio(), self.kinematics
         known, data = kinematics.known, kinematics.known.createData()
         joint = known.joints[base_joint(known)]
         base = slice(joint.idx_q, joint.idx_q + 7)
         home = pin.XYZQUATToSE3(at_rest(known)[base])
         states = []
-        for angles, turn, origin in zip(self.angles, self.table.rotation, self.known["origin_m"], strict=True):
+        for angles, turn, origin in zip(
+            self.angles, self.table.rotation, self.known["origin_m"], strict=True
+        ):
             state = kinematics.configuration(angles)
             state[base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * home)
             states.append(state)
@@ -377,8 +448,8 @@ class _Measured:
         for before, after in pairwise(states):
             turned = pin.difference(known, before, after)
             half = pin.integrate(known, before, 0.5 * turned)
-            found = pin.computeCentroidalMomentum(known, data, half, turned / self.step_s)
-            momentum.append(np.concatenate([found.linear, found.angular]))
+            result = pin.computeCentroidalMomentum(known, data, half, turned / self.step_s)
+            momentum.append(np.concatenate([result.linear, result.angular]))
         needed = np.diff(np.array(momentum), axis=0) / self.step_s
         needed[:, 2] += self.weight_n
         return com, needed
@@ -398,7 +469,8 @@ class _Measured:
 
     @cached_property
     def _lacks(self) -> Array:
-        """The same of each row by itself: a program per row finds the forces that come nearest, (T − 2,)."""
+        """The same of each row by itself: a program per row finds the forces that come nearest, (T
+        − 2,)."""
         from scipy.optimize import nnls
 
         parts = []
@@ -422,7 +494,9 @@ class _Measured:
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
 
 
-def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array) -> tuple[Array, Array, Array]:
+def nearest(
+    terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array
+) -> tuple[Array, Array, Array]:
     """Gap between balls and the terrain, negative inside, its normal there, and its friction.
 
     Arguments:
@@ -448,10 +522,11 @@ def nearest(terrain: Sequence[Patch] | Ground, centres_m: Array, radii_m: Array)
 
 
 def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Array, Array]:
-    """The points of a height field that are nearest to balls, and the normals there, shape (K, 3) each.
+    """The points of a height field that are nearest to balls, and the normals there, shape (K, 3)
+    each.
 
-    The best of a grid as wide as the ball, and descent from there: beside a step a ball touches elsewhere than below
-    its centre.
+    The best of a grid as wide as the ball, and descent from there: beside a step a ball touches
+    elsewhere than below its centre.
     """
     steps = np.linspace(-1.0, 1.0, 9)
     around = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -482,7 +557,8 @@ def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Arr
 
 
 def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
-    """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,) each."""
+    """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,)
+    each."""
     corners = patch.vertices_m
     edges = np.roll(corners, -1, axis=0) - corners
     turn = np.sign(np.cross(edges[0], edges[1]) @ patch.normal) or 1.0
@@ -502,5 +578,7 @@ def _cones(normals: Array, friction: Array) -> Array:
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = cross(normals, first)
     angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
-    around = np.cos(angle)[:, None] * first[..., None, :] + np.sin(angle)[:, None] * second[..., None, :]
+    around = (
+        np.cos(angle)[:, None] * first[..., None, :] + np.sin(angle)[:, None] * second[..., None, :]
+    )
     return np.asarray(normals[..., None, :] + friction[..., None, None] * around)

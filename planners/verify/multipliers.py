@@ -45,11 +45,17 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
     """Shape of every group of a leaf's multipliers."""
     (frames, limbs), stances = who.holds.shape, len(who.frame)
     return {
-        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
-        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
-        "reach_rows": (frames, len(who.row_limb)), "relative_reach": (len(who.apart),),
+        "nu_F": (stances, 3),
+        "nu_M": (stances, 3),
+        "reach": (frames, limbs, 3),
+        "com_step": (frames - 1, 3),
+        "rotation_step": (frames - 1, 3),
+        "progress": (frames - 1,),
+        "toe_step": (len(who.moves), 3),
+        "reach_rows": (frames, len(who.row_limb)),
+        "relative_reach": (len(who.apart),),
         "linear_step": (frames - 1, who.linear),
-    }  # fmt: skip
+    }
 
 
 def multiplier_count(who: Schedule) -> int:

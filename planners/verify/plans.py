@@ -1,18 +1,20 @@
 """The verifier of plans: it knows the course and the plan, not how the plan was made.
 
-Contact frames, rotation, balances, cones and reach are recomputed from the course's own numbers, for all stances and
-points between them in one sweep, which is that of postures. What couples
-the frames is judged here: who stands where, who carries, steps and progress (E11), reach of limbs that do not carry,
-and the way between frames.
+Contact frames, rotation, balances, cones and reach are recomputed from the course's own numbers,
+for all stances and points between them in one sweep, which is that of postures. What couples the
+frames is judged here: who stands where, who carries, steps and progress (E11), reach of limbs that
+do not carry, and the way between frames.
 
-*Why two stances prove the way between them.* The limbs that do not move between two frames keep their toes p. The
-earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c', Θ', f'). On the straight line between
-both, the forces sum up to the weight everywhere, so Σ (p − c) × f = Σ p × f + c × m g is linear in (c, f), and zero at
-both ends. So it is with a force F and a moment M on the body, which go over from the one frame to the other as the
-forces do: F and the moment about the origin of the world linearly (``problem.wrench``). Cones, bounds (which admit a
-zero force), reach with the linearised rotation, tilt box and the interpolated ball about the nominal COM are convex. So
-every point between is a posture, too. Five of them are recomputed anyway. Half-spaces of reach are bilinear in Θ and c;
-their largest value on the way is worked out (``half_spaces.bowed``).
+*Why two stances prove the way between them.* The limbs that do not move between two frames keep
+their toes p. The earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c',
+Θ', f'). On the straight line between both, the forces sum up to the weight everywhere, so Σ (p − c)
+× f = Σ p × f + c × m g is linear in (c, f), and zero at both ends. So it is with a force F and a
+moment M on the body, which go over from the one frame to the other as the forces do: F and the
+moment about the origin of the world linearly (``problem.wrench``). Cones, bounds (which admit a
+zero force), reach with the linearised rotation, tilt box and the interpolated ball about the
+nominal COM are convex. So every point between is a posture, too. Five of them are recomputed
+anyway. Half-spaces of reach are bilinear in Θ and c; their largest value on the way is worked out
+(``half_spaces.bowed``).
 """
 
 from __future__ import annotations
@@ -54,11 +56,12 @@ def check_plan(
 ) -> Report[Plan]:
     """Check every constraint of the problem at the plan; never raises for a bad plan.
 
-    tolerance: largest violation allowed in any group, with lengths in the problem's length scale, forces in its force
-    scale, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
-    the way between them, too; of a posture contacts alone are judged. between: recompute points between the frames;
-    without them, what convexity proves of the way is taken as proved. margins: measure what every stance bears beyond
-    its weight; of a course that asks for a push they always are. deadline: of the whole body, when to stop
+    tolerance: largest violation allowed in any group, with lengths in the problem's length scale,
+    forces in its force scale, moments in their product and angles in rad. joints: judge joints,
+    torques and bodies, at key frames and on the way between them, too; of a posture contacts alone
+    are judged. between: recompute points between the frames; without them, what convexity proves of
+    the way is taken as proved. margins: measure what every stance bears beyond its weight; of a
+    course that asks for a push they always are. deadline: of the whole body, when to stop
     (``time.perf_counter()``); what was not looked at by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
@@ -86,9 +89,12 @@ class _Sweep:
         self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
         self._rows = reach_rows(plan.problem.robot.limbs)
         self._patches = [
-            put.candidates[int(chosen)] for put, chosen in zip(plan.problem.footholds, plan.choice, strict=True)
+            foothold.candidates[int(chosen)]
+            for foothold, chosen in zip(plan.problem.footholds, plan.choice, strict=True)
         ]
-        regions = [row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)]
+        regions = [
+            row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)
+        ]
         self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
         self._points = counts_of(plan.problem.robot.limbs)
         self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
@@ -100,16 +106,21 @@ class _Sweep:
         self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
 
     def _on_soles(self, regions: list[Patch]) -> None:
-        """Forces are those at the points of soles, and these where yaw and centre put them, near to what is claimed."""
+        """Forces are those at the points of soles, and these where yaw and centre put them, near to
+        what is claimed."""
         plan, soles = self._plan, {limb.name: limb.sole_m for limb in self._course.robot.limbs}
         assert plan.points_m is not None
         assert plan.point_forces_n is not None
         self._forces, self._offsets = plan.point_forces_n, np.zeros_like(plan.points_m)
-        for p, (put, patch) in enumerate(zip(self._course.footholds, self._patches, strict=True)):
-            yaw = put.yaws_rad[int(plan.choice[p])] if put.yaws_rad else 0.0
-            its = sole_points(soles[put.limb], patch, yaw)
-            self._offsets[p, : len(its)] = its
-            self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
+        for p, (foothold, patch) in enumerate(
+            zip(self._course.footholds, self._patches, strict=True)
+        ):
+            yaw = foothold.yaws_rad[int(plan.choice[p])] if foothold.yaws_rad else 0.0
+            points = sole_points(soles[foothold.limb], patch, yaw)
+            self._offsets[p, : len(points)] = points
+            self._off_patch[p] = off_sole(
+                patch, regions[p], points, plan.toes_m[p], plan.points_m[p]
+            )
 
     def report(self, body: tuple[Group, ...], shares: tuple[float, ...]) -> Report[Plan]:
         """The report on all groups.
@@ -126,9 +137,9 @@ class _Sweep:
         self._steps()
         bent, exact_m = self._linearisation()
         ground = ground_group(self._plan)
-        own = () if ground is None else (ground,)
+        groups = () if ground is None else (ground,)
         return Report(
-            groups=(*self._found.values(), *own, *further_groups(self._plan), *body),
+            groups=(*self._found.values(), *groups, *further_groups(self._plan), *body),
             answer=self._plan,
             tolerance=self._tolerance,
             figures={
@@ -141,8 +152,11 @@ class _Sweep:
             },
         )
 
-    def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:
-        """Measure the stances and ``shares`` of the ways; returns the largest violation on the ways.
+    def _stances(
+        self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]
+    ) -> float:
+        """Measure the stances and ``shares`` of the ways; returns the largest violation on the
+        ways.
 
         A stance is a point on the way from its frame to the next, none of the way on.
         """
@@ -156,33 +170,52 @@ class _Sweep:
         )
         share = np.concatenate([np.zeros(stances), on_way[3]])
         limbs = [limbs for *_, limbs in ways for _ in shares]
-        owner = np.concatenate([who.stance, np.repeat(stances + np.arange(len(limbs)), [len(own) for own in limbs])])
-        limb = np.concatenate([who.limb, np.array([i for own in limbs for i in own], dtype=np.intp)])
+        owner = np.concatenate(
+            [
+                who.stance,
+                np.repeat(stances + np.arange(len(limbs)), [len(limb_name) for limb_name in limbs]),
+            ]
+        )
+        limb = np.concatenate(
+            [who.limb, np.array([i for limb_name in limbs for i in limb_name], dtype=np.intp)]
+        )
         point = who.point
         if self._points:
             of_stances = len(who.limb)
             nth, more = expanded(limb[of_stances:], self._points)
             owner = np.concatenate([who.stance, owner[of_stances:][nth]])
-            limb, point = np.concatenate([who.limb, limb[of_stances:][nth]]), np.concatenate([point, more])
+            limb, point = (
+                np.concatenate([who.limb, limb[of_stances:][nth]]),
+                np.concatenate([point, more]),
+            )
         at = self._measured(frame, share, owner, limb, point, (before, after))
-        found = violations(at)
-        self._found |= worst_groups(at, found, frame, share, limb, self._names, self._tolerance)
+        values = violations(at)
+        self._found |= worst_groups(at, values, frame, share, limb, self._names, self._tolerance)
         if not len(limbs):
             return 0.0
-        along = worst_of(at, found)[stances:]
+        along = worst_of(at, values)[stances:]
         return float(along.max())
 
     def _measured(
-        self, frame: Index, share: Array, owner: Index, limb: Index, point: Index, rows: tuple[Index, Index]
+        self,
+        frame: Index,
+        share: Array,
+        owner: Index,
+        limb: Index,
+        point: Index,
+        rows: tuple[Index, Index],
     ) -> Stances:
-        """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
+        """Points ``share`` of the way from each frame to the next, from the forces in one row to
+        those in another."""
         course, plan, t = self._course, self._plan, share[:, None]
         following = np.minimum(frame + 1, course.frames - 1)
         foothold = self._who.holds[frame[owner], limb]
         axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
         friction = np.array([patch.friction for patch in self._patches])
         before, after = rows
-        start, end = (self._forces[row[owner], limb, point if self._points else 0] for row in (before, after))
+        start, end = (
+            self._forces[row[owner], limb, point if self._points else 0] for row in (before, after)
+        )
         forces = (1.0 - t[owner]) * start + t[owner] * end
         each = np.ones(len(frame))
 
@@ -192,26 +225,41 @@ class _Sweep:
 
         bounds = [bound[foothold] * course.force_n for bound in course.force_bounds]
         return Stances(
-            owner=owner, com_m=way(plan.com_m), rotation_rad=way(plan.rotation_rad),
-            com_nominal_m=way(course.com_nominal_m), com_radius_m=way(course.com_radius_m),
-            tilt_limit_rad=course.tilt_limit_rad * each, weight_n=course.weight_n * each,
-            length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[foothold],
-            forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[foothold], friction=friction[foothold],
-            shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
-            off_patch_m=self._off_patch[foothold], rows=self._rows_of(limb),
-            offsets_m=self._offsets[foothold, point] if self._points else None, wrench=self._wrench(frame, share),
-        )  # fmt: skip
+            owner=owner,
+            com_m=way(plan.com_m),
+            rotation_rad=way(plan.rotation_rad),
+            com_nominal_m=way(course.com_nominal_m),
+            com_radius_m=way(course.com_radius_m),
+            tilt_limit_rad=course.tilt_limit_rad * each,
+            weight_n=course.weight_n * each,
+            length_m=self._units["m"] * each,
+            force_n=self._units["N"] * each,
+            toes_m=plan.toes_m[foothold],
+            forces_n=forces,
+            frames=contact_frames(axes[:, 0], axes[:, 1])[foothold],
+            friction=friction[foothold],
+            shoulders_m=self._shoulders[limb],
+            reach_m=self._reach[limb],
+            force_min_n=bounds[0],
+            force_max_n=bounds[1],
+            off_patch_m=self._off_patch[foothold],
+            rows=self._rows_of(limb),
+            offsets_m=self._offsets[foothold, point] if self._points else None,
+            wrench=self._wrench(frame, share),
+        )
 
     def _wrench(self, frame: Index, share: Array) -> Array | None:
         """Wrench on the body ``share`` of the way from each frame to the next; its moment is about
         the body there."""
-        found = self._course.wrench
-        if found is None:
+        wrench = self._course.wrench
+        if wrench is None:
             return None
-        t, following, com = share[:, None], np.minimum(frame + 1, len(found) - 1), self._plan.com_m
-        force = (1.0 - t) * found[frame, :3] + t * found[following, :3]
-        bent = cross(com[following] - com[frame], found[following, :3] - found[frame, :3])  # c × F is no line
-        moment = (1.0 - t) * found[frame, 3:] + t * found[following, 3:] + t * (1.0 - t) * bent
+        t, following, com = share[:, None], np.minimum(frame + 1, len(wrench) - 1), self._plan.com_m
+        force = (1.0 - t) * wrench[frame, :3] + t * wrench[following, :3]
+        bent = cross(
+            com[following] - com[frame], wrench[following, :3] - wrench[frame, :3]
+        )  # c × F is no line
+        moment = (1.0 - t) * wrench[frame, 3:] + t * wrench[following, 3:] + t * (1.0 - t) * bent
         return np.concatenate([force, moment], axis=1)
 
     def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
@@ -221,10 +269,14 @@ class _Sweep:
     def _ways(self) -> list[tuple[int, int, int, list[int]]]:
         """Somebody carries at every frame and on every way between two.
 
-        Returns (frame, row of forces there, row at the next, limbs that stay) of every way that is covered.
+        Returns (frame, row of forces there, row at the next, limbs that stay) of every way that is
+        covered.
         """
         course, holds, names = self._course, self._who.holds, self._names
-        kept = [[i for i, name in enumerate(names) if name not in away] for away in (*course.lifts, course.next_lift)]
+        limbs_left = [
+            [i for i, name in enumerate(names) if name not in away]
+            for away in (*course.lifts, course.next_lift)
+        ]
         rows: list[list[tuple[int, frozenset[int]]]] = [[] for _ in range(course.frames)]
         for row, stance in enumerate(course.stances):
             rows[stance.frame].append((row, frozenset(stance.limbs)))
@@ -233,20 +285,20 @@ class _Sweep:
             """A stance of these limbs, or of some of them, at the frame; −1 where there is none."""
             return next((row for row, carry in rows[frame] if carry.issubset(limbs)), -1)
 
-        found, everybody = [], list(range(len(names)))
+        ways, everybody = [], list(range(len(names)))
         for k in range(course.frames):
-            for limbs in (kept[k], kept[k + 1]):
+            for limbs in (limbs_left[k], limbs_left[k + 1]):
                 if carrying(k, limbs or everybody) < 0:
                     self._note("schedule", np.array([math.inf]), np.array([k]))
-        for k, limbs in enumerate(kept[1:-1]):
+        for k, limbs in enumerate(limbs_left[1:-1]):
             before, after = carrying(k, limbs), carrying(k + 1, limbs)
             if not limbs or min(before, after) < 0:
                 continue
             for i in limbs:
                 if holds[k, i] != holds[k + 1, i]:
                     self._note("schedule", np.array([math.inf]), np.array([k + 1]), np.array([i]))
-            found.append((k, before, after, limbs))
-        return found
+            ways.append((k, before, after, limbs))
+        return ways
 
     def _bowed(self, ways: list[tuple[int, int, int, list[int]]]) -> None:
         """Half-spaces of reach on the ways, which are not convex in the share of the way."""
@@ -255,12 +307,19 @@ class _Sweep:
             legs = plan.toes_m[self._who.holds[k, limb]] - plan.com_m[ends, None]
             rows = self._rows_of(limb)
             assert rows is not None
-            self._note("reach", bowed(plan.rotation_rad[ends], legs, rows), np.full(len(limb), k), limb)
+            self._note(
+                "reach", bowed(plan.rotation_rad[ends], legs, rows), np.full(len(limb), k), limb
+            )
 
     def _idle(self) -> None:
-        """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and does not push."""
+        """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and
+        does not push."""
         course, plan, who = self._course, self._plan, self._who
-        stood = [(p, put.toe_m) for p, put in enumerate(course.footholds) if put.toe_m is not None]
+        stood = [
+            (p, foothold.toe_m)
+            for p, foothold in enumerate(course.footholds)
+            if foothold.toe_m is not None
+        ]
         if stood:
             of = np.array([p for p, _ in stood])
             limb = np.array([self._names.index(course.footholds[p].limb) for p in of])
@@ -277,16 +336,19 @@ class _Sweep:
         to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
         self._note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
         out = beyond(
-            length(to_toe) - self._reach[limb], plan.rotation_rad[frame], toes - plan.com_m[frame], self._rows_of(limb)
+            length(to_toe) - self._reach[limb],
+            plan.rotation_rad[frame],
+            toes - plan.com_m[frame],
+            self._rows_of(limb),
         )
         self._note("reach", out, frame, limb)
 
     def _stands(self) -> None:
         """Every foothold is a piece of the terrain, as rough and as steep as that."""
-        put = self._course.footholds
-        limb = np.array([self._names.index(each.limb) for each in put])
+        footholds = self._course.footholds
+        limb = np.array([self._names.index(each.limb) for each in footholds])
         off = off_terrain(self._course.terrain, self._patches, self._plan.toes_m)
-        self._note("terrain", off, np.array([each.frame for each in put]), limb)
+        self._note("terrain", off, np.array([each.frame for each in footholds]), limb)
 
     def _steps(self) -> None:
         """Steps and progress between neighbouring frames (E11)."""
@@ -305,11 +367,19 @@ class _Sweep:
         feet, normals, bounds = relative_rows(course.robot, holds)
         apart = np.vecdot(normals, plan.toes_m[feet[:, 1]] - plan.toes_m[feet[:, 0]]) - bounds
         of = [course.footholds[p] for p in feet[:, 0]]
-        where = (np.array([put.frame for put in of]), np.array([self._names.index(put.limb) for put in of]))
+        where = (
+            np.array([foothold.frame for foothold in of]),
+            np.array([self._names.index(foothold.limb) for foothold in of]),
+        )
         self._note("relative_reach", apart, *where)
         toes = length(plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]])
         limbs = np.arange(len(self._names))
-        self._note("toe_step", toes.ravel() - limits.toe_m, np.repeat(later, len(limbs)), np.tile(limbs, len(later)))
+        self._note(
+            "toe_step",
+            toes.ravel() - limits.toe_m,
+            np.repeat(later, len(limbs)),
+            np.tile(limbs, len(later)),
+        )
         ahead = np.diff(course.com_nominal_m, axis=0)
         far = length(ahead)
         moving = far > 1e-9
@@ -317,20 +387,25 @@ class _Sweep:
         self._note("progress", limits.progress_m - made, later[moving])
 
     def _note(self, group: str, values: Array, frame: Index, limb: Index | None = None) -> None:
-        """Note the worst of some violations in SI; what is 0 or less is none, what is no number is."""
+        """Note the worst of some violations in SI; what is 0 or less is none, what is no number
+        is."""
         if not len(values):
             return
         at = int(values.argmax())
         name = "" if limb is None else self._names[int(limb[at])]
         unit = self._found[group].unit
-        found = self._group(group, float(values[at]), name, int(frame[at]), unit=unit)
-        if found.worst > self._found[group].worst:
-            self._found[group] = found
+        group_found = self._group(group, float(values[at]), name, int(frame[at]), unit=unit)
+        if group_found.worst > self._found[group].worst:
+            self._found[group] = group_found
 
-    def _group(self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = "") -> Group:
+    def _group(
+        self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = ""
+    ) -> Group:
         """A group of what couples frames."""
         unit = PLAN_GROUPS.get(name, unit)
-        return violation(name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame)
+        return violation(
+            name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame
+        )
 
     def _linearisation(self) -> tuple[float, float]:
         """Error with which I + [Θ]× places a shoulder, and distance of a toe out of reach with

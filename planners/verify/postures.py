@@ -1,6 +1,8 @@
-"""The verifier of postures, plans of one frame: it knows the problem and the posture, not how the posture was made.
+"""The verifier of postures, plans of one frame: it knows the problem and the posture, not how the
+posture was made.
 
-It recomputes contact frames, rotation, balances, cones and reach from the problem's own numbers (``stances``).
+It recomputes contact frames, rotation, balances, cones and reach from the problem's own numbers
+(``stances``).
 """
 
 from __future__ import annotations
@@ -31,8 +33,9 @@ PARTS = {
 def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
     """The report on the plan of a posture problem that has no defect.
 
-    tolerance: as of ``check_plan``, with lengths in the length scale, forces in the force scale, moments in their
-    product and angles in rad. The two balances are judged by the Euclidean norm of what is left over.
+    tolerance: as of ``check_plan``, with lengths in the length scale, forces in the force scale,
+    moments in their product and angles in rad. The two balances are judged by the Euclidean norm of
+    what is left over.
     """
     problem = posture.problem
     with np.errstate(all="ignore"):
@@ -55,18 +58,21 @@ def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
 
 
 def check_postures(postures: Sequence[Plan], *, without: Collection[str] = ()) -> Array:
-    """The ``worst`` of ``check_plan`` for many plans of posture problems at once, shape (B,); inf for what is none.
+    """The ``worst`` of ``check_plan`` for many plans of posture problems at once, shape (B,); inf
+    for what is none.
 
-    Problems may have any number of contacts. without: groups that are left out, e.g. the moment balance for points of
-    P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
+    Problems may have any number of contacts. without: groups that are left out, e.g. the moment
+    balance for points of P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
     """
     worst = np.full(len(postures), np.inf)
     rows = [k for k, posture in enumerate(postures) if not plan_defect(posture)[0]]
     if rows:
         with np.errstate(all="ignore"):
             at = Stances.of_postures([postures[k] for k in rows])
-            found = violations(at)
-            worst[rows] = worst_of(at, {group: values for group, values in found.items() if group not in without})
+            result = violations(at)
+            worst[rows] = worst_of(
+                at, {group: values for group, values in result.items() if group not in without}
+            )
     return worst
 
 
@@ -128,7 +134,8 @@ def violation(
     part: str = "",
     when: float | None = None,
 ) -> Group:
-    """A group whose value is a violation, judged without its unit; no number is a violation without bound.
+    """A group whose value is a violation, judged without its unit; no number is a violation without
+    bound.
 
     Arguments:
         name: of the group.
@@ -153,7 +160,9 @@ def violation(
     )
 
 
-def refused(plan: Plan, tolerance: float, defect: str, *, frame: int = -1, limb: str = "") -> Report[Plan]:
+def refused(
+    plan: Plan, tolerance: float, defect: str, *, frame: int = -1, limb: str = ""
+) -> Report[Plan]:
     """The report on what is no plan of its problem at all: every group is violated without bound.
 
     Arguments:
@@ -173,9 +182,5 @@ def refused(plan: Plan, tolerance: float, defect: str, *, frame: int = -1, limb:
         for name, unit in (PLAN_GROUPS if of_plan else GROUPS).items()
     ]
     return Report(
-        groups=(*violated, *body),
-        answer=plan,
-        tolerance=tolerance,
-        figures=figures,
-        defect=defect,
+        groups=(*violated, *body), answer=plan, tolerance=tolerance, figures=figures, defect=defect
     )

@@ -14,7 +14,8 @@ def proof_report(
     weakest: int,
     message: str,
 ) -> Report[Certificate]:
-    """The report on a proof: one group, the least bound of its leaves, which has to exceed the tolerance.
+    """The report on a proof: one group, the least bound of its leaves, which has to exceed the
+    tolerance.
 
     Arguments:
         certificate: what was judged.

@@ -1,4 +1,5 @@
-"""Feet that are soles, as the verifier works them out: where their points are, and how far off they are."""
+"""Feet that are soles, as the verifier works them out: where their points are, and how far off they
+are."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ POINTS_SUM = 1e-9
 def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
     """From the toe to the points that bear forces, shape (K, 3) [m]; of a point foot its own place.
 
-    Forward is z of the contact frame (E3) turned by the yaw about the normal n; left is n × forward.
+    Forward is z of the contact frame (E3) turned by the yaw about the normal n; left is n ×
+    forward.
     """
     if sole_m is None:
         return np.zeros((1, 3))
@@ -30,11 +32,14 @@ def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
 
 
 def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: Array) -> float:
-    """The farthest of: the centre from where it may be, a point from the patch, a point from where it is claimed [m].
+    """The farthest of: the centre from where it may be, a point from the patch, a point from where
+    it is claimed [m].
 
     claimed: shape (K, 3) or longer; what comes after the points is the centre.
     """
-    points = np.concatenate([toe + offsets, np.repeat(toe[None], len(claimed) - len(offsets), axis=0)])
+    points = np.concatenate(
+        [toe + offsets, np.repeat(toe[None], len(claimed) - len(offsets), axis=0)]
+    )
     centre = float(patch_distances([region.vertices_m], toe[None])[0])
     off = patch_distances([patch.vertices_m] * len(offsets), points[: len(offsets)])
     return max(centre, float(off.max()), float(length(claimed - points).max()))

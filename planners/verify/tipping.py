@@ -10,12 +10,13 @@ from ..answer.plan import Plan
 from ..answer.report import Group
 
 LEAST_PUSH = 0.01
-"""Share of the weight that a push has which every stance of a plan for a robot's own legs bears, or it is not accepted:
-simulated, plans below it fall, and most of those above stand."""
+"""Share of the weight that a push has which every stance of a plan for a robot's own legs bears, or
+it is not accepted: simulated, plans below it fall, and most of those above stand."""
 
 
 def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -> str:
-    """Why a plan for a robot's own legs is about to tip though the verifier accepts it; empty where it is not.
+    """Why a plan for a robot's own legs is about to tip though the verifier accepts it; empty where
+    it is not.
 
     Arguments:
         plan: of any robot; of those whose legs are not their file's nothing is said.

@@ -1,8 +1,9 @@
 """Test of whether toes find their footholds on a ground that is known from noisy heights.
 
-Grounds are drawn from the certainty of the patches that toes stand on: each surface's plane by its covariance, one
-draw for all of its toes, the ground off it at each toe by its roughness, and its edge at each toe by its deviation. A
-foot comes down until it feels, as far beyond its place as ``motion.touch_down`` says.
+Grounds are drawn from the certainty of the patches that toes stand on: each surface's plane by its
+covariance, one draw for all of its toes, the ground off it at each toe by its roughness, and its
+edge at each toe by its deviation. A foot comes down until it feels, as far beyond its place as
+``motion.touch_down`` says.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ SEED = 46
 
 
 def ground_group(plan: Plan) -> Group | None:
-    """The share of grounds on which some toe misses its foothold; None where no patch says how sure it is."""
+    """The share of grounds on which some toe misses its foothold; None where no patch says how sure
+    it is."""
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
     sure = [(p, patch.certainty) for p, patch in enumerate(patches) if patch.certainty is not None]
@@ -47,16 +49,16 @@ def ground_group(plan: Plan) -> Group | None:
         beyond = certainty.edge_sd_m * draws.standard_normal(DRAWS) > from_edge
         missed[row] = (off > depths_m[p]) | beyond
     share, worst = float(missed.any(axis=0).mean()), int(missed.sum(axis=1).argmax())
-    put = course.footholds[sure[worst][0]]
-    text = f"{put.limb} at frame {put.frame}: every toe finds its foothold on {1.0 - share:.1%} of the grounds drawn"
+    foothold = course.footholds[sure[worst][0]]
+    text = f"{foothold.limb} at frame {foothold.frame}: every toe finds its foothold on {1.0 - share:.1%} of the grounds drawn"
     return Group(
         "ground",
         value=share,
         limit=1.0 - SHARE,
         unit="1",
-        where=put.limb,
-        limb=put.limb,
-        when=float(put.frame),
+        where=foothold.limb,
+        limb=foothold.limb,
+        when=float(foothold.frame),
         message=f"{text}, expected {SHARE:.0%}" if share > 1.0 - SHARE else "",
         figures={
             "found_share": 1.0 - share,

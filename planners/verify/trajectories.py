@@ -1,7 +1,9 @@
-"""The independent verifier of trajectories: it knows the robot, the terrain and the samples, not how they were made.
+"""The independent verifier of trajectories: it knows the robot, the terrain and the samples, not
+how they were made.
 
-Everything is measured between the optimiser's knots, in the world frame: balances by the momentum of finite
-differences, cones and depths at the true surface, whose normals it takes from heights alone.
+Everything is measured between the optimiser's knots, in the world frame: balances by the momentum
+of finite differences, cones and depths at the true surface, whose normals it takes from heights
+alone.
 """
 
 from __future__ import annotations
@@ -32,9 +34,11 @@ __all__ = ["GROUPS", "WalkLimits", "check_trajectory", "with_body"]
 def check_trajectory(
     trajectory: Trajectory, limits: WalkLimits = WalkLimits(), *, body: bool = True
 ) -> Report[Trajectory]:
-    """Check everything between the knots that a robot would have to live with; never raises for a bad trajectory.
+    """Check everything between the knots that a robot would have to live with; never raises for a
+    bad trajectory.
 
-    body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the time.
+    body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the
+    time.
     """
     with np.errstate(all="ignore"):
         defect = defect_of(trajectory, limits.step_s)
@@ -54,36 +58,48 @@ def check_trajectory(
 
 
 def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> Report[Trajectory]:
-    """The report of ``check_trajectory`` with the robot's own body, from one without: the other groups stay.
+    """The report of ``check_trajectory`` with the robot's own body, from one without: the other
+    groups stay.
 
     report: with ``body=False``, for the same limits.
     """
     if report.defect:
         return report
     with np.errstate(all="ignore"):
-        own = {group.name: group for group in _groups(*whole_body(TrajectoryMeasurements(report.answer), limits))}
-    if not all(math.isfinite(group.value) for group in own.values()):
+        groups = {
+            group.name: group
+            for group in _groups(*whole_body(TrajectoryMeasurements(report.answer), limits))
+        }
+    if not all(math.isfinite(group.value) for group in groups.values()):
         return _refused(report.answer, limits, OVERFLOW)
-    return replace(report, groups=tuple(own.get(group.name, group) for group in report.groups))
+    return replace(report, groups=tuple(groups.get(group.name, group) for group in report.groups))
 
 
-def _measured(measured: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
+def _measured(
+    measured: TrajectoryMeasurements, limits: WalkLimits, *, body: bool
+) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
-    own, unasked = whole_body(measured, limits) if body else nothing("not asked for")
-    rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits) | own
+    groups, unasked = whole_body(measured, limits) if body else nothing("not asked for")
+    rows = (
+        _balances(measured, limits)
+        | _contacts(measured, limits)
+        | _whole(measured, limits)
+        | groups
+    )
     return _groups(rows, unasked | _unasked(measured.trajectory))
 
 
 def _groups(rows: Rows, unasked: dict[str, str]) -> tuple[Group, ...]:
-    """The worst of every group that was measured, in the order of ``GROUPS``; unasked: why some are not checked."""
-    found = []
+    """The worst of every group that was measured, in the order of ``GROUPS``; unasked: why some are
+    not checked."""
+    groups = []
     for group, unit in GROUPS.items():
         if group not in rows:
             continue
         series, limit, *rms = rows[group]
         worst, where, time_s = series.worst()
         value, reason = rms[0] if rms else worst, unasked.get(group, "")
-        found.append(
+        groups.append(
             Group(
                 name=group,
                 value=value,
@@ -95,25 +111,31 @@ def _groups(rows: Rows, unasked: dict[str, str]) -> tuple[Group, ...]:
                 verdict="not checked" if reason and value <= limit else "",
             )
         )
-    return tuple(found)
+    return tuple(groups)
 
 
 def _unasked(trajectory: Trajectory) -> dict[str, str]:
     """Groups of which a trajectory does not say what is asked for, and what it does not say."""
-    found = dict[str, str]()
+    reasons = dict[str, str]()
     if trajectory.heading_rad is None and trajectory.heading_end_rad is None:
-        found["heading"] = "no heading is asked for"
+        reasons["heading"] = "no heading is asked for"
     if not all(trajectory.still):
-        found |= dict.fromkeys(("rest", "rest_acceleration"), "it is not asked to be at rest at both ends")
+        reasons |= dict.fromkeys(
+            ("rest", "rest_acceleration"), "it is not asked to be at rest at both ends"
+        )
     if trajectory.adhesive.any() and trajectory.suction_n is None:
-        found["suction"] = "no suction of feet that stick"
-    return found
+        reasons["suction"] = "no suction of feet that stick"
+    return reasons
 
 
 def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     """Newton and Euler, and who could supply what they lack."""
     weight, moment = measured.weight_n, measured.moment_scale_nm
-    forces, moments, momentum = measured.force_residual(), measured.moment_residual(), MomentumMeasurements(measured)
+    forces, moments, momentum = (
+        measured.force_residual(),
+        measured.moment_residual(),
+        MomentumMeasurements(measured),
+    )
     spin = limits.angular_residual * GRAVITY_M_S2 / measured.robot.stand_height_m
     return {
         "force_balance": (forces.size(), limits.force_balance * weight, forces.rms()),
@@ -122,7 +144,8 @@ def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
         "moment_peak": (moments.size(), limits.moment_peak * moment),
         "impulse": (momentum.impulse(limits.impulse_rate * weight), limits.impulse_s * weight),
         "angular_impulse": (
-            momentum.angular_impulse(limits.angular_impulse_rate * moment), limits.angular_impulse_s * moment,
+            momentum.angular_impulse(limits.angular_impulse_rate * moment),
+            limits.angular_impulse_s * moment,
         ),
         "angular_residual": (momentum.angular_residual(), spin),
         "traction": (momentum.traction(), limits.traction * weight),
@@ -131,8 +154,11 @@ def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
         "traction_turn": (momentum.traction_turn(), limits.traction_turn_rad),
         "heading": (momentum.heading(), limits.heading_rad),
         "rest": (momentum.rest(), limits.rest_m_s),
-        "rest_acceleration": (momentum.rest_acceleration(), limits.rest_acceleration * GRAVITY_M_S2),
-    }  # fmt: skip
+        "rest_acceleration": (
+            momentum.rest_acceleration(),
+            limits.rest_acceleration * GRAVITY_M_S2,
+        ),
+    }
 
 
 def _contacts(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:

@@ -20,10 +20,16 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
     if count < 4:  # the acceleration at either end is on a line through two
         return f"times_s: expected four samples or more, got {count}"
     shapes = {
-        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
-        "forces_n": (count, feet, 3), "contact": (count, feet), "adhesive": (feet,), "start_xy_m": (2,),
+        "times_s": (count,),
+        "torso_m": (count, 3),
+        "rotation": (count, 3, 3),
+        "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3),
+        "contact": (count, feet),
+        "adhesive": (feet,),
+        "start_xy_m": (2,),
         "goal_xy_m": (2,),
-    }  # fmt: skip
+    }
     for name, shape in shapes.items():
         array = getattr(trajectory, name)
         if array.shape != shape:
@@ -36,9 +42,13 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
     if not float(steps.min()) > 0.0:
         return f"times_s: expected increasing times, got a step of {steps.min():g} s"
     if float(np.ptp(steps)) > 1e-6 * float(steps.max()):
-        return f"times_s: expected a uniform grid, got steps from {steps.min():g} to {steps.max():g} s"
+        return (
+            f"times_s: expected a uniform grid, got steps from {steps.min():g} to {steps.max():g} s"
+        )
     if float(steps.max()) > step_s * (1.0 + 1e-6):
-        return f"times_s: expected samples every {step_s:g} s or less, got a step of {steps.max():g} s"
+        return (
+            f"times_s: expected samples every {step_s:g} s or less, got a step of {steps.max():g} s"
+        )
     if not (math.isfinite(trajectory.friction) and 0.0 <= trajectory.friction <= LARGEST):
         return f"friction: expected a number of at least 0, got {trajectory.friction:g}"
     if trajectory.suction_n is not None and not 0.0 <= trajectory.suction_n <= LARGEST:

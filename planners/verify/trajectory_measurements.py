@@ -1,7 +1,8 @@
 """Measurements of a trajectory between the optimiser's knots, from its samples alone.
 
-Derivatives are differences of neighbouring samples, balances are balances of momentum, and the surface under a point
-is known by heights alone, so that no derivative that a planner relied on is believed.
+Derivatives are differences of neighbouring samples, balances are balances of momentum, and the
+surface under a point is known by heights alone, so that no derivative that a planner relied on is
+believed.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class TrajectoryMeasurements:
         sucks = math.inf if trajectory.suction_n is None else trajectory.suction_n
         self.suction_n = np.where(trajectory.adhesive, sucks, 0.0)
 
-    # ------------------------------------------------------------------------------------------- balances
+    # -------------------------------------------------------------------------------------------
+    # balances
 
     @cached_property
     def acceleration(self) -> Array:
@@ -49,14 +51,23 @@ class TrajectoryMeasurements:
 
     @cached_property
     def spin(self) -> Array:
-        """Rotation vector from each sample to the next over its time, in the torso's axes, shape (K − 1, 3) [rad/s]."""
+        """Rotation vector from each sample to the next over its time, in the torso's axes, shape (K
+        − 1, 3) [rad/s]."""
         rotation = self.trajectory.rotation
         turn = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
-        sine = 0.5 * np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
-                               turn[:, 1, 0] - turn[:, 0, 1]], axis=1)  # fmt: skip
+        sine = 0.5 * np.stack(
+            [
+                turn[:, 2, 1] - turn[:, 1, 2],
+                turn[:, 0, 2] - turn[:, 2, 0],
+                turn[:, 1, 0] - turn[:, 0, 1],
+            ],
+            axis=1,
+        )
         size = np.linalg.norm(sine, axis=1)
         angle = np.arctan2(size, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
-        along = np.where(size[:, None] > 1e-12, sine / np.maximum(size, 1e-300)[:, None], np.eye(3)[0])
+        along = np.where(
+            size[:, None] > 1e-12, sine / np.maximum(size, 1e-300)[:, None], np.eye(3)[0]
+        )
         return np.asarray(angle[:, None] * along / self.step_s)
 
     def force_residual(self) -> Series:
@@ -68,16 +79,21 @@ class TrajectoryMeasurements:
     def moment_residual(self) -> Series:
         """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; W2), world axes [Nm].
 
-        L is the angular momentum about the centre of mass half-way between samples: it changes by what the feet do,
-        and by nothing else, however fast the torso turns.
+        L is the angular momentum about the centre of mass half-way between samples: it changes by
+        what the feet do, and by nothing else, however fast the torso turns.
         """
         half = self.trajectory.rotation[:-1] @ _turned(0.5 * self.step_s * self.spin)
         momentum = np.einsum("kij,jl,kl->ki", half, self.robot.inertia_kgm2, self.spin)
         arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
         moments = np.cross(arms, self.trajectory.forces_n).sum(axis=1)
-        return Series(np.diff(momentum, axis=0) / self.step_s - moments[1:-1], ("x", "y", "z"), self.times_s[1:-1])
+        return Series(
+            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
+            ("x", "y", "z"),
+            self.times_s[1:-1],
+        )
 
-    # ------------------------------------------------------------------------------------------ feet
+    # ------------------------------------------------------------------------------------------
+    # feet
 
     @cached_property
     def ground(self) -> tuple[Array, Array]:
@@ -86,25 +102,31 @@ class TrajectoryMeasurements:
         return self.above(self.trajectory.feet_m)
 
     def above(self, points: Array) -> tuple[Array, Array]:
-        """Distance from the surface along its normal, negative below, shape (…) [m], and upward normals, (…, 3)."""
+        """Distance from the surface along its normal, negative below, shape (…) [m], and upward
+        normals, (…, 3)."""
         xy, terrain = points[..., :2], self.trajectory.terrain
         steps = FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
-        slope = [(terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * FEELER_M) for step in steps]
+        slope = [
+            (terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * FEELER_M)
+            for step in steps
+        ]
         up = np.stack([-slope[0], -slope[1], np.ones(xy.shape[:-1])], axis=-1)
         steep = np.linalg.norm(up, axis=-1)
         return (points[..., 2] - terrain.height(xy)) / steep, up / steep[..., None]
 
     @cached_property
     def _shares(self) -> tuple[Array, Array]:
-        """Normal and tangential size of every contact force at the true normal, each of shape (K, E) [N]."""
+        """Normal and tangential size of every contact force at the true normal, each of shape (K,
+        E) [N]."""
         return _split(self.trajectory.forces_n, self.ground[1])
 
     def beyond_cone(self, forces_n: Array, normals: Array, suction_n: Array) -> Array:
         """Distance of forces, shape (…, E, 3) [N], outside the cones at these normals, shape (…, E)
         [N].
 
-        ‖f_t‖ − ν (f_n + s) or −(f_n + s), whichever is more: a foot that sucks with s, shape (E,), is pressed on by it
-        (W5 for s = 0). Without friction the second alone keeps a foot from pulling.
+        ‖f_t‖ − ν (f_n + s) or −(f_n + s), whichever is more: a foot that sucks with s, shape (E,),
+        is pressed on by it (W5 for s = 0). Without friction the second alone keeps a foot from
+        pulling.
         """
         normal, tangential = _split(forces_n, normals)
         pressed = normal + suction_n
@@ -112,14 +134,16 @@ class TrajectoryMeasurements:
         return np.asarray(np.maximum(tangential - held, -pressed))
 
     def cone(self) -> Series:
-        """Distance of forces of standing feet that are not adhesive outside their cones (W5) [N].
-        """
+        """Distance of forces of standing feet that are not adhesive outside their cones (W5)
+        [N]."""
         return self._outside(self._gripping)
 
     def suction(self) -> Series:
         """Distance of forces of standing adhesive feet outside cones that begin at the suction's
         pull [N]."""
-        return self._outside(self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n))
+        return self._outside(
+            self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n)
+        )
 
     def _outside(self, asked: Flags) -> Series:
         beyond = self.beyond_cone(self.trajectory.forces_n, self.ground[1], self.suction_n)
@@ -127,11 +151,15 @@ class TrajectoryMeasurements:
 
     def force_foot(self) -> Series:
         """‖f‖ of each foot [N]."""
-        return self._where(np.linalg.norm(self.trajectory.forces_n, axis=-1), self.trajectory.contact)
+        return self._where(
+            np.linalg.norm(self.trajectory.forces_n, axis=-1), self.trajectory.contact
+        )
 
     def swing_force(self) -> Series:
         """‖f‖ of swinging feet [N]."""
-        return self._where(np.linalg.norm(self.trajectory.forces_n, axis=-1), ~self.trajectory.contact)
+        return self._where(
+            np.linalg.norm(self.trajectory.forces_n, axis=-1), ~self.trajectory.contact
+        )
 
     def contact_gap(self) -> Series:
         """Distance of standing feet from the surface, either side [m]."""
@@ -161,18 +189,22 @@ class TrajectoryMeasurements:
 
     def domain(self) -> Series:
         """Distance of feet and torso outside the terrain's grid [m]."""
-        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)[..., :2]
+        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)[
+            ..., :2
+        ]
         low, high = np.array(self.trajectory.terrain.domain_m).T
         beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
         return Series(np.linalg.norm(beyond, axis=-1), (*self.feet, "torso"), self.times_s)
 
-    # -------------------------------------------------------------------------------------- body and course
+    # -------------------------------------------------------------------------------------- body
+    # and course
 
     def trunk(self) -> Series:
-        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few centimetres.
+        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few
+        centimetres.
 
-        Where the map has something higher than that within NEAR_M of such a point, the face is looked at every
-        CLOSE_M: a stone may come up between.
+        Where the map has something higher than that within NEAR_M of such a point, the face is
+        looked at every CLOSE_M: a stone may come up between.
         """
         points = self._placed(slice(None), APART_M)
         depth = (self.trajectory.terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
@@ -180,16 +212,22 @@ class TrajectoryMeasurements:
         if len(near):
             close = self._placed(near, CLOSE_M)
             depth[near] = np.maximum(
-                depth[near], (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1)
+                depth[near],
+                (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1),
             )
         return Series(depth[:, None], ("torso",), self.times_s)
 
     def _placed(self, rows: NDArray[np.intp] | slice, apart_m: float) -> Array:
         """Points of the trunk's box in the world at some samples, shape (S, N, 3) [m]."""
         half = np.asarray(self.robot.trunk_half_m)
-        x, y = (np.linspace(-side, side, max(2, 1 + math.ceil(2.0 * side / apart_m))) for side in half[:2])
+        x, y = (
+            np.linspace(-side, side, max(2, 1 + math.ceil(2.0 * side / apart_m)))
+            for side in half[:2]
+        )
         lower = np.array([(a, b, -half[2]) for a, b in product(x, y)])
-        box = np.concatenate([lower, half * np.array([(a, b, 1.0) for a, b in product((-1.0, 1.0), repeat=2)])])
+        box = np.concatenate(
+            [lower, half * np.array([(a, b, 1.0) for a, b in product((-1.0, 1.0), repeat=2)])]
+        )
         rotation, torso = self.trajectory.rotation[rows], self.trajectory.torso_m[rows]
         return np.asarray(torso[:, None] + np.einsum("kij,nj->kni", rotation, box))
 
@@ -200,8 +238,13 @@ class TrajectoryMeasurements:
         terrain = self.trajectory.terrain
         lines = terrain.x_m, terrain.y_m
         about = tuple(1 + 2 * math.ceil(NEAR_M / float(np.diff(line).min())) for line in lines)
-        highest = maximum_filter(terrain.heights_m, size=tuple(map(min, about, (2 * len(one) for one in lines))))
-        cells = tuple(np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1) for k, line in enumerate(lines))
+        highest = maximum_filter(
+            terrain.heights_m, size=tuple(map(min, about, (2 * len(one) for one in lines)))
+        )
+        cells = tuple(
+            np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1)
+            for k, line in enumerate(lines)
+        )
         return np.asarray(highest[cells])
 
     def off_rotation(self) -> Series:
@@ -219,7 +262,11 @@ class TrajectoryMeasurements:
     def jumps(self) -> Series:
         """‖x₋ − 2x + x₊‖ of feet and torso at the inner samples [m]."""
         points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)
-        return Series(np.linalg.norm(np.diff(points, 2, axis=0), axis=-1), (*self.feet, "torso"), self.times_s[1:-1])
+        return Series(
+            np.linalg.norm(np.diff(points, 2, axis=0), axis=-1),
+            (*self.feet, "torso"),
+            self.times_s[1:-1],
+        )
 
     def foot_speed(self) -> Series:
         """Speed of the feet between samples [m/s]."""
@@ -236,14 +283,16 @@ class TrajectoryMeasurements:
     def _speed(self, points: Array) -> Array:
         return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=-1) / self.step_s)
 
-    # ------------------------------------------------------------------------------------------- figures
+    # -------------------------------------------------------------------------------------------
+    # figures
 
     def figures(self, cone: float) -> dict[str, float]:
         """Measurements that nothing is judged by. cone: what counts as outside, in units of m·g.
 
-        Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that holds every
-        standing foot that presses with more than .01 m·g; footing_friction: the least ν that would hold every standing
-        foot on the ground within OFF_M of its place; outside_cone: share of the standing samples.
+        Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that
+        holds every standing foot that presses with more than .01 m·g; footing_friction: the least ν
+        that would hold every standing foot on the ground within OFF_M of its place; outside_cone:
+        share of the standing samples.
         """
         normal, tangential = self._shares
         pressing = self._gripping & (normal > 0.01 * self.weight_n)
@@ -252,23 +301,28 @@ class TrajectoryMeasurements:
         return {
             "duration_s": self.trajectory.duration_s,
             "path_m": float(np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1).sum()),
-            "peak_acceleration_g": float(np.linalg.norm(self.acceleration, axis=1).max()) / GRAVITY_M_S2,
+            "peak_acceleration_g": float(np.linalg.norm(self.acceleration, axis=1).max())
+            / GRAVITY_M_S2,
             "force_rms": force.rms() / self.weight_n,
             "force_peak": float(np.linalg.norm(force.values, axis=1).max()) / self.weight_n,
             "moment_rms": moment.rms() / self.moment_scale_nm,
-            "moment_peak": float(np.linalg.norm(moment.values, axis=1).max()) / self.moment_scale_nm,
+            "moment_peak": float(np.linalg.norm(moment.values, axis=1).max())
+            / self.moment_scale_nm,
             "friction_needed": float((tangential[pressing] / normal[pressing]).max(initial=0.0)),
             "footing_friction": self.footing_friction(),
             "outside_cone": float(np.mean(excess > cone * self.weight_n)) if excess.size else 0.0,
         }
 
     def footing_friction(self) -> float:
-        """The steepest slope, as a gradient, of the ground where feet that have a friction cone come down, and at four
-        places OFF_M beside it: the least ν with which a foot that is so far off its place does not slip."""
+        """The steepest slope, as a gradient, of the ground where feet that have a friction cone
+        come down, and at four places OFF_M beside it: the least ν with which a foot that is so far
+        off its place does not slip."""
         about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
         places = (self.trajectory.feet_m[_began(self._gripping)][:, None] + about).reshape(-1, 3)
         low, high = np.transpose(self.trajectory.terrain.domain_m)
-        normals = self.above(places[np.all((places[:, :2] >= low) & (places[:, :2] <= high), axis=1)])[1]
+        normals = self.above(
+            places[np.all((places[:, :2] >= low) & (places[:, :2] <= high), axis=1)]
+        )[1]
         return float((np.linalg.norm(normals[:, :2], axis=1) / normals[:, 2]).max(initial=0.0))
 
     @property
@@ -299,4 +353,8 @@ def _turned(vectors: Array) -> Array:
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * skew @ skew)
+    return np.asarray(
+        np.eye(3)
+        + np.sinc(angle / np.pi) * skew
+        + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * skew @ skew
+    )

@@ -10,23 +10,30 @@ import numpy as np
 from ..files.arrays import Array
 
 Rows = dict[str, tuple["Series", float] | tuple["Series", float, float]]
-"""What is measured, its limit, and the value that is judged where that is not the largest of the series."""
+"""What is measured, its limit, and the value that is judged where that is not the largest of the
+series."""
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,) [s]."""
+    """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,)
+    [s]."""
 
     values: Array
     names: tuple[str, ...]
     times_s: Array
 
     def worst(self) -> tuple[float, str, float]:
-        """The largest value, at least 0, its column's name and its time; (0, "", NaN) of nothing."""
+        """The largest value, at least 0, its column's name and its time; (0, "", NaN) of
+        nothing."""
         if not self.values.size:
             return 0.0, "", math.nan
         row, column = divmod(int(self.values.argmax()), len(self.names))
-        return max(float(self.values[row, column]), 0.0), self.names[column], float(self.times_s[row])
+        return (
+            max(float(self.values[row, column]), 0.0),
+            self.names[column],
+            float(self.times_s[row]),
+        )
 
     def size(self) -> Series:
         """The rows' norms, of the whole body."""

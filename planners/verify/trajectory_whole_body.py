@@ -1,8 +1,9 @@
 """Load of a trajectory on the robot's own body: joints, torques, bodies, and what legs that weigh
 something change.
 
-Angles are found over chains of our own; pinocchio puts the feet and the masses where the robot's URDF has them, and
-says what the joints have to give. Nothing of it is known of a robot that is but boxes.
+Angles are found over chains of our own; pinocchio puts the feet and the masses where the robot's
+URDF has them, and says what the joints have to give. Nothing of it is known of a robot that is but
+boxes.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Ro
     """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
     names.
 
-    limits: what is allowed of each. Returns series with their limits, all empty for a robot of boxes or without
-    pinocchio, and reasons in words: a file without speed or torque limits, meshes that are not there, no coal.
+    limits: what is allowed of each. Returns series with their limits, all empty for a robot of
+    boxes or without pinocchio, and reasons in words: a file without speed or torque limits, meshes
+    that are not there, no coal.
     """
     try:
         body = WholeBodyMeasurements(measured)
@@ -86,28 +88,38 @@ class WholeBodyMeasurements:
         self._home = self._pin.XYZQUATToSE3(at_rest(self._known)[self._base])
 
     def off_toes(self) -> Series:
-        """Distance of every foot, as the URDF has it within the joints' limits, from where it touches, (K, N) [m]."""
+        """Distance of every foot, as the URDF has it within the joints' limits, from where it
+        touches, (K, N) [m]."""
         radii, normals = self.kinematics.radii_m, self._measured.ground[1]
         wanted = self.trajectory.feet_m + radii[:, None] * normals
         feet = np.array([self.kinematics.feet(angles) for angles in self.postures.angles])
-        placed = self.postures.origin_m[:, None] + np.einsum("kij,knj->kni", self.trajectory.rotation, feet)
+        placed = self.postures.origin_m[:, None] + np.einsum(
+            "kij,knj->kni", self.trajectory.rotation, feet
+        )
         return Series(np.linalg.norm(placed - wanted, axis=-1), self._measured.feet, self.times_s)
 
     def speed(self) -> Series:
-        """Joint speed between samples as a share of the joint's limit; 0 where its file has none, (K − 1, J)."""
+        """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
+        (K − 1, J)."""
         most = self.kinematics.velocity_rad_s
         turns = np.abs(np.diff(self.postures.angles, axis=0))
         free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
         turns = np.where(free, np.minimum(turns, np.abs(2.0 * np.pi - turns)), turns) / self.step_s
-        return Series(turns / np.where(most > 0.0, most, np.inf), self.kinematics.joints, self.times_s[1:])
+        return Series(
+            turns / np.where(most > 0.0, most, np.inf), self.kinematics.joints, self.times_s[1:]
+        )
 
-    # ---------------------------------------------------------------------------------------------- dynamics
+    # ----------------------------------------------------------------------------------------------
+    # dynamics
 
     @cached_property
     def _states(self) -> tuple[Array, Array]:
-        """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K − 1, nv)."""
+        """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
+        − 1, nv)."""
         pin, origins = self._pin, self.postures.origin_m
-        states = np.array([self.kinematics.configuration(angles) for angles in self.postures.angles])
+        states = np.array(
+            [self.kinematics.configuration(angles) for angles in self.postures.angles]
+        )
         for state, turn, origin in zip(states, self.trajectory.rotation, origins, strict=True):
             state[self._base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * self._home)
         velocity = [pin.difference(self._known, a, b) for a, b in pairwise(states)]
@@ -120,16 +132,24 @@ class WholeBodyMeasurements:
         the feet pressed by its forces; I of the rotors."""
         pin, known, solver = self._pin, self._known, self.kinematics
         states, between = self._states
-        velocity, rising = 0.5 * (between[1:] + between[:-1]), np.diff(between, axis=0) / self.step_s
-        known.gravity.linear = np.array([0.0, 0.0, -solver.gravity_m_s2])
-        moved = np.array([
-            pin.rnea(known, self._data, *each)[solver.columns]
-            for each in zip(states[1:-1], velocity, rising, strict=True)
-        ])  # fmt: skip
-        angles, rotation, forces = (
-            of[1:-1] for of in (self.postures.angles, self.trajectory.rotation, self.trajectory.forces_n)
+        velocity, rising = (
+            0.5 * (between[1:] + between[:-1]),
+            np.diff(between, axis=0) / self.step_s,
         )
-        levers = np.array([solver.loads(q, turn)[1] for q, turn in zip(angles, rotation, strict=True)])
+        known.gravity.linear = np.array([0.0, 0.0, -solver.gravity_m_s2])
+        moved = np.array(
+            [
+                pin.rnea(known, self._data, *each)[solver.columns]
+                for each in zip(states[1:-1], velocity, rising, strict=True)
+            ]
+        )
+        angles, rotation, forces = (
+            of[1:-1]
+            for of in (self.postures.angles, self.trajectory.rotation, self.trajectory.forces_n)
+        )
+        levers = np.array(
+            [solver.loads(q, turn)[1] for q, turn in zip(angles, rotation, strict=True)]
+        )
         turned = solver.rotor_kg_m2 * rising[:, solver.columns]
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 
@@ -139,28 +159,39 @@ class WholeBodyMeasurements:
         return Series(shares, self.kinematics.joints, self.times_s[1:-1])
 
     def legs_moment(self) -> Series:
-        """dL/dt − Σ (p_i − p) × f_i at the inner samples with L of the whole robot, legs and all, (K − 2, 3) [Nm].
+        """dL/dt − Σ (p_i − p) × f_i at the inner samples with L of the whole robot, legs and all,
+        (K − 2, 3) [Nm].
 
-        What legs that swing do to the balance of moments: the walk is planned for one rigid body (W §III-A). Forces
-        need no such row, for the centre of mass is the whole robot's.
+        What legs that swing do to the balance of moments: the walk is planned for one rigid body (W
+        §III-A). Forces need no such row, for the centre of mass is the whole robot's.
         """
         pin, known = self._pin, self._known
         states, between = self._states
-        momentum = np.array([
-            pin.computeCentroidalMomentum(
-                known, self._data, pin.integrate(known, state, 0.5 * self.step_s * velocity), velocity
-            ).angular.copy()
-            for state, velocity in zip(states[:-1], between, strict=True)
-        ])  # fmt: skip
+        momentum = np.array(
+            [
+                pin.computeCentroidalMomentum(
+                    known,
+                    self._data,
+                    pin.integrate(known, state, 0.5 * self.step_s * velocity),
+                    velocity,
+                ).angular.copy()
+                for state, velocity in zip(states[:-1], between, strict=True)
+            ]
+        )
         arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
         moments = np.cross(arms, self.trajectory.forces_n).sum(axis=1)
-        return Series(np.diff(momentum, axis=0) / self.step_s - moments[1:-1], ("x", "y", "z"), self.times_s[1:-1])
+        return Series(
+            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
+            ("x", "y", "z"),
+            self.times_s[1:-1],
+        )
 
-    # ------------------------------------------------------------------------------------------------ bodies
+    # ------------------------------------------------------------------------------------------------
+    # bodies
 
     def overlap(self) -> tuple[Series, tuple[str, ...]]:
-        """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which links; and what has no
-        shape. Raises InvalidInput without coal."""
+        """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which
+        links; and what has no shape. Raises InvalidInput without coal."""
         from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
@@ -169,10 +200,13 @@ class WholeBodyMeasurements:
         if report.worst is None:
             return Series(np.zeros((1, 1)), ("",), self.times_s[:1]), report.missing
         names = f"{report.worst.link} in {report.worst.other}"
-        return Series(np.array([[report.worst.depth_m]]), (names,), np.array([report.frame])), report.missing
+        return Series(
+            np.array([[report.worst.depth_m]]), (names,), np.array([report.frame])
+        ), report.missing
 
     def spaced(self) -> tuple[Array, WholeBody]:
-        """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,) [s], and they."""
+        """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
+        [s], and they."""
         points = np.concatenate([self.trajectory.feet_m, self.postures.origin_m[:, None]], axis=1)
         rows = spaced(points, self.postures.angles)
         return self.times_s[rows], self.posture(rows)
@@ -181,8 +215,12 @@ class WholeBodyMeasurements:
         """Posture of the whole robot at samples, or at one."""
         from ..robot.overlaps import WholeBody
 
-        walk, its, k = self.trajectory, self.postures, samples
+        walk, postures, k = self.trajectory, self.postures, samples
         return WholeBody(
-            rotation=walk.rotation[k], origin_m=its.origin_m[k], angles=its.angles[k], toes_m=walk.feet_m[k],
-            normals=its.normals[k], stands=walk.contact[k],
-        )  # fmt: skip
+            rotation=walk.rotation[k],
+            origin_m=postures.origin_m[k],
+            angles=postures.angles[k],
+            toes_m=walk.feet_m[k],
+            normals=postures.normals[k],
+            stands=walk.contact[k],
+        )

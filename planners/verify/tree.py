@@ -1,4 +1,5 @@
-"""The leaves of a certificate's tree: grown from the problem's own patches and force boxes, so that they cover it."""
+"""The leaves of a certificate's tree: grown from the problem's own patches and force boxes, so that
+they cover it."""
 
 from __future__ import annotations
 
@@ -24,11 +25,13 @@ Replayed = tuple[list[Node], Array]
 MOST_CORNERS = 1_000_000
 """Of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
 DEEPEST = 200
-"""Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below the guard."""
+"""Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below
+the guard."""
 
 
 class Forest:
-    """Problems of one schedule in non-dimensional numbers, and the pieces of their patches as trees cut them.
+    """Problems of one schedule in non-dimensional numbers, and the pieces of their patches as trees
+    cut them.
 
     Piece T q + t, for problem q and candidate t of T, is the whole patch; cuts add more.
     """
@@ -44,22 +47,31 @@ class Forest:
 
     @staticmethod
     def of_course(course: Problem) -> Forest:
-        """A course: a candidate is a candidate patch of a foothold, a toe that already stands a patch of one point."""
+        """A course: a candidate is a candidate patch of a foothold, a toe that already stands a
+        patch of one point."""
         length, limbs = course.length_scale_m, course.robot.limbs
         who = Schedule.of_course(course)
-        patches = [patch for put in course.footholds for patch in put.candidates]
-        stands = [put.toe_m for put in course.footholds for _ in put.candidates]
+        patches = [patch for foothold in course.footholds for patch in foothold.candidates]
+        stands = [foothold.toe_m for foothold in course.footholds for _ in foothold.candidates]
         regions = [region for row in course.regions for region in row]
         points = [
-            region.vertices_m if toe is None else toe[None] for region, toe in zip(regions, stands, strict=True)
-        ]  # fmt: skip
+            region.vertices_m if toe is None else toe[None]
+            for region, toe in zip(regions, stands, strict=True)
+        ]
         axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
         ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
-        every, steps, apart = (1, len(who.stance), 3), course.steps, relative_rows(course.robot, who.holds)
+        every, steps, apart = (
+            (1, len(who.stance), 3),
+            course.steps,
+            relative_rows(course.robot, who.holds),
+        )
         low, high = course.force_bounds
         numbers = Numbers(
             schedule=who,
-            candidate=np.repeat(np.arange(len(course.footholds)), [len(put.candidates) for put in course.footholds]),
+            candidate=np.repeat(
+                np.arange(len(course.footholds)),
+                [len(foothold.candidates) for foothold in course.footholds],
+            ),
             frames=contact_frames(axes[:, 0], axes[:, 1])[None],
             friction=np.array([[patch.friction for patch in patches]]),
             shoulders=np.array([[limb.shoulder_m for limb in limbs]]) / length,
@@ -88,15 +100,28 @@ class Forest:
         contacts = [contact for problem in problems for contact in problem.contacts]
         count, many = len(problems[0].contacts), len(problems)
         lengths = np.array([problem.length_scale_m for problem in problems])
-        body = np.array([(p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.moment_scale_nm) for p in problems])
+        body = np.array(
+            [
+                (p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.moment_scale_nm)
+                for p in problems
+            ]
+        )
         vectors = np.concatenate(
             [
                 vector
                 for c in contacts
-                for vector in (c.patch.normal, c.patch.shear_reference, c.shoulder_m, c.force_min, c.force_max)
+                for vector in (
+                    c.patch.normal,
+                    c.patch.shear_reference,
+                    c.shoulder_m,
+                    c.force_min,
+                    c.force_max,
+                )
             ]
         ).reshape(many, count, 5, 3)
-        scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(many, count, 2)
+        scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(
+            many, count, 2
+        )
         points = counts_of(problems[0].contacts)
         who = Schedule.of_posture(row_counts(problems[0].contacts), points)
         numbers = Numbers(
@@ -106,7 +131,9 @@ class Forest:
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
             reach=scalars[..., 1] / lengths[:, None],
-            com=(np.concatenate([problem.com_nominal_m for problem in problems]) / lengths[:, None])[:, None],
+            com=(
+                np.concatenate([problem.com_nominal_m for problem in problems]) / lengths[:, None]
+            )[:, None],
             com_radius=(body[:, 0] / lengths)[:, None],
             tilt=body[:, 1],
             weight=body[:, 2] * lengths,
@@ -116,16 +143,23 @@ class Forest:
             progress=np.zeros(0),
             ahead=np.zeros((0, 3)),
             **scaled_half_spaces([problem.contacts for problem in problems], lengths),
-            offsets=None if not points else _padded(
-                [sole_points(c.sole_m, c.patch, c.yaw_rad) for c in contacts]
-            ).reshape(many, count, -1, 3) / lengths[:, None, None, None],
-            wrench=None if wrenches(problems) is None else np.array([_scaled_wrench(each) for each in problems]),
-        )  # fmt: skip
+            offsets=None
+            if not points
+            else _padded([sole_points(c.sole_m, c.patch, c.yaw_rad) for c in contacts]).reshape(
+                many, count, -1, 3
+            )
+            / lengths[:, None, None, None],
+            wrench=None
+            if wrenches(problems) is None
+            else np.array([_scaled_wrench(each) for each in problems]),
+        )
         whole = np.concatenate([contact.region.vertices_m for contact in contacts])
         sizes = [len(contact.region.vertices_m) for contact in contacts]
         whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
         ends = np.cumsum(sizes).tolist()
-        return Forest(numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)])
+        return Forest(
+            numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+        )
 
     @property
     def patches(self) -> list[Array]:
@@ -133,10 +167,11 @@ class Forest:
         return self._pieces[: len(self.numbers.candidate)]
 
     def replay(self, problem: int, certificate: Certificate) -> Replayed:
-        """The leaves of a tree over one of the problems: patches and force boxes are cut again as the nodes say.
+        """The leaves of a tree over one of the problems: patches and force boxes are cut again as
+        the nodes say.
 
-        problem: its number. Raises InvalidInput, with the node, for a tree of another shape, and for one that does not
-        cover the problem.
+        problem: its number. Raises InvalidInput, with the node, for a tree of another shape, and
+        for one that does not cover the problem.
         """
         tree, rows = certificate.tree, certificate.multipliers
         count = self._count
@@ -149,7 +184,9 @@ class Forest:
             raise InvalidInput("certificate: expected finite numbers")
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
-        stack: list[Node] = [(root, self.numbers.force_min[problem], self.numbers.force_max[problem])]
+        stack: list[Node] = [
+            (root, self.numbers.force_min[problem], self.numbers.force_max[problem])
+        ]
         leaves: list[Node] = []
         for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
             where = f"tree[{at}]"
@@ -175,7 +212,9 @@ class Forest:
         if stack:
             raise InvalidInput(f"tree: expected {len(stack)} more nodes or more after {len(tree)}")
         if len(leaves) != len(rows):
-            raise InvalidInput(f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}")
+            raise InvalidInput(
+                f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}"
+            )
         return leaves, rows
 
     def leaves(self, replayed: dict[int, Replayed]) -> Leaves:
@@ -200,42 +239,55 @@ class Forest:
     def _chosen(self, node: Node, candidate: int) -> list[Node]:
         """The slot's foothold on this candidate, and not on it; the first child last."""
         pieces, lower, upper = node
-        on, off = np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces), pieces.copy()
+        on, off = (
+            np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces),
+            pieces.copy(),
+        )
         on[candidate], off[candidate] = pieces[candidate], -1
         return [(off, lower, upper), (on, lower, upper)]
 
-    def _cut(self, node: Node, candidate: int, first: float, second: float, where: str) -> list[Node]:
+    def _cut(
+        self, node: Node, candidate: int, first: float, second: float, where: str
+    ) -> list[Node]:
         pieces, lower, upper = node
-        own = int(pieces[candidate])
-        if own < 0:
+        piece = int(pieces[candidate])
+        if piece < 0:
             raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
-        polygon, roots = self._pieces[own], len(self._pieces) - len(self._roots)
+        polygon, roots = self._pieces[piece], len(self._pieces) - len(self._roots)
         if not 0.0 <= first < second < len(polygon):
             raise InvalidInput(
                 f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, {second:g}"
             )
-        depth = 1 + (0 if own < roots else self._depths[own - roots])
+        depth = 1 + (0 if piece < roots else self._depths[piece - roots])
         if depth > DEEPEST:
-            raise InvalidInput(f"{where}: expected a piece of {DEEPEST} cuts or fewer, got one more")
+            raise InvalidInput(
+                f"{where}: expected a piece of {DEEPEST} cuts or fewer, got one more"
+            )
         children: list[Node] = []
         for part in cut(polygon, first, second):
             self._corners += len(part)
             if self._corners > MOST_CORNERS:
-                raise InvalidInput(f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more")
+                raise InvalidInput(
+                    f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more"
+                )
             child = pieces.copy()
             child[candidate] = len(self._pieces)
-            self._roots.append(own if own < roots else self._roots[own - roots])
+            self._roots.append(piece if piece < roots else self._roots[piece - roots])
             self._pieces.append(part)
             self._depths.append(depth)
             children.insert(0, (child, lower, upper))
         return children
 
-    def _split(self, node: Node, contact: float, component: float, value: float, where: str) -> list[Node]:
+    def _split(
+        self, node: Node, contact: float, component: float, value: float, where: str
+    ) -> list[Node]:
         pieces, lower, upper = node
         i = _index(contact, len(lower), f"{where}: contact")
         k = _index(component, 3, f"{where}: force component")
         if not lower[i, k] <= value <= upper[i, k]:
-            raise InvalidInput(f"{where}: expected a force in [{lower[i, k]:g}, {upper[i, k]:g}], got {value:g}")
+            raise InvalidInput(
+                f"{where}: expected a force in [{lower[i, k]:g}, {upper[i, k]:g}], got {value:g}"
+            )
         below, above = upper.copy(), lower.copy()
         below[i, k] = above[i, k] = value
         return [(pieces, above, upper), (pieces, lower, below)]
@@ -258,9 +310,13 @@ def _offsets(course: Problem) -> Array:
     soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
     return _padded(
         [
-            sole_points(soles[put.limb], patch, yaw)
-            for put in course.footholds
-            for patch, yaw in zip(put.candidates, put.yaws_rad or [0.0] * len(put.candidates), strict=True)
+            sole_points(soles[foothold.limb], patch, yaw)
+            for foothold in course.footholds
+            for patch, yaw in zip(
+                foothold.candidates,
+                foothold.yaws_rad or [0.0] * len(foothold.candidates),
+                strict=True,
+            )
         ]
     )[None]
 

@@ -1,1 +1,2 @@
-"""Warped space (Pan et al. §IV): spline maps that flatten a terrain, and how they push frames forward."""
+"""Warped space (Pan et al. §IV): spline maps that flatten a terrain, and how they push frames
+forward."""

@@ -1,9 +1,10 @@
 """Making a map for a terrain: the methods of Pan et al. as published, and the product's fast path.
 
-The fast path descends the conformal energy with barrier and a soft match from a shear, whose det J is 1, and then snaps
-the ground onto the terrain with a bicubic spline that fades out with height. What is too steep for the cells is matched
-smoothed, and left to the snap. The first map is kept whose det J is well above 0 everywhere, on lines three times as
-dense as the quadrature; where there is none, a shear.
+The fast path descends the conformal energy with barrier and a soft match from a shear, whose det J
+is 1, and then snaps the ground onto the terrain with a bicubic spline that fades out with height.
+What is too steep for the cells is matched smoothed, and left to the snap. The first map is kept
+whose det J is well above 0 everywhere, on lines three times as dense as the quadrature; where there
+is none, a shear.
 """
 
 from __future__ import annotations
@@ -38,9 +39,11 @@ MATCH_WEIGHT = 3.0
 SMOOTHINGS = (0.0, 0.6, 1.0, 1.5, 2.5)
 """Deviations of the Gaussian under which the terrain is matched, in cells."""
 STEEPEST = 1.9
-"""What a matched surface's slope may be: the ground of a map that follows a steeper one in cells of .3 m overhangs."""
+"""What a matched surface's slope may be: the ground of a map that follows a steeper one in cells of
+.3 m overhangs."""
 SHORTEST_FADE_M = 0.4
-"""The least height at which the snap has faded out; where it lifts the ground more, it fades more slowly."""
+"""The least height at which the snap has faded out; where it lifts the ground more, it fades more
+slowly."""
 LARGEST_FADE = 0.4
 """How much of a column's height the snap may squeeze away where it fades the fastest."""
 MARGIN = 4
@@ -56,7 +59,8 @@ class MapFit:
 
     Arguments:
         map: from the band [m] to the world [m]; ``to_file`` writes it.
-        report: ``least_det``, how far its ground is from the terrain, conformal error, and what it cost.
+        report: ``least_det``, how far its ground is from the terrain, conformal error, and what it
+            cost.
     Source:
         Pan et al. §IV.
     Example:
@@ -69,16 +73,21 @@ class MapFit:
     report: MapReport
 
 
-def flatten(field: HeightField, cells: tuple[int, int, int] = CELLS, height_m: float = HEIGHT_M) -> SplineMap:
-    """The product's map φ of a terrain: locally injective, exact at the ground (W6 with the house's weights).
+def flatten(
+    field: HeightField, cells: tuple[int, int, int] = CELLS, height_m: float = HEIGHT_M
+) -> SplineMap:
+    """The product's map φ of a terrain: locally injective, exact at the ground (W6 with the house's
+    weights).
 
     Arguments:
         field: the terrain.
         cells: of the tri-cubic grid along x̄, ȳ and z̄; more let the map bend more sharply, and
             cost time in proportion.
-        height_m: thickness of the band above the terrain [m], about five times the robot's rest height.
+        height_m: thickness of the band above the terrain [m], about five times the robot's rest
+            height.
     Returns:
-        The map from the band [m] to the world [m]; it fits this terrain alone (``SplineMap.check_fits``).
+        The map from the band [m] to the world [m]; it fits this terrain alone
+        (``SplineMap.check_fits``).
     Raises:
         InvalidInput: for a bad grid.
         PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
@@ -98,11 +107,12 @@ def fit_map(
 ) -> MapFit:
     """Make a map of a terrain (W6): x̄ and ȳ span its domain, z̄ spans 0 to ``height_m`` [m].
 
-    method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global (Algorithm W1) or
-    gauss-newton (with barrier and line search), as published and without a snap, or Algorithm W1 accelerated. Whatever
-    comes of these three is returned: the report says min det J and the match. More cells let the map bend more sharply
-    and cost time in proportion.
-    Raises InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can hold.
+    method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global
+    (Algorithm W1) or gauss-newton (with barrier and line search), as published and without a snap,
+    or Algorithm W1 accelerated. Whatever comes of these three is returned: the report says min det
+    J and the match. More cells let the map bend more sharply and cost time in proportion. Raises
+    InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can
+    hold.
     """
     began = process_time()
     grid = QuadratureGrid.of_band(
@@ -110,13 +120,19 @@ def fit_map(
     )
     if method == "fast":
         return _fast(field, grid, iterations, began)
-    energy = MapEnergy.published(grid, field, barrier=PUBLISHED_BARRIER if method == "gauss-newton" else 0.0)
+    energy = MapEnergy.published(
+        grid, field, barrier=PUBLISHED_BARRIER if method == "gauss-newton" else 0.0
+    )
     if method == "accelerated":
         energy = replace(energy, scale="nearest")
-    solve = {"local-global": published, "accelerated": accelerated, "gauss-newton": gauss_newton}[method]
+    solve = {"local-global": published, "accelerated": accelerated, "gauss-newton": gauss_newton}[
+        method
+    ]
     descent = solve(energy, grid.identity, iterations)
     warp = _map(field, grid, descent.psi)
-    return MapFit(map=warp, report=_report(method, field, warp, descent, match_error(warp, field), began))
+    return MapFit(
+        map=warp, report=_report(method, field, warp, descent, match_error(warp, field), began)
+    )
 
 
 def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: float) -> MapFit:
@@ -139,7 +155,9 @@ def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: floa
     message = f"a shear (x, y, z + h), for no optimised map will do: {failed}"
     fit = _snapped(field, grid, plain, message, began, fade_m=1e3 * grid.axes[2].high)
     if not fit.report.least_det > 0.0:
-        raise PlanningFailed(f"{field.name or 'terrain'}: {message}; the shear's min det J {fit.report.least_det:.3f}")
+        raise PlanningFailed(
+            f"{field.name or 'terrain'}: {message}; the shear's min det J {fit.report.least_det:.3f}"
+        )
     return fit
 
 
@@ -157,18 +175,28 @@ def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightF
 
 
 def _snapped(
-    field: HeightField, grid: QuadratureGrid, descent: Descent, message: str, began: float, fade_m: float | None = None
+    field: HeightField,
+    grid: QuadratureGrid,
+    descent: Descent,
+    message: str,
+    began: float,
+    fade_m: float | None = None,
 ) -> MapFit:
     """The map of a descent, its ground laid exactly on the terrain, with its report.
 
-    Raises PlanningFailed where the map's own ground folds over, or where the snap misses the terrain by over 1 mm.
+    Raises PlanningFailed where the map's own ground folds over, or where the snap misses the
+    terrain by over 1 mm.
     """
     bare = _map(field, grid, descent.psi)
     x, y = field.x_m, field.y_m
     for _ in range(2):
         xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         delta = field.height(xy) - bare.ground_inverse(xy)[1]
-        fade = max(SHORTEST_FADE_M, STEEPEST_FADE * float(delta.max()) / LARGEST_FADE) if fade_m is None else fade_m
+        fade = (
+            max(SHORTEST_FADE_M, STEEPEST_FADE * float(delta.max()) / LARGEST_FADE)
+            if fade_m is None
+            else fade_m
+        )
         warp = replace(bare, snap=_with_margin(x, y, delta), fade_m=fade)
         match = match_error(warp, field)
         if match[0] <= MATCH_TOLERANCE_M:
@@ -181,7 +209,9 @@ def _snapped(
         )
     report = _report("fast", field, warp, descent, match, began)
     message = "; ".join(part for part in (descent.message, message) if part)
-    return MapFit(map=warp, report=replace(report, unsnapped_m=match_error(bare, field), message=message))
+    return MapFit(
+        map=warp, report=replace(report, unsnapped_m=match_error(bare, field), message=message)
+    )
 
 
 def _with_margin(x: Array, y: Array, delta: Array) -> HeightField:
@@ -190,17 +220,22 @@ def _with_margin(x: Array, y: Array, delta: Array) -> HeightField:
     The height field's spline is straight at its ends; so its error there stays off the terrain.
     """
     k = np.arange(1.0, MARGIN + 1.0)[:, None]
-    parabola = np.concatenate([0.5 * (k + 1.0) * (k + 2.0), -k * (k + 2.0), 0.5 * k * (k + 1.0)], axis=1)
+    parabola = np.concatenate(
+        [0.5 * (k + 1.0) * (k + 2.0), -k * (k + 2.0), 0.5 * k * (k + 1.0)], axis=1
+    )
     for _ in range(2):
         delta = np.concatenate([(parabola @ delta[:3])[::-1], delta, parabola @ delta[:-4:-1]]).T
     steps = [MARGIN * np.array([line[1] - line[0], line[-1] - line[-2]]) for line in (x, y)]
     lines = [
-        np.concatenate([
-            np.linspace(line[0] - before, line[0], MARGIN + 1)[:-1], line,
-            np.linspace(line[-1], line[-1] + after, MARGIN + 1)[1:],
-        ])
+        np.concatenate(
+            [
+                np.linspace(line[0] - before, line[0], MARGIN + 1)[:-1],
+                line,
+                np.linspace(line[-1], line[-1] + after, MARGIN + 1)[1:],
+            ]
+        )
         for line, (before, after) in zip((x, y), steps, strict=True)
-    ]  # fmt: skip
+    ]
     return HeightField(lines[0], lines[1], delta, "snap")
 
 
@@ -215,7 +250,12 @@ def _map(field: HeightField, grid: QuadratureGrid, psi: Array) -> SplineMap:
 
 
 def _report(
-    method: str, field: HeightField, warp: SplineMap, descent: Descent, match: tuple[float, float], began: float
+    method: str,
+    field: HeightField,
+    warp: SplineMap,
+    descent: Descent,
+    match: tuple[float, float],
+    began: float,
 ) -> MapReport:
     least, where = least_determinant(warp)
     return MapReport(
@@ -228,7 +268,9 @@ def _report(
         least_det_at_m=where,
         match_m=match,
         unsnapped_m=match,
-        energy=np.array([[e.total, e.conformal, e.barrier, e.match, e.least_det] for e in descent.history]),
+        energy=np.array(
+            [[e.total, e.conformal, e.barrier, e.match, e.least_det] for e in descent.history]
+        ),
         seconds=np.array(descent.seconds),
         evaluations=descent.evaluations,
         cpu_s=process_time() - began,
@@ -241,5 +283,7 @@ def _cells(cells: tuple[int, int, int]) -> tuple[int, int, int]:
         raise InvalidInput(f"cells: expected three whole numbers in [2, 200], got {cells}")
     controls = int(np.prod([n + 3 for n in cells]))
     if controls > MOST_CONTROLS:
-        raise InvalidInput(f"cells: expected {MOST_CONTROLS} control points or fewer, got {controls}")
+        raise InvalidInput(
+            f"cells: expected {MOST_CONTROLS} control points or fewer, got {controls}"
+        )
     return cells

@@ -1,10 +1,11 @@
 """The two seeds joined: contact plans of Lin et al., made on flat ground in warped space, pushed
 forward to the terrain.
 
-A place in warped space is pushed by φ, a body's orientation by the polar factor 𝒫(J) (W13), and a flat patch
-to the tangent patch at its pushed centre, with its shear axes turned by 𝒫(J) and its size kept: φ is no isometry, but
-a toe's ground is as large as it is. So an envelope that was learned on flat ground is used on curved ground, and a
-plan of key frames becomes a guess for the gait optimiser.
+A place in warped space is pushed by φ, a body's orientation by the polar factor 𝒫(J) (W13), and a
+flat patch to the tangent patch at its pushed centre, with its shear axes turned by 𝒫(J) and its
+size kept: φ is no isometry, but a toe's ground is as large as it is. So an envelope that was
+learned on flat ground is used on curved ground, and a plan of key frames becomes a guess for the
+gait optimiser.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from .spline_map import SplineMap
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WarpedPose:
-    """A body in warped space: com_bar_m, shape (3,) [m], z̄ over the ground; yaw_rad: its heading there.
+    """A body in warped space: com_bar_m, shape (3,) [m], z̄ over the ground; yaw_rad: its heading
+    there.
 
     What is given about the body, in axes that are level and along it, is pushed forward with it.
     """
@@ -56,7 +58,8 @@ class WarpedPose:
     def patch(self, patch: Patch) -> Patch:
         """The tangent patch of a patch about the body.
 
-        A patch that leans from level by a rotation leans from the tangent plane by the same, seen from there.
+        A patch that leans from level by a rotation leans from the tangent plane by the same, seen
+        from there.
         """
         centre_bar = self._bar(patch.centre_m)
         ground = np.array([centre_bar[0], centre_bar[1], 0.0])
@@ -70,10 +73,15 @@ class WarpedPose:
         )
 
     def problem(self, problem: Problem) -> Problem:
-        """A posture problem about the body, in the world about φ of the body's place; the body is turned with it."""
+        """A posture problem about the body, in the world about φ of the body's place; the body is
+        turned with it."""
         rotation, home = self.rotation, self.com_m
         contacts = tuple(
-            replace(contact, patch=_moved(self.patch(contact.patch), -home), shoulder_m=rotation @ contact.shoulder_m)
+            replace(
+                contact,
+                patch=_moved(self.patch(contact.patch), -home),
+                shoulder_m=rotation @ contact.shoulder_m,
+            )
             for contact in problem.contacts
         )
         nominal = self.place(problem.com_nominal_m[0]) - home
@@ -104,8 +112,9 @@ class WarpedPose:
 class KeyFrames:
     """Key frames of a plan on level ground, pushed forward.
 
-    limbs: names; com_m: shape (M, 3) [m]; rotation: R_WB, shape (M, 3, 3); toes_m: shape (M, N, 3) [m]; problems: the
-    posture problems of the plan's stances on tangent patches no larger than the toe needs, about the pushed bodies.
+    limbs: names; com_m: shape (M, 3) [m]; rotation: R_WB, shape (M, 3, 3); toes_m: shape (M, N, 3)
+    [m]; problems: the posture problems of the plan's stances on tangent patches no larger than the
+    toe needs, about the pushed bodies.
     """
 
     limbs: tuple[str, ...]
@@ -115,20 +124,29 @@ class KeyFrames:
     problems: tuple[Problem, ...]
 
     def com_at(self, shares: Array) -> Array:
-        """The body's place after shares of the way, straight between key frames, shape (K,) → (K, 3) [m]."""
+        """The body's place after shares of the way, straight between key frames, shape (K,) → (K,
+        3) [m]."""
         at = np.asarray(shares) * (len(self.com_m) - 1)
-        return np.stack([np.interp(at, np.arange(len(self.com_m)), self.com_m[:, k]) for k in range(3)], axis=1)
+        return np.stack(
+            [np.interp(at, np.arange(len(self.com_m)), self.com_m[:, k]) for k in range(3)], axis=1
+        )
 
 
-def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float = 0.0, toe_m: float = 0.02) -> KeyFrames:
-    """Push a plan on level ground z = 0 forward, its first body over (x̄, ȳ) = start_xy_m, its x along yaw_rad.
+def pushed_plan(
+    warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float = 0.0, toe_m: float = 0.02
+) -> KeyFrames:
+    """Push a plan on level ground z = 0 forward, its first body over (x̄, ȳ) = start_xy_m, its x
+    along yaw_rad.
 
-    toe_m: half the width of the tangent patch under a toe. Raises InvalidInput for a plan whose toes are not on level
-    ground.
+    toe_m: half the width of the tangent patch under a toe. Raises InvalidInput for a plan whose
+    toes are not on level ground.
     """
     if np.abs(plan.toes_m[:, 2]).max(initial=0.0) > 1e-6:
         raise InvalidInput("plan: expected toes on level ground z = 0, got one at another height")
-    turn, home = _yaw(yaw_rad), np.array([*start_xy_m, 0.0]) - _yaw(yaw_rad) @ (plan.com_m[0] * [1.0, 1.0, 0.0])
+    turn, home = (
+        _yaw(yaw_rad),
+        np.array([*start_xy_m, 0.0]) - _yaw(yaw_rad) @ (plan.com_m[0] * [1.0, 1.0, 0.0]),
+    )
     com_bar, toes_bar = plan.com_m @ turn.T + home, plan.toes_m @ turn.T + home
     poses = [WarpedPose(warp=warp, com_bar_m=com, yaw_rad=yaw_rad) for com in com_bar]
     toes = warp.points(toes_bar)
@@ -164,10 +182,13 @@ def _moved(patch: Patch, by: Array) -> Patch:
 
 
 def _surface_frame(jacobian: Array, rotation: Array) -> Array:
-    """The rotation nearest to ``rotation`` whose third column is the true normal, along J e_x × J e_y."""
+    """The rotation nearest to ``rotation`` whose third column is the true normal, along J e_x × J
+    e_y."""
     normal = np.cross(jacobian[:, 0], jacobian[:, 1])
     normal = normal / np.linalg.norm(normal)
-    upright = Rotation.from_quat([*np.cross(rotation[:, 2], normal), 1.0 + rotation[:, 2] @ normal])  # the least turn
+    upright = Rotation.from_quat(
+        [*np.cross(rotation[:, 2], normal), 1.0 + rotation[:, 2] @ normal]
+    )  # the least turn
     return np.asarray(upright.as_matrix() @ rotation)
 
 

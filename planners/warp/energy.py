@@ -1,7 +1,7 @@
 """The energy of a map (W6): ∫ρ over the band plus the match of its ground with the terrain.
 
-With x̄ in metres E_map is in m³ and E_match in m⁴. In the paper's cell units, for cells of side a, they are E_map/a and
-E_match/a² (φ stays in metres), so that its weight of 1 on E_match is 1/a here.
+With x̄ in metres E_map is in m³ and E_match in m⁴. In the paper's cell units, for cells of side a,
+they are E_map/a and E_match/a² (φ stays in metres), so that its weight of 1 on E_match is 1/a here.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from .quadrature import QuadratureGrid
 from .similarity import cofactor, determinant, rotation
 
 Scale = Literal["published", "nearest"]
-"""published: |Σ|^(1/3), the size in the paper's ρ. nearest: tr(Σ)/3, that of the similarity nearest to J."""
+"""published: |Σ|^(1/3), the size in the paper's ρ. nearest: tr(Σ)/3, that of the similarity nearest
+to J."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """The energy at control points: its parts, E_map = conformal + barrier [m³], match (with its weight), and more.
+    """The energy at control points: its parts, E_map = conformal + barrier [m³], match (with its
+    weight), and more.
 
-    gradient: shape (3, nx, ny, nz), or of size 0 where a barrier is infinite. least_det: min det J over the quadrature.
-    miss_m: greatest |φ_z − h(φ_xy)| over the ground's quadrature points [m].
+    gradient: shape (3, nx, ny, nz), or of size 0 where a barrier is infinite. least_det: min det J
+    over the quadrature. miss_m: greatest |φ_z − h(φ_xy)| over the ground's quadrature points [m].
     """
 
     conformal: float
@@ -43,7 +45,8 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapEnergy:
-    """E_map + weight·E_match over a grid (W6). barrier: μ, 0 for none; scale: which similarity ρ measures against."""
+    """E_map + weight·E_match over a grid (W6). barrier: μ, 0 for none; scale: which similarity ρ
+    measures against."""
 
     grid: QuadratureGrid
     field: HeightField
@@ -55,10 +58,13 @@ class MapEnergy:
     def published(cls, grid: QuadratureGrid, field: HeightField, barrier: float = 0.0) -> MapEnergy:
         """W6 as printed, in metres."""
         side = float(np.cbrt(np.prod([axis.cell_m for axis in grid.axes])))
-        return cls(grid=grid, field=field, match_weight=1.0 / side, barrier=barrier, scale="published")
+        return cls(
+            grid=grid, field=field, match_weight=1.0 / side, barrier=barrier, scale="published"
+        )
 
     def at(self, psi: Array) -> Evaluation:
-        """Energy and its exact gradient, that of UVᵀ|Σ|^(1/3) and of h(φ_xy) included; ψ of shape (3, nx, ny, nz)."""
+        """Energy and its exact gradient, that of UVᵀ|Σ|^(1/3) and of h(φ_xy) included; ψ of shape
+        (3, nx, ny, nz)."""
         jacobian = self.grid.gradient(psi)
         cof = cofactor(jacobian)
         det = determinant(jacobian, cof)
@@ -69,7 +75,12 @@ class MapEnergy:
         worst = float(np.abs(miss).max())
         if self.barrier > 0.0 and not least > 0.0:
             return Evaluation(
-                conformal=np.inf, barrier=np.inf, match=match, least_det=least, miss_m=worst, gradient=np.zeros(0)
+                conformal=np.inf,
+                barrier=np.inf,
+                match=match,
+                least_det=least,
+                miss_m=worst,
+                gradient=np.zeros(0),
             )
         weight = self.grid.weight
         density, stress = (_nearest if self.scale == "nearest" else _published)(jacobian, cof, det)
@@ -82,11 +93,17 @@ class MapEnergy:
         load = np.stack([-pull * slope[..., 0], -pull * slope[..., 1], pull])
         gradient = self.grid.gradient_adjoint(stress * weight) + self.grid.floor_adjoint(load)
         return Evaluation(
-            conformal=conformal, barrier=barrier, match=match, least_det=least, miss_m=worst, gradient=gradient
+            conformal=conformal,
+            barrier=barrier,
+            match=match,
+            least_det=least,
+            miss_m=worst,
+            gradient=gradient,
         )
 
     def miss(self, psi: Array) -> tuple[Array, Array]:
-        """φ_z − h(φ_xy) at the ground's quadrature points, shape (X, Y) [m], and ∇h there, shape (X, Y, 2)."""
+        """φ_z − h(φ_xy) at the ground's quadrature points, shape (X, Y) [m], and ∇h there, shape
+        (X, Y, 2)."""
         ground = self.grid.floor(psi)
         height, slope = self.field.height_and_gradient(np.moveaxis(ground[:2], 0, -1))
         return ground[2] - height, slope
@@ -106,13 +123,16 @@ def _published(jacobian: Array, cof: Array, det: Array) -> tuple[Array, Array]:
     jacobian, det = jacobian * sign, np.maximum(np.abs(det), 1e-12)
     turned, size = rotation(jacobian), np.cbrt(det)
     trace = np.einsum("ab...,ab...->...", turned, jacobian)
-    stress = 2.0 * (jacobian - turned * size) - cof * (2.0 * (trace - 3.0 * size) * size / (3.0 * det))
+    stress = 2.0 * (jacobian - turned * size) - cof * (
+        2.0 * (trace - 3.0 * size) * size / (3.0 * det)
+    )
     density = np.einsum("ab...,ab...->...", jacobian, jacobian) - 2.0 * size * trace + 3.0 * size**2
     return density, stress * sign
 
 
 def shear(grid: QuadratureGrid, field: HeightField) -> Array:
-    """Control points of (x̄, ȳ, z̄ + h) with h fitted in the grid's own splines, shape (3, nx, ny, nz): det J = 1."""
+    """Control points of (x̄, ȳ, z̄ + h) with h fitted in the grid's own splines, shape (3, nx, ny,
+    nz): det J = 1."""
     x, y, _ = grid.axes
     height = field.height(np.stack(np.meshgrid(x.at, y.at, indexing="ij"), axis=-1))
     along_x = np.linalg.solve(x.mass, x.value.T @ (x.weight[:, None] * height))

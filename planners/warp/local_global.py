@@ -1,9 +1,10 @@
-"""Algorithm W1: local-global optimisation of ψ, as published, and the same with a faster global step.
+"""Algorithm W1: local-global optimisation of ψ, as published, and the same with a faster global
+step.
 
-Local: at each quadrature point the target J* and at each ground point h*; global: least squares with both held. Its
-left side never changes: it is factorised once (published), or never (``SeparableSolver``). As printed, W6 is
-ill-posed, for a map to one point of the terrain has no energy at all; both forms pin the wall-normal component of the
-side walls.
+Local: at each quadrature point the target J* and at each ground point h*; global: least squares
+with both held. Its left side never changes: it is factorised once (published), or never
+(``SeparableSolver``). As printed, W6 is ill-posed, for a map to one point of the terrain has no
+energy at all; both forms pin the wall-normal component of the side walls.
 """
 
 from __future__ import annotations
@@ -39,19 +40,25 @@ class Descent:
 
 
 def published(energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4) -> Descent:
-    """Algorithm W1 as printed: SVD, |Σ|^(1/3), a sparse factorisation made once, h* lagged by a step.
+    """Algorithm W1 as printed: SVD, |Σ|^(1/3), a sparse factorisation made once, h* lagged by a
+    step.
 
-    Stops after a change of ψ below ``tolerance`` of a cell. The energy need not fall: h* is one step late.
+    Stops after a change of ψ below ``tolerance`` of a cell. The energy need not fall: h* is one
+    step late.
     """
     began = process_time()
     solve = _factorised(energy.grid, energy.match_weight)
     return _iterate(energy, psi, iterations, tolerance, solve, published_similarity, 0, began)
 
 
-def accelerated(energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4, memory: int = 6) -> Descent:
-    """Algorithm W1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson acceleration.
+def accelerated(
+    energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4, memory: int = 6
+) -> Descent:
+    """Algorithm W1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson
+    acceleration.
 
-    memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the energy is dropped.
+    memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the
+    energy is dropped.
     """
     began = process_time()
     solve = SeparableSolver(energy.grid, energy.match_weight).solve
@@ -59,9 +66,15 @@ def accelerated(energy: MapEnergy, psi: Array, iterations: int, tolerance: float
 
 
 def _iterate(
-    energy: MapEnergy, psi: Array, iterations: int, tolerance: float, solve: Solve,
-    target: Callable[[Array], Array], memory: int, began: float,
-) -> Descent:  # fmt: skip
+    energy: MapEnergy,
+    psi: Array,
+    iterations: int,
+    tolerance: float,
+    solve: Solve,
+    target: Callable[[Array], Array],
+    memory: int,
+    began: float,
+) -> Descent:
     grid = energy.grid
     cell = min(axis.cell_m for axis in grid.axes)
     history, seconds = [energy.at(psi)], [process_time() - began]
@@ -75,14 +88,14 @@ def _iterate(
         load[2] = -energy.match_weight * grid.floor_weight * miss
         step = solve(grid.gradient_adjoint(stress) + grid.floor_adjoint(load))
         plain, mixed = psi + step, mixer.mix(psi, step)
-        found = energy.at(mixed)
+        state = energy.at(mixed)
         evaluations += 1
-        if memory and not found.total <= history[-1].total:
+        if memory and not state.total <= history[-1].total:
             mixer, mixed = _Anderson(memory), plain
-            found = energy.at(plain)
+            state = energy.at(plain)
             evaluations += 1
         psi = mixed
-        history.append(found)
+        history.append(state)
         seconds.append(process_time() - began)
         if float(np.abs(step).max()) < tolerance * cell:
             break
@@ -106,7 +119,9 @@ class _Anderson:
         moves = np.stack([a - self._steps[-1] for a in self._steps[:-1]], axis=1)
         shifts = np.stack([a - self._points[-1] for a in self._points[:-1]], axis=1)
         shares = np.linalg.lstsq(moves, -self._steps[-1], rcond=1e-8)[0]
-        return np.asarray((point.ravel() + step.ravel() + (moves + shifts) @ shares).reshape(point.shape))
+        return np.asarray(
+            (point.ravel() + step.ravel() + (moves + shifts) @ shares).reshape(point.shape)
+        )
 
 
 def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
@@ -116,7 +131,8 @@ def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
     factors = []
     for component in range(3):
         keep = [
-            axis.pinned if k == component and k < 2 else np.eye(len(axis.identity)) for k, axis in enumerate(grid.axes)
+            axis.pinned if k == component and k < 2 else np.eye(len(axis.identity))
+            for k, axis in enumerate(grid.axes)
         ]
         kept = sparse.csr_array(sparse.kron(sparse.kron(keep[0], keep[1]), keep[2]))
         low = z.stiffness + (grip * hold if component == 2 else 0.0)
@@ -130,8 +146,8 @@ def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
     def solve(right: Array) -> Array:
         return np.stack(
             [
-                (kept @ factor.solve(kept.T @ row.ravel())).reshape(row.shape)
-                for (kept, factor), row in zip(factors, right, strict=True)
+                (part @ factor.solve(part.T @ row.ravel())).reshape(row.shape)
+                for (part, factor), row in zip(factors, right, strict=True)
             ]
         )
 

@@ -1,8 +1,10 @@
-"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (W12, Corollary IV.1).
+"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (W12, Corollary
+IV.1).
 
-The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves W12 where det J > 0. Where
-det J < 0 its 𝒫 = −UVᵀ is a rotation, and ω is its derivative, but the nearest rotation is U diag(1, 1, −1) Vᵀ, the
-smallest singular value being negative there: ``nearest_rotation`` solves W12 on both sides. Derivatives are CasADi's.
+The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves W12 where
+det J > 0. Where det J < 0 its 𝒫 = −UVᵀ is a rotation, and ω is its derivative, but the nearest
+rotation is U diag(1, 1, −1) Vᵀ, the smallest singular value being negative there:
+``nearest_rotation`` solves W12 on both sides. Derivatives are CasADi's.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ def nearest_rotation(jacobian: Array) -> Array:
 
 
 def polar_function(steps: int = NEWTON_STEPS) -> ca.Function:
-    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR + R⁻ᵀ/γ), γ = det(R)^(−⅓).
+    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR +
+    R⁻ᵀ/γ), γ = det(R)^(−⅓).
 
     Smooth wherever det J > 0, so that solvers take exact first and second derivatives of it.
     """
@@ -37,7 +40,9 @@ def polar_function(steps: int = NEWTON_STEPS) -> ca.Function:
     turned = jacobian
     for _ in range(steps):
         rows = [turned[k, :] for k in range(3)]
-        cofactor = ca.vertcat(ca.cross(rows[1], rows[2]), ca.cross(rows[2], rows[0]), ca.cross(rows[0], rows[1]))
+        cofactor = ca.vertcat(
+            ca.cross(rows[1], rows[2]), ca.cross(rows[2], rows[0]), ca.cross(rows[0], rows[1])
+        )
         determinant = ca.dot(rows[0], cofactor[0, :])
         size = ca.exp(ca.log(determinant) / 3.0)
         turned = 0.5 * (turned / size + cofactor * (size / determinant))

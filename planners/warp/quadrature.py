@@ -1,7 +1,8 @@
-"""The finite elements of Pan et al. §IV-A: a tri-cubic B-spline space, its Gauss quadrature and its separable solves.
+"""The finite elements of Pan et al. §IV-A: a tri-cubic B-spline space, its Gauss quadrature and its
+separable solves.
 
-Arrays go component first: control points ψ have shape (3, nx, ny, nz) with n = cells + 3, Jacobians (3, 3, X, Y, Z)
-with the component in front of the derivative, over the X × Y × Z quadrature points.
+Arrays go component first: control points ψ have shape (3, nx, ny, nz) with n = cells + 3, Jacobians
+(3, 3, X, Y, Z) with the component in front of the derivative, over the X × Y × Z quadrature points.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from ..terrain.bspline import CubicBasis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
-    """One axis of the grid: uniform cells from ``low`` to ``high`` [m], ``points`` Gauss points in each."""
+    """One axis of the grid: uniform cells from ``low`` to ``high`` [m], ``points`` Gauss points in
+    each."""
 
     low: float
     high: float
@@ -86,24 +88,27 @@ class Axis:
 
     @cached_property
     def pinned(self) -> Array:
-        """The functions that are 0 at both ends, as columns over all functions, shape (n, n − 2)."""
+        """The functions that are 0 at both ends, as columns over all functions, shape (n, n −
+        2)."""
         inner = np.eye(len(self.identity))[:, 1:-1]
         low, high = self.ends
         inner[0] = -low[1:-1] / low[0]
         inner[-1] = -high[1:-1] / high[-1]
         return inner
 
-    def modes(self, *, pinned: bool = False, grip: float = 0.0, ridge: float = 0.0) -> tuple[Array, Array]:
+    def modes(
+        self, *, pinned: bool = False, grip: float = 0.0, ridge: float = 0.0
+    ) -> tuple[Array, Array]:
         """λ, shape (k,), and E, shape (n, k), with Eᵀ M E = I and Eᵀ (K + grip·b bᵀ) E = diag λ.
 
-        M and K are the axis's mass and stiffness, b the functions at its low end; pinned: all modes are 0 at both ends;
-        ridge: added to M's diagonal, in cells.
+        M and K are the axis's mass and stiffness, b the functions at its low end; pinned: all modes
+        are 0 at both ends; ridge: added to M's diagonal, in cells.
         """
         mass = self.mass + ridge * self.cell_m * np.eye(len(self.identity))
         stiffness = self.stiffness + grip * np.outer(self.ends[0], self.ends[0])
-        kept = self.pinned if pinned else np.eye(len(self.identity))
-        values, vectors = eigh(kept.T @ stiffness @ kept, kept.T @ mass @ kept)
-        return values, kept @ vectors
+        selection = self.pinned if pinned else np.eye(len(self.identity))
+        values, vectors = eigh(selection.T @ stiffness @ selection, selection.T @ mass @ selection)
+        return values, selection @ vectors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +128,8 @@ class QuadratureGrid:
         """The grid over a terrain's domain and up to ``height_m``."""
         spans = (*domain_m, (0.0, height_m))
         x, y, z = (
-            Axis(low=low, high=high, cells=n, points=points) for (low, high), n in zip(spans, cells, strict=True)
+            Axis(low=low, high=high, cells=n, points=points)
+            for (low, high), n in zip(spans, cells, strict=True)
         )
         return cls(axes=(x, y, z))
 
@@ -175,10 +181,11 @@ class QuadratureGrid:
 class SeparableSolver:
     """Least squares of gradients, argmin ∫‖∇u − S‖² + grip ∫_ground u_z², by fast diagonalisation.
 
-    The component of u that is normal to a side wall stays 0 on it; the rest is free. No factorisation: a solve is a
-    product with the modes of each axis there and back. ridge: what holds back the functions at the corners, which
-    hardly reach into the band: next to nothing decides on them, and the map would go on wildly beyond its corners. It
-    changes the way to where a gradient is zero, not the place.
+    The component of u that is normal to a side wall stays 0 on it; the rest is free. No
+    factorisation: a solve is a product with the modes of each axis there and back. ridge: what
+    holds back the functions at the corners, which hardly reach into the band: next to nothing
+    decides on them, and the map would go on wildly beyond its corners. It changes the way to where
+    a gradient is zero, not the place.
     """
 
     def __init__(self, grid: QuadratureGrid, grip: float, ridge: float = 0.0) -> None:
@@ -190,15 +197,17 @@ class SeparableSolver:
             (free_x, held_y, free_z),
             (free_x, free_y, z.modes(grip=grip, ridge=ridge)),
         ]
-        self._inverse = [1.0 / (a[0][:, None, None] + b[0][:, None] + c[0]) for a, b, c in self._modes]
+        self._inverse = [
+            1.0 / (a[0][:, None, None] + b[0][:, None] + c[0]) for a, b, c in self._modes
+        ]
 
     def solve(self, right: Array) -> Array:
         """K⁻¹ right, shape (3, nx, ny, nz), in the space of what the pins leave free."""
-        found = np.empty_like(right)
+        solution = np.empty_like(right)
         for k, ((_, ex), (_, ey), (_, ez)) in enumerate(self._modes):
             inner = _along_x(np.ascontiguousarray(ex.T), ey.T @ (right[k] @ ez))
-            found[k] = _along_x(ex, ey @ ((inner * self._inverse[k]) @ ez.T))
-        return found
+            solution[k] = _along_x(ex, ey @ ((inner * self._inverse[k]) @ ez.T))
+        return solution
 
 
 def _along_x(matrix: Array, values: Array) -> Array:

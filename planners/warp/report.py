@@ -1,4 +1,5 @@
-"""Report on a map: conformal error (Pan et al. Fig. 4), injectivity, match, convergence (Fig. 5)."""
+"""Report on a map: conformal error (Pan et al. Fig. 4), injectivity, match, convergence (Fig.
+5)."""
 
 from __future__ import annotations
 
@@ -23,11 +24,13 @@ TORSO_M = 0.5
 class MapReport:
     """Quality and cost of one map.
 
-    ground_error, torso_error: 1 − σ_min/σ_max of J, shape (81, 81), at z̄ = 0 and z̄ = .5 m on a regular grid.
-    least_det: min det J over 6 lines a cell; least_det_at_m: where, shape (3,). match_m: greatest and root-mean-square
+    ground_error, torso_error: 1 − σ_min/σ_max of J, shape (81, 81), at z̄ = 0 and z̄ = .5 m on a
+    regular grid. least_det: min det J over 6 lines a cell; least_det_at_m: where, shape (3,).
+    match_m: greatest and root-mean-square
     |φ_z − h(φ_xy)| at z̄ = 0 between all nodes [m]; unsnapped_m: the same before the snap. energy: rows of total,
-    conformal, barrier, match, min det J at the quadrature points, a row an iteration, shape (K, 5); seconds: CPU time
-    until then, shape (K,) [s]. cpu_s: all of it, with snap and checks. message: what had to be done otherwise.
+    conformal, barrier, match, min det J at the quadrature points, a row an iteration, shape (K, 5);
+    seconds: CPU time until then, shape (K,) [s]. cpu_s: all of it, with snap and checks. message:
+    what had to be done otherwise.
     """
 
     method: str
@@ -79,7 +82,8 @@ def spread(values: Array) -> dict[str, float]:
 
 
 def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = GROUND_LINES) -> Array:
-    """1 − σ_min/σ_max of J on a regular grid at z̄ = height, shape (lines, lines): 0 where φ keeps angles."""
+    """1 − σ_min/σ_max of J on a regular grid at z̄ = height, shape (lines, lines): 0 where φ keeps
+    angles."""
     x, y = (np.linspace(low, high, lines) for low, high in warp.domain_m)
     _, jacobian = warp.on_grid(x, y, np.array([height_m]))
     sigma = singular_values(jacobian[..., 0])
@@ -87,22 +91,33 @@ def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = GROUND_
 
 
 def least_determinant(warp: SplineMap) -> tuple[float, Array]:
-    """min det J on FINER lines a cell, twice as many near the ground, and where it is, shape (3,) [m]."""
+    """min det J on FINER lines a cell, twice as many near the ground, and where it is, shape (3,)
+    [m]."""
     lines = [
-        np.linspace(low, high, FINER * n + 1) for (low, high), n in zip(warp.domain_m, warp.cells[:2], strict=True)
+        np.linspace(low, high, FINER * n + 1)
+        for (low, high), n in zip(warp.domain_m, warp.cells[:2], strict=True)
     ]
     near = min(warp.fade_m, warp.height_m)
-    z = np.unique(np.concatenate([np.linspace(0.0, near, 13), np.linspace(0.0, warp.height_m, 2 * warp.cells[2] + 1)]))
+    z = np.unique(
+        np.concatenate(
+            [np.linspace(0.0, near, 13), np.linspace(0.0, warp.height_m, 2 * warp.cells[2] + 1)]
+        )
+    )
     x, y = lines
-    det = np.stack([determinant(warp.on_grid(x, y, z[k : k + 1])[1][..., 0]) for k in range(len(z))], axis=-1)
+    det = np.stack(
+        [determinant(warp.on_grid(x, y, z[k : k + 1])[1][..., 0]) for k in range(len(z))], axis=-1
+    )
     i, j, k = np.unravel_index(int(det.argmin()), det.shape)
     return float(det[i, j, k]), np.array([x[i], y[j], z[k]])
 
 
 def match_error(warp: SplineMap, field: HeightField) -> tuple[float, float]:
-    """Greatest and root-mean-square |φ_z − h(φ_xy)| at z̄ = 0, on lines twice as dense as the terrain's [m]."""
+    """Greatest and root-mean-square |φ_z − h(φ_xy)| at z̄ = 0, on lines twice as dense as the
+    terrain's [m]."""
     lines = []
-    for (low, high), cells, nodes in zip(warp.domain_m, warp.cells[:2], field.heights_m.shape, strict=True):
+    for (low, high), cells, nodes in zip(
+        warp.domain_m, warp.cells[:2], field.heights_m.shape, strict=True
+    ):
         count = max(FINER * cells, int(2.3 * nodes))
         lines.append(low + (high - low) * (np.arange(count) + 0.5) / count)
     ground = warp.ground_on_grid(lines[0], lines[1])

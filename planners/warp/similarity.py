@@ -11,7 +11,8 @@ import numpy as np
 from ..files.arrays import Array
 
 NEWTON_STEPS = 4
-"""Enough for 1e-6 where singular values differ by a factor of 4 or less; each more step squares the error."""
+"""Enough for 1e-6 where singular values differ by a factor of 4 or less; each more step squares the
+error."""
 
 
 def cofactor(jacobian: Array) -> Array:
@@ -29,13 +30,17 @@ def cofactor(jacobian: Array) -> Array:
 def determinant(jacobian: Array, cof: Array | None = None) -> Array:
     """det J, shape (N…)."""
     first = cofactor(jacobian) if cof is None else cof
-    return np.asarray(jacobian[0, 0] * first[0, 0] + jacobian[0, 1] * first[0, 1] + jacobian[0, 2] * first[0, 2])
+    return np.asarray(
+        jacobian[0, 0] * first[0, 0] + jacobian[0, 1] * first[0, 1] + jacobian[0, 2] * first[0, 2]
+    )
 
 
 def rotation(jacobian: Array, steps: int = NEWTON_STEPS) -> Array:
-    """The rotation nearest to J, shape (3, 3, N…): Newton's R ← ½(γR + R⁻ᵀ/γ) with γ = |det R|^(−1/3).
+    """The rotation nearest to J, shape (3, 3, N…): Newton's R ← ½(γR + R⁻ᵀ/γ) with γ = |det
+    R|^(−1/3).
 
-    Where det J ≤ 0 Newton would find a reflection: there by SVD, with the smallest singular value turned round.
+    Where det J ≤ 0 Newton would find a reflection: there by SVD, with the smallest singular value
+    turned round.
     """
     cof = cofactor(jacobian)
     det = determinant(jacobian, cof)
@@ -63,7 +68,9 @@ def rotation(jacobian: Array, steps: int = NEWTON_STEPS) -> Array:
 def singular_values(jacobian: Array) -> Array:
     """σ₁ ≥ σ₂ ≥ σ₃, shape (3, N…)."""
     flat = np.moveaxis(jacobian.reshape(3, 3, -1), -1, 0)
-    return np.ascontiguousarray(np.linalg.svd(flat, compute_uv=False).T).reshape(3, *jacobian.shape[2:])
+    return np.ascontiguousarray(np.linalg.svd(flat, compute_uv=False).T).reshape(
+        3, *jacobian.shape[2:]
+    )
 
 
 def nearest_similarity(jacobian: Array) -> Array:
@@ -74,7 +81,8 @@ def nearest_similarity(jacobian: Array) -> Array:
 
 
 def published_similarity(jacobian: Array) -> Array:
-    """U Vᵀ |Σ|^(1/3), the target of Algorithm W1 as printed, by SVD (Pan et al., before W6), shape (3, 3, N…)."""
+    """U Vᵀ |Σ|^(1/3), the target of Algorithm W1 as printed, by SVD (Pan et al., before W6), shape
+    (3, 3, N…)."""
     u, sigma, vt = np.linalg.svd(np.moveaxis(jacobian.reshape(3, 3, -1), -1, 0))
     target = (u @ vt) * np.cbrt(sigma.prod(axis=1))[:, None, None]
     return np.ascontiguousarray(np.moveaxis(target, 0, -1)).reshape(jacobian.shape)

@@ -1,4 +1,5 @@
-"""The map φ from warped space 𝓕 to the world 𝓐 (Pan et al. §IV-A): a tri-cubic B-spline, then a snap onto the terrain.
+"""The map φ from warped space 𝓕 to the world 𝓐 (Pan et al. §IV-A): a tri-cubic B-spline, then a
+snap onto the terrain.
 
 With s the tri-cubic map, φ = (s_x, s_y, s_z + b(z̄)·δ(s_x, s_y)): δ is how far the terrain lies
 above the ground of s, a bicubic spline over the *world's* x and y, and b fades from 1 at the ground
@@ -40,9 +41,10 @@ TEXTS = ("name", "terrain_digest")
 class SplineMap:
     """φ: x̄ ↦ x, both in metres; C² everywhere, and the ground z̄ = 0 becomes the terrain.
 
-    domain_m: x̄ and ȳ span these [m]; height_m: z̄ spans 0 to this [m]. control_m: ψ, shape (3, nx, ny, nz) [m],
-    component first, cells + 3 along an axis. snap: δ over the world's x and y; it fades out from z̄ = 0 to fade_m. None
-    is a plain tri-cubic map, as published. terrain_digest: what it was made for. Raises InvalidInput.
+    domain_m: x̄ and ȳ span these [m]; height_m: z̄ spans 0 to this [m]. control_m: ψ, shape (3, nx,
+    ny, nz) [m], component first, cells + 3 along an axis. snap: δ over the world's x and y; it
+    fades out from z̄ = 0 to fade_m. None is a plain tri-cubic map, as published. terrain_digest:
+    what it was made for. Raises InvalidInput.
     """
 
     domain_m: tuple[tuple[float, float], tuple[float, float]]
@@ -55,14 +57,20 @@ class SplineMap:
 
     def __post_init__(self) -> None:
         domain = read_only(self.domain_m, (2, 2), "domain_m")
-        object.__setattr__(self, "domain_m", tuple((float(low), float(high)) for low, high in domain))
+        object.__setattr__(
+            self, "domain_m", tuple((float(low), float(high)) for low, high in domain)
+        )
         object.__setattr__(self, "height_m", checked(self.height_m, "height_m", above=0.0))
         object.__setattr__(self, "fade_m", checked(self.fade_m, "fade_m", above=0.0))
-        object.__setattr__(self, "control_m", read_only(self.control_m, (3, None, None, None), "control_m"))
+        object.__setattr__(
+            self, "control_m", read_only(self.control_m, (3, None, None, None), "control_m")
+        )
         if not all(high > low for low, high in self.domain_m):
             raise InvalidInput(f"domain_m: expected increasing spans, got {self.domain_m}")
         if min(self.control_m.shape[1:]) < 4:
-            raise InvalidInput(f"control_m: expected 4 or more along each axis, got {self.control_m.shape[1:]}")
+            raise InvalidInput(
+                f"control_m: expected 4 or more along each axis, got {self.control_m.shape[1:]}"
+            )
 
     @property
     def cells(self) -> tuple[int, int, int]:
@@ -81,17 +89,21 @@ class SplineMap:
     @cached_property
     def _padded(self) -> Array:
         """Control points with those of the straight continuation, component first."""
-        found: Array = self.control_m
+        padded: Array = self.control_m
         spans = (*self.domain_m, (0.0, self.height_m))
-        for axis, (basis, (low, high), cells) in enumerate(zip(self._bases, spans, self.cells, strict=True)):
+        for axis, (basis, (low, high), cells) in enumerate(
+            zip(self._bases, spans, self.cells, strict=True)
+        ):
             inner = Axis(low=low, high=high, cells=cells, points=1).identity
-            found = np.moveaxis(_continued(np.moveaxis(found, axis + 1, 0), inner, basis.greville), 0, axis + 1)
-        return np.ascontiguousarray(found)
+            padded = np.moveaxis(
+                _continued(np.moveaxis(padded, axis + 1, 0), inner, basis.greville), 0, axis + 1
+            )
+        return np.ascontiguousarray(padded)
 
     @property
     def spline(self) -> tuple[Array, tuple[Array, ...]]:
-        """Control points of s, the map without its snap, component first, shape (3, …) [m], and the knots along each
-        axis [m]; straight continuation included."""
+        """Control points of s, the map without its snap, component first, shape (3, …) [m], and the
+        knots along each axis [m]; straight continuation included."""
         return self._padded, tuple(basis.knots for basis in self._bases)
 
     def points(self, x_bar: Array) -> Array:
@@ -106,9 +118,13 @@ class SplineMap:
         """φ and J by one look-up, shapes (…, 3) [m] and (…, 3, 3)."""
         x_bar = np.asarray(x_bar, dtype=np.float64)
         flat = np.ascontiguousarray(x_bar.reshape(-1, 3))
-        first, rows = zip(*(basis.weights(flat[:, k], 1) for k, basis in enumerate(self._bases)), strict=True)
+        first, rows = zip(
+            *(basis.weights(flat[:, k], 1) for k, basis in enumerate(self._bases)), strict=True
+        )
         ny, nz = self._padded.shape[2:]
-        steps = (ny * nz * np.arange(4)[:, None, None] + nz * np.arange(4)[:, None] + np.arange(4)).ravel()
+        steps = (
+            ny * nz * np.arange(4)[:, None, None] + nz * np.arange(4)[:, None] + np.arange(4)
+        ).ravel()
         start = (first[0] * ny + first[1]) * nz + first[2]
         near = self._padded.reshape(3, -1)[:, start[:, None] + steps].reshape(3, -1, 4, 4, 4)
         (x, dx), (y, dy), (z, dz) = rows
@@ -139,10 +155,13 @@ class SplineMap:
         return point
 
     def on_grid(self, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-        """φ, shape (3, X, Y, Z) [m], and J, shape (3, 3, X, Y, Z), on a regular grid of x̄, ȳ and z̄ [m]."""
+        """φ, shape (3, X, Y, Z) [m], and J, shape (3, 3, X, Y, Z), on a regular grid of x̄, ȳ and
+        z̄ [m]."""
         lines = (x, y, z)
         point = self._on(lines, (0, 0, 0))
-        jacobian = np.stack([self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1)
+        jacobian = np.stack(
+            [self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1
+        )
         if self.snap is not None:
             extra, slope = self.snap.height_and_gradient(np.moveaxis(point[:2], 0, -1))
             fade, faster = fading(np.asarray(z, dtype=np.float64), self.fade_m)
@@ -154,25 +173,33 @@ class SplineMap:
 
     def _on(self, lines: tuple[Array, Array, Array], orders: tuple[int, int, int]) -> Array:
         """A derivative of the tri-cubic part on a regular grid, shape (3, X, Y, Z)."""
-        found = self._padded
+        control = self._padded
         for axis in (2, 1, 0):
             rows = self._bases[axis].matrix(lines[axis], orders[axis]).toarray()
-            found = np.moveaxis(np.tensordot(rows, found, axes=(1, axis + 1)), 0, axis + 1)
-        return np.array(found)
+            control = np.moveaxis(np.tensordot(rows, control, axes=(1, axis + 1)), 0, axis + 1)
+        return np.array(control)
 
     def inverse(self, points: Array) -> Array:
-        """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m]. Raises PlanningFailed for a point that φ does not reach."""
+        """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m]. Raises PlanningFailed for a point that
+        φ does not reach."""
         points = np.asarray(points, dtype=np.float64)
         spans = (*self.domain_m, (0.0, self.height_m))
-        lines = [np.linspace(low, high, 2 * n + 1) for (low, high), n in zip(spans, self.cells, strict=True)]
+        lines = [
+            np.linspace(low, high, 2 * n + 1)
+            for (low, high), n in zip(spans, self.cells, strict=True)
+        ]
         starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), self.on_grid(*lines)[0]
-        found = inverted(
-            self.points_and_jacobians, points.reshape(-1, 3), starts.reshape(3, -1).T, images.reshape(3, -1).T
+        result = inverted(
+            self.points_and_jacobians,
+            points.reshape(-1, 3),
+            starts.reshape(3, -1).T,
+            images.reshape(3, -1).T,
         )
-        return found.reshape(points.shape)
+        return result.reshape(points.shape)
 
     def ground_inverse(self, xy: Array) -> tuple[Array, Array]:
-        """(x̄, ȳ) with s_xy(x̄, ȳ, 0) = (x, y), and s_z there: (…, 2) [m] → (…, 2) [m], (…) [m], s without the snap.
+        """(x̄, ȳ) with s_xy(x̄, ȳ, 0) = (x, y), and s_z there: (…, 2) [m] → (…, 2) [m], (…) [m], s
+        without the snap.
 
         Raises PlanningFailed for a point that the ground of s does not reach.
         """
@@ -180,17 +207,23 @@ class SplineMap:
         bases = self._bases[:2]
         ground = self._padded @ self._bases[2].matrix(np.zeros(1)).toarray()[0]
         lines = [
-            np.linspace(low, high, 8 * n + 1) for (low, high), n in zip(self.domain_m, self.cells[:2], strict=True)
+            np.linspace(low, high, 8 * n + 1)
+            for (low, high), n in zip(self.domain_m, self.cells[:2], strict=True)
         ]
         rows = [basis.matrix(line).toarray() for basis, line in zip(bases, lines, strict=True)]
-        starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), rows[0] @ ground[:2] @ rows[1].T
+        starts, images = (
+            np.stack(np.meshgrid(*lines, indexing="ij")),
+            rows[0] @ ground[:2] @ rows[1].T,
+        )
 
         def plan(at: Array) -> tuple[Array, Array]:
             value, along_x, along_y = surface(bases, ground[:2], at)
             return value, np.stack([along_x, along_y], axis=-1)
 
-        found = inverted(plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T)
-        return found.reshape(xy.shape), surface(bases, ground[2:], found)[0].reshape(xy.shape[:-1])
+        points = inverted(plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T)
+        return points.reshape(xy.shape), surface(bases, ground[2:], points)[0].reshape(
+            xy.shape[:-1]
+        )
 
     def check_fits(self, field: HeightField) -> None:
         """Raise InvalidInput unless the map was made for this terrain."""
@@ -209,9 +242,13 @@ class SplineMap:
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Arrays that ``from_arrays`` reads."""
-        found: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "control_m": self.control_m}
-        found |= {key: np.array(getattr(self, key)) for key in ("domain_m", "height_m", "fade_m", *TEXTS)}
-        return found | ({} if self.snap is None else {f"snap_{k}": v for k, v in self.snap.to_arrays().items()})
+        arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "control_m": self.control_m}
+        arrays |= {
+            key: np.array(getattr(self, key)) for key in ("domain_m", "height_m", "fade_m", *TEXTS)
+        }
+        return arrays | (
+            {} if self.snap is None else {f"snap_{k}": v for k, v in self.snap.to_arrays().items()}
+        )
 
     @classmethod
     def from_file(cls, path: str | Path) -> SplineMap:
@@ -232,7 +269,9 @@ class SplineMap:
         names = {"control_m", "domain_m", "height_m", "fade_m", *TEXTS}
         if set(data) != names:
             wrong = sorted(set(data) ^ names)
-            raise InvalidInput(f"expected the arrays {', '.join(sorted(names))}, wrong: {', '.join(wrong)}")
+            raise InvalidInput(
+                f"expected the arrays {', '.join(sorted(names))}, wrong: {', '.join(wrong)}"
+            )
         texts = {key: str(data.pop(key)) for key in TEXTS}
         return cls(**data, **texts, snap=HeightField.from_arrays(snap, "snap") if snap else None)  # type: ignore[arg-type]
 
@@ -241,25 +280,31 @@ def fading(z_bar: Array, fade_m: float) -> tuple[Array, Array]:
     """Share of the snap that is left at a height, 1 at the ground and 0 from fade_m on, C², and its
     derivative [1/m]."""
     u = np.clip(np.asarray(z_bar) / fade_m, 0.0, 1.0)
-    return np.asarray(1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))), -30.0 * (u * (1.0 - u)) ** 2 / fade_m
+    return np.asarray(1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))), -30.0 * (
+        u * (1.0 - u)
+    ) ** 2 / fade_m
 
 
 def terrain_digest(field: HeightField) -> str:
     """Digest that tells terrains apart: SHA-256 of grid and heights."""
     digest = hashlib.sha256()
     for array in (field.x_m, field.y_m, field.heights_m):
-        digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())  # + 0.0: no negative zeros
+        digest.update(
+            np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes()
+        )  # + 0.0: no negative zeros
     return digest.hexdigest()
 
 
 def _continued(control: Array, inner: Array, sites: Array) -> Array:
-    """Control points at ``inner``, shape (n, …), and on both sides, at ``sites``, those of a straight continuation."""
+    """Control points at ``inner``, shape (n, …), and on both sides, at ``sites``, those of a
+    straight continuation."""
     before, after = sites[sites < inner[0] - 1e-9], sites[sites > inner[-1] + 1e-9]
 
     def beyond(at: Array, end: int, next_to: int) -> Array:
         share = (at - inner[end]) / (inner[next_to] - inner[end])
         return np.asarray(
-            control[end] + share.reshape(-1, *[1] * (control.ndim - 1)) * (control[next_to] - control[end])
+            control[end]
+            + share.reshape(-1, *[1] * (control.ndim - 1)) * (control[next_to] - control[end])
         )
 
     return np.concatenate([beyond(before, 0, 1), control, beyond(after, -1, -2)])

@@ -1,13 +1,16 @@
-"""Body-pose feedback: what feet push with besides the plan's forces, because the body is not where it should be.
+"""Body-pose feedback: what feet push with besides the plan's forces, because the body is not where
+it should be.
 
-A wrench w = (m (k_p e_p + k_v ė_p), I (k_R e_R + k_ω ė_R)) pulls the body to its place. It and the plan's own are
-shared among the feet that stand, about the centre of mass where it is; their forces are
+A wrench w = (m (k_p e_p + k_v ė_p), I (k_R e_R + k_ω ė_R)) pulls the body to its place. It and the
+plan's own are shared among the feet that stand, about the centre of mass where it is; their forces
+are
 
-    argmin ‖Σ [1; r×] f − (w + w_planned)‖² + ε Σ ‖f − f_planned‖²,    every f inside a part of its friction cone,
+    argmin ‖Σ [1; r×] f − (w + w_planned)‖² + ε Σ ‖f − f_planned‖²,    every f inside a part of its
+    friction cone,
 
-so that a foot that has not landed is made up for, and one that is near its cone's border is spared. That part is never
-less than what the plan itself uses, as on a slope of nearly atan μ: forces that were cut there would not carry the
-body. The position loops of the joints stay beneath it.
+so that a foot that has not landed is made up for, and one that is near its cone's border is spared.
+That part is never less than what the plan itself uses, as on a slope of nearly atan μ: forces that
+were cut there would not carry the body. The position loops of the joints stay beneath it.
 """
 
 from __future__ import annotations
@@ -36,10 +39,10 @@ PLANNED = 0.95
 class BodyFeedback:
     """Gains of the pull of a body to its place; all in units of its own mass and inertia.
 
-    position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback. cone_share: of μ that
-    forces may use, more where the plan does. least_share: of the weight that a foot which stands presses with, at
-    least. step_s: feet in the air step aside by what the body's velocity error makes in this time; for walks it is set
-    by how high the robot stands.
+    position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback.
+    cone_share: of μ that forces may use, more where the plan does. least_share: of the weight that
+    a foot which stands presses with, at least. step_s: feet in the air step aside by what the
+    body's velocity error makes in this time; for walks it is set by how high the robot stands.
     """
 
     position_s2: float = 80.0
@@ -70,10 +73,18 @@ class BodyPose:
 
 
 class BodyController:
-    """Forces of the feet for one robot. inertia_kgm2: of the whole robot in the base's frame, shape (3, 3)."""
+    """Forces of the feet for one robot. inertia_kgm2: of the whole robot in the base's frame, shape
+    (3, 3)."""
 
-    def __init__(self, mass_kg: float, inertia_kgm2: Array, weight_n: float, feedback: BodyFeedback) -> None:
-        self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
+    def __init__(
+        self, mass_kg: float, inertia_kgm2: Array, weight_n: float, feedback: BodyFeedback
+    ) -> None:
+        self._mass, self._inertia, self._weight, self._feedback = (
+            mass_kg,
+            inertia_kgm2,
+            weight_n,
+            feedback,
+        )
         self._rows: dict[int, Rows[_Asked]] = {}
         self._log = pinocchio().log3
         self._shares: tuple[Samples | None, Array] = None, np.zeros(0)
@@ -85,41 +96,60 @@ class BodyController:
         late = wanted.velocity - found.velocity
         force = gains.position_s2 * (wanted.origin_m - found.origin_m) + gains.velocity_s * late[:3]
         away = self._log(wanted.rotation @ turn.T)
-        moment = turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
+        moment = (
+            turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
+        )
         return np.concatenate([self._mass * force, moment])
 
     def planned(self, sample: Samples, stands: NDArray[np.bool_]) -> Array:
-        """``forces`` of a body that is where it should be, over feet that are; they stay while what is planned does."""
-        parts = sample.forces_n, sample.wrench, sample.arms_m[stands], sample.frames[stands], sample.friction
+        """``forces`` of a body that is where it should be, over feet that are; they stay while what
+        is planned does."""
+        parts = (
+            sample.forces_n,
+            sample.wrench,
+            sample.arms_m[stands],
+            sample.frames[stands],
+            sample.friction,
+        )
         key = (stands.tobytes(), *(part.tobytes() for part in parts))
         if key != self._asked[0]:
-            self._asked = key, self.forces(np.zeros(6), sample, sample.arms_m, sample.forces_n, stands)
+            self._asked = (
+                key,
+                self.forces(np.zeros(6), sample, sample.arms_m, sample.forces_n, stands),
+            )
         return self._asked[1]
 
     def forces(
-        self, wrench: Array, sample: Samples, arms_m: Array, planned_n: Array, stands: NDArray[np.bool_]
+        self,
+        wrench: Array,
+        sample: Samples,
+        arms_m: Array,
+        planned_n: Array,
+        stands: NDArray[np.bool_],
     ) -> Array:
         """Forces of all feet, those of the plan and the wrench together, shape (N, 3) [N].
 
-        arms_m: feet from the centre of mass, shape (N, 3), world frame. stands: who touches; others get what is
-        planned.
+        arms_m: feet from the centre of mass, shape (N, 3), world frame. stands: who touches; others
+        get what is planned.
         """
         if not stands.any():
             return planned_n
-        its = slice(None) if stands.all() else stands
-        frames = sample.frames[its]
+        rows = slice(None) if stands.all() else stands
+        frames = sample.frames[rows]
         wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
-        maps = np.concatenate([frames, TURNING * skew(arms_m[its]) @ frames], axis=1)
-        planned = np.einsum("nik,ni->nk", frames, planned_n[its])
-        asked = _Asked(
-            arms=maps.transpose(1, 0, 2).reshape(6, -1), wanted=wanted, planned=planned / self._weight,
-            friction=self._friction(sample)[its],
-        )  # fmt: skip
-        solution = self._program(len(frames)).solve(asked)
+        maps = np.concatenate([frames, TURNING * skew(arms_m[rows]) @ frames], axis=1)
+        planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
+        question = _Asked(
+            arms=maps.transpose(1, 0, 2).reshape(6, -1),
+            wanted=wanted,
+            planned=planned / self._weight,
+            friction=self._friction(sample)[rows],
+        )
+        solution = self._program(len(frames)).solve(question)
         force = self._weight * solution.value("forces") if solution.solved else planned
-        found = np.array(planned_n)
-        found[its] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
-        return found
+        result = np.array(planned_n)
+        result[rows] = np.einsum("nik,nk->ni", frames, self._inside(force, question.friction))
+        return result
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
@@ -128,7 +158,9 @@ class BodyController:
         return self._shares[1]
 
     def _found_friction(self, sample: Samples) -> Array:
-        used = sample.across_n / np.maximum(sample.along_n, self._feedback.least_share * self._weight)
+        used = sample.across_n / np.maximum(
+            sample.along_n, self._feedback.least_share * self._weight
+        )
         share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
         return np.asarray(np.maximum(share, np.minimum(used, most)))
 
@@ -156,14 +188,15 @@ class BodyController:
         tolerance; forces: in their frames."""
         along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
         share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
-        found = np.empty_like(force)
-        found[:, 0], found[:, 1:] = along, share[:, None] * force[:, 1:]
-        return found
+        forces_inside = np.empty_like(force)
+        forces_inside[:, 0], forces_inside[:, 1:] = along, share[:, None] * force[:, 1:]
+        return forces_inside
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Asked:
-    """arms: maps forces to their sum and moment, (6, 3n); wanted: of these, (6,); planned: (n, 3); friction: (n,)."""
+    """arms: maps forces to their sum and moment, (6, 3n); wanted: of these, (6,); planned: (n, 3);
+    friction: (n,)."""
 
     arms: Array
     wanted: Array
@@ -173,6 +206,6 @@ class _Asked:
 
 def skew(v: Array) -> Array:
     """[v]×, shape (n, 3) to (n, 3, 3)."""
-    found = np.zeros((len(v), 3, 3))
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return found - found.transpose(0, 2, 1)
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return matrices - matrices.transpose(0, 2, 1)

@@ -1,10 +1,12 @@
-"""The closed loop: observe, choose an envelope, plan, verify, forward the next key frames, and look again.
+"""The closed loop: observe, choose an envelope, plan, verify, forward the next key frames, and look
+again.
 
-A policy is a callable from an observation to the planner of the next key frames: a trained selector that chooses an
-envelope, or always the same. Where the robot is not where its plan has it, the rest is planned anew from where it is
-measured to stand. Feet that slid, and feet that held, tell how much friction there really is, as an interval: plans
-are made for its lower end, and for the most likely only where that has none. Feet tell where surfaces are, too, and a
-step onto nothing is undone and planned anew without that place. Where there is no such plan the robot stands still.
+A policy is a callable from an observation to the planner of the next key frames: a trained selector
+that chooses an envelope, or always the same. Where the robot is not where its plan has it, the rest
+is planned anew from where it is measured to stand. Feet that slid, and feet that held, tell how
+much friction there really is, as an interval: plans are made for its lower end, and for the most
+likely only where that has none. Feet tell where surfaces are, too, and a step onto nothing is
+undone and planned anew without that place. Where there is no such plan the robot stands still.
 """
 
 from __future__ import annotations
@@ -60,25 +62,36 @@ class ClosedLoop:
     """
 
     def __init__(
-        self, course: Problem, runner: Runner, policy: Policy | None = None, settings: LoopSettings = LoopSettings()
+        self,
+        course: Problem,
+        runner: Runner,
+        policy: Policy | None = None,
+        settings: LoopSettings = LoopSettings(),
     ) -> None:
         planner = TwoStageCoursePlanner()
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
-        self._planning = Replanner(course, policy or (lambda observation: planner), settings, runner, self._friction)
+        self._planning = Replanner(
+            course, policy or (lambda observation: planner), settings, runner, self._friction
+        )
         self._frame = self._replans = self._stuck = 0
         self._least = len(course.footholds)
-        self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
+        self._kinematics = Kinematics(
+            course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2
+        )
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
         self._surfaces = list[str]()
         self._seconds = self._worst = 0.0
 
-    def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
-        """Walk. terrain: what the world really has, where that is not the course's. first: a plan of the whole course
-        to begin with, where there is one already.
+    def run(
+        self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None
+    ) -> LoopReport:
+        """Walk. terrain: what the world really has, where that is not the course's. first: a plan
+        of the whole course to begin with, where there is one already.
 
-        Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in the report.
+        Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in
+        the report.
         """
         begin, runner = time.perf_counter(), self.runner
         prepared = self._ready(None) if first is None else runner.prepare(first)
@@ -87,15 +100,29 @@ class ClosedLoop:
         prepared = self._prepared
         final = float("nan")
         if runner.state is not None:
-            final = float(np.linalg.norm(measured_com_m(prepared.kinematics, runner.state) - prepared.motion.goal_m))
+            final = float(
+                np.linalg.norm(
+                    measured_com_m(prepared.kinematics, runner.state) - prepared.motion.goal_m
+                )
+            )
         if not message and final > self.settings.goal_m:
             message = f"the centre of mass ended {1e3 * final:.0f} mm from its last plan's"
         report = LoopReport(
-            succeeded=not message, message=message, ended=ended, plans=self._planning.plans, replans=self._replans,
-            frames=self._frame, friction=self._friction.interval, planned_share=self._planning.counted,
-            surfaces="; ".join(self._surfaces), com_final_m=final, deviation_m=self._worst, seconds=self._seconds,
-            plan_s=self._planning.plan_s, wall_s=time.perf_counter() - begin,
-        )  # fmt: skip
+            succeeded=not message,
+            message=message,
+            ended=ended,
+            plans=self._planning.plans,
+            replans=self._replans,
+            frames=self._frame,
+            friction=self._friction.interval,
+            planned_share=self._planning.counted,
+            surfaces="; ".join(self._surfaces),
+            com_final_m=final,
+            deviation_m=self._worst,
+            seconds=self._seconds,
+            plan_s=self._planning.plan_s,
+            wall_s=time.perf_counter() - begin,
+        )
         runner.log.write("verdict", report.to_json())
         return report
 
@@ -109,7 +136,8 @@ class ClosedLoop:
         return ""
 
     def _stretch(self, prepared: Prepared[PlanMotion]) -> bool:
-        """One plan to its end, or to where it is left for another, which is made; whether it was the last."""
+        """One plan to its end, or to where it is left for another, which is made; whether it was
+        the last."""
         runner = self.runner
         record, begun = Record(), self._frame
         self._watch()
@@ -125,7 +153,9 @@ class ClosedLoop:
         if self._fell.any():
             target, state = self._undone(prepared, record, begun)
         elif self._slid:
-            target, state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
+            target, state, seconds = self._recovery.recover(
+                prepared.motion.plan, record, shares, self._feel
+            )
             self._seconds += seconds
         left = self._steps_left
         self._stuck = 0 if left < self._least else self._stuck + 1
@@ -152,24 +182,33 @@ class ClosedLoop:
         self._begun_m: float | None = None
 
     def _feel(self, record: Record, part: float = 1.0) -> Shares:
-        """Shares of the plan's friction that there may be, the lower end first, with what this record says of it.
+        """Shares of the plan's friction that there may be, the lower end first, with what this
+        record says of it.
 
         part: of the plan's friction that the record's targets count on.
         """
         if self.settings.learn_friction:
             self._friction.add(record, part * self._planning.planned_share)
-        found = self._friction.interval
-        return tuple(share / self._planning.planned_share for share in dict.fromkeys((found.planned_on, found.share)))
+        interval = self._friction.interval
+        return tuple(
+            share / self._planning.planned_share
+            for share in dict.fromkeys((interval.planned_on, interval.share))
+        )
 
-    def _undone(self, prepared: Prepared[PlanMotion], record: Record, begun: int) -> tuple[Target, State]:
-        """The step that came down on nothing is taken back, and its place is forgotten; where that leads to."""
+    def _undone(
+        self, prepared: Prepared[PlanMotion], record: Record, begun: int
+    ) -> tuple[Target, State]:
+        """The step that came down on nothing is taken back, and its place is forgotten; where that
+        leads to."""
         runner, plan = self.runner, prepared.motion.plan
         target, state = record.pairs[-1]
         places = list[tuple[Patch, NDArray[np.float64]]]()
         for limb in np.flatnonzero(self._fell):
             patch = plan.problem.patch(int(target.sample.foothold[limb]), plan.choice)
             places.append((patch, state.feet_m[limb]))
-            self._surfaces.append(f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}")
+            self._surfaces.append(
+                f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}"
+            )
             runner.decide("step back", self._surfaces[-1])
         back = step_back(runner, prepared, self._frame - begun, state)
         self._count(back, begun)
@@ -177,16 +216,24 @@ class ClosedLoop:
             self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)
         return back.pairs[-1]
 
-    def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
-        """The next plan, from where the robot is measured to stand, or else from where it should."""
+    def _next(
+        self, before: Prepared[PlanMotion], target: Target, state: State
+    ) -> Prepared[PlanMotion]:
+        """The next plan, from where the robot is measured to stand, or else from where it
+        should."""
         index, plan = round(float(target.sample.frame)), before.motion.plan
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         held = [plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[index]]
-        patches = tuple(patch.with_friction(patch.friction / self._planning.planned_share) for patch in held)
+        patches = tuple(
+            patch.with_friction(patch.friction / self._planning.planned_share) for patch in held
+        )
         ends = Standing(
-            com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches,
+            com_m=plan.com_m[index],
+            rotation_rad=plan.rotation_rad[index],
+            toes_m=plan.toes_at(index),
+            patches=patches,
             angles_rad=near,
-        )  # fmt: skip
+        )
         starts = [ends]
         if before.sees:
             offsets = found_offsets(patches, state, self._kinematics)
@@ -195,7 +242,9 @@ class ClosedLoop:
                 self._surfaces.append(offsets.line)
                 self.runner.decide("surfaces", offsets.line)
             moved = tuple(map(offsets.moved, patches))
-            measured = estimate_standing(moved, state, self._kinematics, self._planning.course.terrain)
+            measured = estimate_standing(
+                moved, state, self._kinematics, self._planning.course.terrain
+            )
             starts = ([] if measured is None else [measured]) + ([] if offsets.planes else [ends])
         course, servo = self._planning.course, self.runner.world.servo
         failures = []
@@ -205,7 +254,8 @@ class ClosedLoop:
             pace = 1.0 / (1.0 + self._stuck)  # legs that swing more slowly push feet less
             try:
                 return self._ready(
-                    standing, Resumption(kinematics=kinematics, carried_n=target.sample.forces_n, pace=pace)
+                    standing,
+                    Resumption(kinematics=kinematics, carried_n=target.sample.forces_n, pace=pace),
                 )
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
@@ -213,14 +263,21 @@ class ClosedLoop:
         why = failures[0] if failures else "a foot left its patch"
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
-    def _ready(self, standing: Standing | None, resumption: Resumption | None = None) -> Prepared[PlanMotion]:
-        """A plan from there, prepared. Where joints or bodies cannot do what contacts can: a bent one, and where they
-        cannot do that, either, one of the next key frames alone, as what cannot be done is often far ahead."""
+    def _ready(
+        self, standing: Standing | None, resumption: Resumption | None = None
+    ) -> Prepared[PlanMotion]:
+        """A plan from there, prepared. Where joints or bodies cannot do what contacts can: a bent
+        one, and where they cannot do that, either, one of the next key frames alone, as what cannot
+        be done is often far ahead."""
         runner, course = self.runner, self._planning.course
 
         def made(limits: WholeBodyLimits | None, horizon: int) -> Prepared[PlanMotion]:
-            self._planning.course = course  # what was put in for a plan that cannot be run is forgotten
-            accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits, horizon=horizon)
+            self._planning.course = (
+                course  # what was put in for a plan that cannot be run is forgotten
+            )
+            accepted = self._planning.plan(
+                self._frame, standing, slid=self._slid, limits=limits, horizon=horizon
+            )
             return runner.prepare(accepted, resumption)
 
         if standing is None:  # a log begins with its plan
@@ -241,7 +298,8 @@ class ClosedLoop:
         raise failed
 
     def _astray(self, target: Target, state: State) -> bool:
-        """Feet slide or came down on nothing, or all stand and the robot is astray; where anything is done about it."""
+        """Feet slide or came down on nothing, or all stand and the robot is astray; where anything
+        is done about it."""
         if not self.runner.world.capabilities.has_body_pose:
             return False
         if self._prepared.sees:

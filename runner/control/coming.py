@@ -22,8 +22,9 @@ Expected = tuple[Samples, Array]
 class Coming:
     """Samples of one motion at the times that its tracker asks for.
 
-    The next periods are looked up with the one that is asked for, twice as many each time as long as they are asked
-    for to the last. A motion that slows down, or waits, asks for others, and begins with a single one again.
+    The next periods are looked up with the one that is asked for, twice as many each time as long
+    as they are asked for to the last. A motion that slows down, or waits, asks for others, and
+    begins with a single one again.
     """
 
     def __init__(self, motion: Motion, wished: RedundancyResolution, period_s: float) -> None:
@@ -41,9 +42,9 @@ class Coming:
     def _look_up(self, time_s: float, pace: float) -> None:
         """Find what is expected from a time on; what was asked for last is kept."""
         self._count = min(2 * self._count, AHEAD) if self._asked == self._last else 1
-        kept = {self._asked: self._known[self._asked]} if self._asked in self._known else {}
+        known = {self._asked: self._known[self._asked]} if self._asked in self._known else {}
         times = list(accumulate([pace * self._period_s] * (self._count - 1), initial=time_s))
         when = np.array(times)
-        found = zip(self._motion.at(when).rows(), self._wished.at(when), strict=True)
-        self._known = kept | dict(zip(times, found, strict=True))
+        samples = zip(self._motion.at(when).rows(), self._wished.at(when), strict=True)
+        self._known = known | dict(zip(times, samples, strict=True))
         self._last = times[-1]

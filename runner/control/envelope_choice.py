@@ -1,6 +1,8 @@
-"""Selectors as policies: the envelopes that a trained selector chooses for the coming stances, and a planner in them.
+"""Selectors as policies: the envelopes that a trained selector chooses for the coming stances, and
+a planner in them.
 
-Where P1 has no plan within the chosen envelopes, the lift plans, which needs none: a bad choice costs time only.
+Where P1 has no plan within the chosen envelopes, the lift plans, which needs none: a bad choice
+costs time only.
 """
 
 from __future__ import annotations
@@ -22,7 +24,14 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Stance
-from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, check_fits_one, mirrored, mirrored_box
+from stancekit.planners.relaxation.boxes import (
+    MIRROR,
+    StanceBoxes,
+    boxes_of,
+    check_fits_one,
+    mirrored,
+    mirrored_box,
+)
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
@@ -33,31 +42,37 @@ from .estimation import nearest_on
 from .replanning import Observation
 
 ROOM = 0.05
-"""By which boxes are widened on every side, non-dimensional: they are learned for one stance, and the stances of a
-window share toes and a body that steps."""
+"""By which boxes are widened on every side, non-dimensional: they are learned for one stance, and
+the stances of a window share toes and a body that steps."""
 NODES = 20
-"""Most choices of candidates that are looked at within boxes before the lift is asked, which is quicker."""
+"""Most choices of candidates that are looked at within boxes before the lift is asked, which is
+quicker."""
 RADIUS = 0.1
-"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of what is learned."""
+"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of
+what is learned."""
 
 
 class Predictor(Protocol):
-    """Whatever predicts as policies of stable-baselines3 do: every selector, every trained agent."""
+    """Whatever predicts as policies of stable-baselines3 do: every selector, every trained
+    agent."""
 
     def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
-        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more envelopes, and a state,
-        which is not looked at."""
+        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more
+        envelopes, and a state, which is not looked at."""
         ...
 
 
 class SelectorPolicy:
-    """The policy that asks a selector about every coming stance of its legs, and plans within what it chooses.
+    """The policy that asks a selector about every coming stance of its legs, and plans within what
+    it chooses.
 
-    learned: of the selector's problem class: its legs, normals and scales count, its boxes do not. planners: what it
-    answered so far.
+    learned: of the selector's problem class: its legs, normals and scales count, its boxes do not.
+    planners: what it answered so far.
     """
 
-    def __init__(self, selector: Predictor, learned: EnvelopeSet, programs: Programs | None = None) -> None:
+    def __init__(
+        self, selector: Predictor, learned: EnvelopeSet, programs: Programs | None = None
+    ) -> None:
         self.learned, self.planners = learned, list[EnvelopeOrLift]()
         self._selector, self._programs = selector, programs or Programs()
         self._lift = TwoStageCoursePlanner(programs=self._programs)
@@ -71,11 +86,17 @@ class SelectorPolicy:
         return self.planners[-1]
 
     def check_fits(self, course: Problem) -> None:
-        """Raise InvalidInput for a course of which no stance is by the selector's legs: it would never be asked."""
+        """Raise InvalidInput for a course of which no stance is by the selector's legs: it would
+        never be asked."""
         names = course.robot.limb_names
-        if not any({names[limb] for limb in stance.limbs} == set(self.learned.legs) for stance in course.stances):
+        if not any(
+            {names[limb] for limb in stance.limbs} == set(self.learned.legs)
+            for stance in course.stances
+        ):
             legs = ", ".join(self.learned.legs)
-            raise InvalidInput(f"policy: expected a selector for stances of {course.name}, got one for {legs}")
+            raise InvalidInput(
+                f"policy: expected a selector for stances of {course.name}, got one for {legs}"
+            )
 
     @property
     def answers(self) -> tuple[int, int]:
@@ -86,19 +107,24 @@ class SelectorPolicy:
 
 
 class SelectorPlanner:
-    """The planner that asks a selector about every stance of its course, and plans within what it chooses.
+    """The planner that asks a selector about every stance of its course, and plans within what it
+    chooses.
 
-    learned: as for ``SelectorPolicy``. Raises InvalidInput for a course with a stance that is not by its legs.
+    learned: as for ``SelectorPolicy``. Raises InvalidInput for a course with a stance that is not
+    by its legs.
     """
 
     name = "two-stage"
     reserve = True
 
-    def __init__(self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None) -> None:
+    def __init__(
+        self, selector: Predictor, learned: EnvelopeSet, *, programs: Programs | None = None
+    ) -> None:
         self._selector, self._learned, self._programs = selector, learned, programs or Programs()
 
     def check_fits(self, course: Problem) -> None:
-        """Raise InvalidInput for a course without a stance by legs and on patches that were learned for."""
+        """Raise InvalidInput for a course without a stance by legs and on patches that were learned
+        for."""
         check_fits_one(course, self._learned)
 
     def solve(self, course: Problem) -> Answer[Plan]:
@@ -117,58 +143,90 @@ def within_chosen(
     boxes = chosen(selector, learned, course)
     if boxes is None:
         legs = ", ".join(learned.legs)
-        raise InvalidInput(f"{course.name}: expected stances by {legs} or the legs opposite to them, got others")
+        raise InvalidInput(
+            f"{course.name}: expected stances by {legs} or the legs opposite to them, got others"
+        )
     boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
     return EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=programs)
 
 
 def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> StanceBoxes | None:
-    """The boxes that a selector chooses for every stance of a course; None where one is not by its legs.
+    """The boxes that a selector chooses for every stance of a course; None where one is not by its
+    legs.
 
-    It is asked about the first candidate of every toe that grips, with which a search within boxes begins, too.
-    A stance by the legs on the other side is shown to it in the mirror, and its box mirrored back. What it sees is as
-    what it learned from: from the nominal centre of mass, the legs in its order.
+    It is asked about the first candidate of every toe that grips, with which a search within boxes
+    begins, too. A stance by the legs on the other side is shown to it in the mirror, and its box
+    mirrored back. What it sees is as what it learned from: from the nominal centre of mass, the
+    legs in its order.
     """
     names, (legs, image) = course.robot.limb_names, _sides(learned, course)
     rows = []
     for stance in course.stances:
         standing = [names[limb] for limb in stance.limbs]
-        own = set(standing) == set(legs)
-        if not own and set(standing) != set(image):
+        same_legs = set(standing) == set(legs)
+        if not same_legs and set(standing) != set(image):
             return None
-        action = np.asarray(selector.predict(seen(course, stance, legs if own else image, not own))[0], dtype=float)
+        action = np.asarray(
+            selector.predict(seen(course, stance, legs if same_legs else image, not same_legs))[0],
+            dtype=float,
+        )
         boxes = [Envelope.from_vector(row) for row in action.reshape(-1, 12 * len(legs))]
-        columns = [(legs if own else image).index(name) for name in standing]
-        turned = boxes if own else [mirrored_box(box) for box in boxes]
+        columns = [(legs if same_legs else image).index(name) for name in standing]
+        turned = boxes if same_legs else [mirrored_box(box) for box in boxes]
         rows.append([(box.low[columns], box.high[columns]) for box in turned])
     each = [
-        Envelope(**{end: np.concatenate([row[e][k] for row in rows]) for k, end in enumerate(("low", "high"))})
+        Envelope(
+            **{
+                end: np.concatenate([row[e][k] for row in rows])
+                for k, end in enumerate(("low", "high"))
+            }
+        )
         for e in range(len(rows[0]))
     ]
     return StanceBoxes(problem_class=learned.problem_class, boxes=tuple(each))
 
 
-def seen(course: Problem, stance: Stance, legs: Sequence[str], mirror: bool) -> dict[str, NDArray[np.float32]]:
-    """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image; legs: in this order."""
-    choice = [int(np.argmax([patch.friction > 0.0 for patch in each.candidates])) for each in course.footholds]
+def seen(
+    course: Problem, stance: Stance, legs: Sequence[str], mirror: bool
+) -> dict[str, NDArray[np.float32]]:
+    """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image; legs:
+    in this order."""
+    choice = [
+        int(np.argmax([patch.friction > 0.0 for patch in each.candidates]))
+        for each in course.footholds
+    ]
     problem = course.posture_problem(stance, choice)
-    by_leg, turn = {contact.leg: contact for contact in problem.contacts}, MIRROR if mirror else np.ones(3)
+    by_leg, turn = (
+        {contact.leg: contact for contact in problem.contacts},
+        MIRROR if mirror else np.ones(3),
+    )
     contacts, radius = [], RADIUS * course.length_scale_m
     for leg in legs:
         contact = by_leg[leg]
-        toe = course.footholds[int(course.holds[stance.frame, course.robot.limb_names.index(leg)])].toe_m
-        corners = about(contact.patch, problem.com_nominal_m[0] + contact.shoulder_m if toe is None else toe, radius)
+        toe = course.footholds[
+            int(course.holds[stance.frame, course.robot.limb_names.index(leg)])
+        ].toe_m
+        corners = about(
+            contact.patch,
+            problem.com_nominal_m[0] + contact.shoulder_m if toe is None else toe,
+            radius,
+        )
         way = -1 if mirror else 1  # in the mirror a border goes round the other way
         patch = replace(
-            contact.patch, vertices_m=(turn * (corners - problem.com_nominal_m[0]))[::way],
-            normal=turn * contact.patch.normal, shear_reference=turn * contact.patch.shear_reference,
-        )  # fmt: skip
+            contact.patch,
+            vertices_m=(turn * (corners - problem.com_nominal_m[0]))[::way],
+            normal=turn * contact.patch.normal,
+            shear_reference=turn * contact.patch.shear_reference,
+        )
         contacts.append(replace(contact, patch=patch, shoulder_m=turn * contact.shoulder_m))
-    return observe(Scaled.of(problem.posture_with(contacts=tuple(contacts), com_nominal_m=np.zeros(3))))
+    return observe(
+        Scaled.of(problem.posture_with(contacts=tuple(contacts), com_nominal_m=np.zeros(3)))
+    )
 
 
 def _sides(learned: EnvelopeSet, course: Problem) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The legs that were learned for, and those opposite to them in the same order; none of a robot without such."""
+    """The legs that were learned for, and those opposite to them in the same order; none of a robot
+    without such."""
     try:
         return learned.legs, mirrored(learned, course.robot).legs
     except InvalidInput:
@@ -178,8 +236,8 @@ def _sides(learned: EnvelopeSet, course: Problem) -> tuple[tuple[str, ...], tupl
 def about(patch: Patch, point_m: Array, radius_m: float) -> Array:
     """A triangle as selectors learn from, for where on a patch a toe will be, shape (3, 3) [m].
 
-    The largest of the patch's corners, where its circumradius is no larger than radius_m; else an equilateral one of
-    that radius about the point of the patch that is nearest to ``point_m``.
+    The largest of the patch's corners, where its circumradius is no larger than radius_m; else an
+    equilateral one of that radius about the point of the patch that is nearest to ``point_m``.
     """
     largest = triangular(patch).vertices_m
     sides = np.linalg.norm(np.roll(largest, -1, axis=0) - largest, axis=1)
@@ -188,25 +246,31 @@ def about(patch: Patch, point_m: Array, radius_m: float) -> Array:
         return largest
     angles = 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
     _, across, up = patch.frame.T
-    return np.asarray(nearest_on(patch, point_m) + radius_m * (np.cos(angles) * across + np.sin(angles) * up))
+    return np.asarray(
+        nearest_on(patch, point_m) + radius_m * (np.cos(angles) * across + np.sin(angles) * up)
+    )
 
 
 def triangular(patch: Patch) -> Patch:
-    """The largest triangle of a patch's corners: selectors learn from triangles, and observations hold no more."""
+    """The largest triangle of a patch's corners: selectors learn from triangles, and observations
+    hold no more."""
     corners = patch.vertices_m
     _, across, up = patch.frame.T
-    best, found = -1.0, (0, 1, 2)
+    best, result = -1.0, (0, 1, 2)
     for i in range(len(corners) - 2):
         away = corners[i + 1 :] - corners[i]
-        areas = np.triu(np.abs(np.outer(away @ across, away @ up) - np.outer(away @ up, away @ across)), 1)
+        areas = np.triu(
+            np.abs(np.outer(away @ across, away @ up) - np.outer(away @ up, away @ across)), 1
+        )
         j, k = divmod(int(areas.argmax()), len(away))
         if areas[j, k] > best * (1.0 + 1e-12):
-            best, found = float(areas[j, k]), (i, i + 1 + j, i + 1 + k)
-    return replace(patch, vertices_m=corners[list(found)])
+            best, result = float(areas[j, k]), (i, i + 1 + j, i + 1 + k)
+    return replace(patch, vertices_m=corners[list(result)])
 
 
 class EnvelopeOrLift:
-    """Plans within envelopes, and without where there are none, that fails, or they are not for the course.
+    """Plans within envelopes, and without where there are none, that fails, or they are not for the
+    course.
 
     within_last: whether the last plan is within them; None before there is one.
     """

@@ -20,7 +20,8 @@ from .tracker import Target
 
 ROUNDING_M = 1e-9
 BORDER_M = 0.02
-"""So far beyond its patch's border a foot may have slid and still be taken for standing on the border."""
+"""So far beyond its patch's border a foot may have slid and still be taken for standing on the
+border."""
 
 
 def measured_com_m(kinematics: Kinematics, state: State) -> Array:
@@ -28,7 +29,9 @@ def measured_com_m(kinematics: Kinematics, state: State) -> Array:
     return np.asarray(state.position_m + state.rotation @ kinematics.com_offset(state.angles_rad))
 
 
-def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDArray[np.bool_]) -> float:
+def deviation_m(
+    target: Target, state: State, kinematics: Kinematics, seeks: NDArray[np.bool_]
+) -> float:
     """Distance of the body, or of a foot that stands, from the plan [m]. seeks: feet that do not
     yet, shape (N,)."""
     sample = target.sample
@@ -43,17 +46,21 @@ def estimate_standing(
 ) -> Standing | None:
     """Estimate how the robot stands; None where a foot left its patch.
 
-    patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond its patch stands on what
-    terrain there is in the same plane, or, where it is only a little beyond all that, on the border: what a plan takes
-    feet to be off by, joints would make them slide.
+    patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond its
+    patch stands on what terrain there is in the same plane, or, where it is only a little beyond
+    all that, on the border: what a plan takes feet to be off by, joints would make them slide.
     """
     toes, under = list[Array](), list[Patch]()
     for foot, radius, patch in zip(state.feet_m, kinematics.radii_m, patches, strict=True):
         toe = foot - radius * patch.normal
         inside = nearest_on(patch, toe)
         if _along(patch, inside - toe) > 0.0:
-            around = [(other, nearest_on(other, toe)) for other in terrain if coplanar(patch, other)]
-            patch, inside = min([(patch, inside), *around], key=lambda pair: _along(pair[0], pair[1] - toe))
+            around = [
+                (other, nearest_on(other, toe)) for other in terrain if coplanar(patch, other)
+            ]
+            patch, inside = min(
+                [(patch, inside), *around], key=lambda pair: _along(pair[0], pair[1] - toe)
+            )
         if np.linalg.norm(inside - toe) > BORDER_M:
             return None
         toes.append(inside)

@@ -1,10 +1,11 @@
 """Places where feet are put down: what is added to their planned places, because of what they feel
 and where the body is.
 
-Feet that should touch and do not are lowered. Where the body is measured, feet that have landed, early or late, stay
-where they are, and not where they should have landed; those in the air go to their places in the world, or step to
-where the body falls. Until a foot bears it goes with the body as it is, not as it should be: joints that pull a body
-to its place with a foot that has no friction for it only make that foot slide.
+Feet that should touch and do not are lowered. Where the body is measured, feet that have landed,
+early or late, stay where they are, and not where they should have landed; those in the air go to
+their places in the world, or step to where the body falls. Until a foot bears it goes with the body
+as it is, not as it should be: joints that pull a body to its place with a foot that has no friction
+for it only make that foot slide.
 """
 
 from __future__ import annotations
@@ -26,35 +27,40 @@ SMOOTH_HZ = 60.0
 EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
 QUIET, LISTEN_S = 4.0, 0.5
-"""What a foot feels is a contact above so many standard deviations of what feet in the air felt, about for this time
-[s]. A surface does not pull: what they feel below zero is noise, and half of it."""
+"""What a foot feels is a contact above so many standard deviations of what feet in the air felt,
+about for this time [s]. A surface does not pull: what they feel below zero is noise, and half of
+it."""
 BORNE, BORNE_S = 0.1, 0.1
-"""A foot holds its place in the world, not under the body, until it has felt this share of the weight, about for this
-time [s]: what bears nothing pulls no body to its place, it only slides."""
+"""A foot holds its place in the world, not under the body, until it has felt this share of the
+weight, about for this time [s]: what bears nothing pulls no body to its place, it only slides."""
 LEVEL = 0.5
-"""Feet that step aside come down between the heights that they should have under the body and in the world."""
+"""Feet that step aside come down between the heights that they should have under the body and in
+the world."""
 BEYOND = 1.15
 """They step so much farther than where the body would come to rest over them: it comes back."""
 WITH_FEET = 0.5
-"""A body over feet that stepped aside is pulled to its place, but for this share of what they did."""
+"""A body over feet that stepped aside is pulled to its place, but for this share of what they
+did."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
 GIVES_M = 0.006
 """How far legs and body give, beside what is not known of the ground [m]."""
 FADES = 0.9
-"""What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
+"""What is left after a control period of what a foot that has lifted was lowered, rolled and
+pressed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFeedback:
     """Settings of what feet that feel do.
 
-    touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy. seek_m_s, seek_m:
-    how fast a foot that should touch and does not is lowered, and how far. press_hz: rate at which missing internal
-    forces are summed, on steep surfaces only, 0 for never; press_n, press_share: the most that is added for each foot,
-    and as a share of what it should press with: as much again is missing on ground that yields as legs do, twice as
-    much where it is half as stiff. waits: the motion waits for a foot that should touch. memory_s: of how stiff joint
-    loops were found to be (``LoopStiffness``), 0 to count on what they should be.
+    touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy.
+    seek_m_s, seek_m: how fast a foot that should touch and does not is lowered, and how far.
+    press_hz: rate at which missing internal forces are summed, on steep surfaces only, 0 for never;
+    press_n, press_share: the most that is added for each foot, and as a share of what it should
+    press with: as much again is missing on ground that yields as legs do, twice as much where it is
+    half as stiff. waits: the motion waits for a foot that should touch. memory_s: of how stiff
+    joint loops were found to be (``LoopStiffness``), 0 to count on what they should be.
     """
 
     touch_n: float = 1.5
@@ -67,22 +73,31 @@ class ContactFeedback:
     memory_s: float = 5.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"])
+        check_numbers(
+            self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"]
+        )
 
 
 class FootPlacement:
     """Placement of the feet of one motion.
 
-    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touch_downs_m:
-    how far beyond its place the ground of each foothold may be, 0 of what is exact, shape (P,). touched: which
-    feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3);
-    shift_m: to that of the body, shape (3,).
+    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for
+    never. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
+    exact, shape (P,). touched: which feet have landed, shape (N,). moved_m: what is added to the
+    planned places of all feet, shape (N, 3); shift_m: to that of the body, shape (3,).
     """
 
     def __init__(
-        self, first: Samples, kinematics: Kinematics, feedback: ContactFeedback, *, weight_n: float, step_s: float,
-        period_s: float, touch_downs_m: Array | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        first: Samples,
+        kinematics: Kinematics,
+        feedback: ContactFeedback,
+        *,
+        weight_n: float,
+        step_s: float,
+        period_s: float,
+        touch_downs_m: Array | None = None,
+    ) -> None:
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
         self._most_step = STEP * kinematics.model.stand_height_m
@@ -95,10 +110,14 @@ class FootPlacement:
         deepest = np.minimum(known + GIVES_M, feedback.seek_m)
         self._deepest = np.append(np.where(known > 0.0, deepest, feedback.seek_m), feedback.seek_m)
 
-    def seek(self, now: Samples, then: Samples, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
+    def seek(
+        self, now: Samples, then: Samples, felt_n: Array, late: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Lower feet that should touch and do not; for which that were in the air just now to wait,
+        shape (N,).
 
-        felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.
+        felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be:
+        they come first.
         """
         self._listen(np.minimum(felt_n[~then.stands], 0.0))
         stands, lands, wanted = then.stands, ~now.stands, then.along_n
@@ -106,7 +125,9 @@ class FootPlacement:
         missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
         deepest = self._deepest[np.clip(then.foothold, -1, len(self._deepest) - 1)]
         missing &= (felt_n < self._touch_n) & (self._depth < deepest)
-        self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
+        self._depth = np.where(
+            missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth
+        )
         self._depth = np.where(stands, self._depth, FADES * self._depth)
         return np.asarray((missing & lands) | late)
 
@@ -119,44 +140,61 @@ class FootPlacement:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""
         if below_n.size:
             self._listened = min(self._listened + self._period_s, LISTEN_S)
-            self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * self._period_s / self._listened
+            self._variance += (
+                (2.0 * float(np.mean(below_n**2)) - self._variance)
+                * self._period_s
+                / self._listened
+            )
 
     def follow(
-        self, now: Samples, then: Samples, felt_n: Array, rolled_m: Array, seen: tuple[State, BodyPose] | None
+        self,
+        now: Samples,
+        then: Samples,
+        felt_n: Array,
+        rolled_m: Array,
+        seen: tuple[State, BodyPose] | None,
     ) -> None:
         """Find ``touched`` and ``moved_m``, which goes smoothly to where it should be.
 
-        rolled_m: how far feet have rolled, shape (N, 3). seen: the robot, and where its body should be; None where that
-        is not measured.
+        rolled_m: how far feet have rolled, shape (N, 3). seen: the robot, and where its body should
+        be; None where that is not measured.
         """
         stands, goal = then.stands, np.zeros_like(self.moved_m)
         if seen is None:
             self.touched = stands
         else:
-            found, body = seen
-            landed = self._land(now, then, felt_n, found, rolled_m)
+            state, body = seen
+            landed = self._land(now, then, felt_n, state, rolled_m)
             self._lean(then, landed)
-            step = self._step(found, body, then)
+            step = self._step(state, body, then)
             self._stepped = np.where((stands | self.touched)[:, None], self._stepped, step)
             placed = np.where(self.touched[:, None], self._landed, then.feet_m + self._stepped)
             origin = body.origin_m + self.shift_m
-            carried = origin + (placed - found.position_m) @ found.rotation @ body.rotation.T - placed
+            carried = (
+                origin + (placed - state.position_m) @ state.rotation @ body.rotation.T - placed
+            )
             shift = np.where(self.touched[:, None], self.shift_m, 0.0)
             goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
             self._stay(then, early=self.touched & ~stands, landed=landed)
         self._planned = then.feet_m
         away = goal - self._depth[:, None] * then.normals - self.moved_m
-        turns = SMOOTH_HZ * self._period_s  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
+        turns = (
+            SMOOTH_HZ * self._period_s
+        )  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
         coming, left = self._drift - SMOOTH_HZ * away, np.exp(-turns)
         self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
         self._drift = left * (self._drift - turns * coming)
 
-    def _land(self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array) -> NDArray[np.bool_]:
+    def _land(
+        self, now: Samples, then: Samples, felt: Array, found: State, rolled: Array
+    ) -> NDArray[np.bool_]:
         """Find the feet that land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
         early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
-        self.touched = (stands & (before | (felt >= self._touch_n))) | (~stands & comes & (before | early))
+        self.touched = (stands & (before | (felt >= self._touch_n))) | (
+            ~stands & comes & (before | early)
+        )
         feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
         landed = self.touched & ~before
         self._landed = np.where(landed[:, None], feet - rolled, self._landed)
@@ -164,16 +202,19 @@ class FootPlacement:
         return np.asarray(landed)
 
     def _stay(self, then: Samples, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
-        """Feet that have landed early stop at once, although their path goes on: late, they would push the ground."""
-        self.moved_m = np.where(early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m)
+        """Feet that have landed early stop at once, although their path goes on: late, they would
+        push the ground."""
+        self.moved_m = np.where(
+            early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m
+        )
         self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
 
     def _free(self, carried: Array, felt: Array, then: Samples) -> Array:
         """Part that feet take of the way from their places to those for a body that is where it
         should be, (N, 3) [m].
 
-        All of it until they bear; of those that step aside with the body, in the air, half of what is along their
-        normals. carried: that way, shape (N, 3).
+        All of it until they bear; of those that step aside with the body, in the air, half of what
+        is along their normals. carried: that way, shape (N, 3).
         """
         gone = np.minimum(np.maximum(felt / (BORNE * self._weight), 0.0), 1.0) - self._borne
         self._borne = np.where(self.touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
@@ -184,8 +225,8 @@ class FootPlacement:
         return np.asarray(np.where(self.touched[:, None], bears, LEVEL * up))
 
     def _lean(self, then: Samples, landed: NDArray[np.bool_]) -> None:
-        """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips over them, the other
-        way; one that goes with its feet never comes back."""
+        """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips
+        over them, the other way; one that goes with its feet never comes back."""
         self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
         bear = np.where(self.touched & then.stands, then.forces_n[:, 2].clip(0.0), 0.0)
         if self._step_s > 0.0 and bear.any():

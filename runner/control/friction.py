@@ -1,13 +1,15 @@
-"""Friction estimated from what feet feel: those that slid say how much there is, those that held say how much at least.
+"""Friction estimated from what feet feel: those that slid say how much there is, those that held
+say how much at least.
 
-A foot that slides feels |f_t| = s μ f_n, where μ is the course's friction and s the share of it that there is; one
-that holds feels |f_t| ≤ s μ f_n. With ratios r = |f_t| / (μ f_n), σ of a slide and σ_h of a stance that held,
+A foot that slides feels |f_t| = s μ f_n, where μ is the course's friction and s the share of it
+that there is; one that holds feels |f_t| ≤ s μ f_n. With ratios r = |f_t| / (μ f_n), σ of a slide
+and σ_h of a stance that held,
 
     log L(s) = − Σ_slides (s − r)² / 2σ² + Σ_held log Φ((s − r) / σ_h),    0 < s ≤ 1,
 
-and the interval is that of 90 % of L, a flat prior below the course's friction. Without a slide it is one-sided. It is
-as good as the noise that is counted on: in simulated climbs s was .01 to .03 too high, which the noise does not cover
-(docs/running-on-a-robot.md).
+and the interval is that of 90 % of L, a flat prior below the course's friction. Without a slide it
+is one-sided. It is as good as the noise that is counted on: in simulated climbs s was .01 to .03
+too high, which the noise does not cover (docs/running-on-a-robot.md).
 """
 
 from __future__ import annotations
@@ -30,13 +32,15 @@ BLOCK_S = 0.05
 STOOD_S = 0.1
 """A foot that was put down less than this ago may still find its place."""
 SLIDES_M_S, HELD_M_S = 0.01, 0.002
-"""A foot that should stand and moves faster than this slides, one that is slower than that holds."""
+"""A foot that should stand and moves faster than this slides, one that is slower than that
+holds."""
 LOADED_N = 3.0
 CARRIED = 0.5
-"""Of what feet together should carry; where they carry less the body falls, and what they feel is no friction."""
+"""Of what feet together should carry; where they carry less the body falls, and what they feel is
+no friction."""
 SHARED_NOISE, SLIDE_NOISE, HELD_NOISE = 0.015, 0.015, 0.03
-"""Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread within it and between
-slides; σ_h of the largest ratio that held."""
+"""Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread
+within it and between slides; σ_h of the largest ratio that held."""
 CHANGED = 3.0
 """Evidence so many standard deviations above a slide that comes after it was of other ground."""
 NEWEST = 4
@@ -47,8 +51,8 @@ TAIL = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionInterval:
-    """Shares of the course's friction: the most likely, and the ends of 90 % of the likelihood. slides, held: how many
-    stances slid, and how many held, that it is estimated from."""
+    """Shares of the course's friction: the most likely, and the ends of 90 % of the likelihood.
+    slides, held: how many stances slid, and how many held, that it is estimated from."""
 
     share: float = 1.0
     low: float = 0.0
@@ -77,8 +81,8 @@ class FrictionInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class _Felt:
-    """Evidence of one stance: its ratio, that of a slide or the largest that held, and its noise.
-    """
+    """Evidence of one stance: its ratio, that of a slide or the largest that held, and its
+    noise."""
 
     slid: bool
     ratio: float
@@ -86,7 +90,8 @@ class _Felt:
 
 
 class FrictionEstimator:
-    """Sums up what feet feel over a run; ``interval`` is what it says just now. period_s: of control."""
+    """Sums up what feet feel over a run; ``interval`` is what it says just now. period_s: of
+    control."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -104,7 +109,8 @@ class FrictionEstimator:
 
     @property
     def interval(self) -> FrictionInterval:
-        """By all that was added, but for what a later slide contradicts: friction may have changed."""
+        """By all that was added, but for what a later slide contradicts: friction may have
+        changed."""
         slides = [felt for felt in self._felt if felt.slid][-NEWEST:]
         held = [felt.ratio for felt in self._felt if not felt.slid]
         likelihood = np.zeros(len(SHARES))
@@ -112,17 +118,24 @@ class FrictionEstimator:
             ratios = np.array([felt.ratio for felt in slides])
             between = float(np.var(ratios, ddof=1)) if len(slides) > 1 else 0.0
             each = float(np.mean([felt.noise**2 for felt in slides])) + between
-            likelihood -= (SHARES - ratios.mean()) ** 2 / (2.0 * (SHARED_NOISE**2 + each / len(slides)))
+            likelihood -= (SHARES - ratios.mean()) ** 2 / (
+                2.0 * (SHARED_NOISE**2 + each / len(slides))
+            )
         if held:
             likelihood += log_ndtr((SHARES - max(held)) / HELD_NOISE)
         best = len(SHARES) - 1 - int(np.argmax(likelihood[::-1]))
         mass = np.cumsum(np.exp(likelihood - likelihood[best]))
-        low, high = (float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (TAIL, 1.0 - TAIL))
+        low, high = (
+            float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (TAIL, 1.0 - TAIL)
+        )
         share = float(SHARES[best])
         return FrictionInterval(
-            share=share, low=min(low, share), high=max(high, share) if slides else 1.0, slides=len(slides),
+            share=share,
+            low=min(low, share),
+            high=max(high, share) if slides else 1.0,
+            slides=len(slides),
             held=len(held),
-        )  # fmt: skip
+        )
 
 
 def estimated(record: Record, period_s: float) -> FrictionInterval:
@@ -133,8 +146,8 @@ def estimated(record: Record, period_s: float) -> FrictionInterval:
 
 
 def _contradicted(old: _Felt, slide: _Felt) -> bool:
-    """Tell whether there was more friction then than this slide, which came later, leaves room for.
-    """
+    """Tell whether there was more friction then than this slide, which came later, leaves room
+    for."""
     return old.ratio - slide.ratio > CHANGED * float(np.hypot(old.noise, slide.noise))
 
 
@@ -154,18 +167,19 @@ def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
     ratio = across / np.where(counts, normal * friction, np.inf)
     moved = np.diff(feet, axis=0, prepend=feet[:1])
     moved -= np.einsum("tij,tij->ti", moved, normals)[:, :, None] * normals
-    found = list[tuple[int, _Felt]]()
+    result = list[tuple[int, _Felt]]()
     for limb in range(foothold.shape[1]):
         for begin, end in _runs(foothold[:, limb], round(STOOD_S / period_s)):
             rows = slice(begin, end)
             columns = ratio[rows, limb], moved[rows, limb], counts[rows, limb]
             felt = _stance(*columns, period_s)
-            found += [] if felt is None else [(end, felt)]
-    return (felt for _, felt in sorted(found, key=lambda pair: pair[0]))
+            result += [] if felt is None else [(end, felt)]
+    return (felt for _, felt in sorted(result, key=lambda pair: pair[0]))
 
 
 def _runs(foothold: NDArray[np.int_], stood: int) -> Iterator[tuple[int, int]]:
-    """First and last + 1 row of every stance; one that begins within the record has time to find its place."""
+    """First and last + 1 row of every stance; one that begins within the record has time to find
+    its place."""
     borders = [0, *(np.flatnonzero(np.diff(foothold)) + 1).tolist(), len(foothold)]
     for begin, end in pairwise(borders):
         first = begin + (stood if begin else 0)
@@ -188,7 +202,11 @@ def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: flo
         elif speed < HELD_M_S:
             held = max(held, float(np.median(ratio[rows])))
     if slid:
-        return _Felt(slid=True, ratio=float(np.median(slid)), noise=float(np.hypot(SLIDE_NOISE, _spread(slid))))
+        return _Felt(
+            slid=True,
+            ratio=float(np.median(slid)),
+            noise=float(np.hypot(SLIDE_NOISE, _spread(slid))),
+        )
     return _Felt(slid=False, ratio=held, noise=HELD_NOISE) if held > 0.0 else None
 
 

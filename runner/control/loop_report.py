@@ -56,5 +56,8 @@ class LoopReport:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
-        numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in self.__dict__.items()}
+        numbers = {
+            n: None if isinstance(v, float) and not np.isfinite(v) else v
+            for n, v in self.__dict__.items()
+        }
         return numbers | {"ended": self.ended.to_json(), "friction": self.friction.to_json()}

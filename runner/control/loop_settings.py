@@ -11,11 +11,11 @@ from stancekit.planners.search.friction_margin import SHARES
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
-    has the rest planned anew, at the next moment when all feet stand; inf for never. tries: so many plans in a row
-    that come no farther, and it gives up. shares: of the friction that is counted on, that are planned with. goal_m:
-    how far from where its last plan has it the centre of mass may end. learn_friction: estimate it from what feet
-    feel."""
+    """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than
+    this from the plan has the rest planned anew, at the next moment when all feet stand; inf for
+    never. tries: so many plans in a row that come no farther, and it gives up. shares: of the
+    friction that is counted on, that are planned with. goal_m: how far from where its last plan has
+    it the centre of mass may end. learn_friction: estimate it from what feet feel."""
 
     horizon: int = 0
     replan_m: float = 0.012
@@ -31,4 +31,6 @@ class LoopSettings:
             lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
         )
         if not self.replan_m > 0.0:
-            raise InvalidInput(f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}")
+            raise InvalidInput(
+                f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}"
+            )

@@ -34,14 +34,18 @@ class LoopStiffness:
         self.share = 1.0
 
     def see(self, state: State, torques_nm: Array, stand: NDArray[np.bool_]) -> None:
-        """One more period. torques_nm: what joints give by the forces that feet felt; stand: which joints are of legs
-        that stand, shape (J,) both."""
+        """One more period. torques_nm: what joints give by the forces that feet felt; stand: which
+        joints are of legs that stand, shape (J,) both."""
         if not self._asks:
             return
-        yielded = np.where(stand, self._drives.stiffness_nm_rad * (state.sent_rad - state.angles_rad), 0.0)
-        given = np.where(stand, torques_nm + self._drives.damping_nms_rad * state.rates_rad_s, 0.0)
-        self._prior = self._prior or PRIOR_S * float(max(given @ given, yielded @ yielded))
+        yielded = np.where(
+            stand, self._drives.stiffness_nm_rad * (state.sent_rad - state.angles_rad), 0.0
+        )
+        torques = np.where(
+            stand, torques_nm + self._drives.damping_nms_rad * state.rates_rad_s, 0.0
+        )
+        self._prior = self._prior or PRIOR_S * float(max(torques @ torques, yielded @ yielded))
         self._square = self._kept * self._square + self._period_s * float(yielded @ yielded)
-        self._along = self._kept * self._along + self._period_s * float(yielded @ given)
+        self._along = self._kept * self._along + self._period_s * float(yielded @ torques)
         share = (self._along + self._prior) / max(self._square + self._prior, 1e-12)
         self.share = min(max(share, 1.0 / FARTHEST), FARTHEST)

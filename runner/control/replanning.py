@@ -1,10 +1,10 @@
 """Planning in a closed loop: a policy observes the coming key frames and chooses a planner, the
 verifier judges.
 
-Where there is no plan with the feet that the course lifts together, the coming ones are lifted one at a time, first
-those of the next key frame, then all: five limbs hold what three could not. Where there is none even so, the robot need
-not be able to go on from the course's end. Where joints or bodies cannot do what contacts can, the plan is bent until
-they can (``projection.whole_body``).
+Where there is no plan with the feet that the course lifts together, the coming ones are lifted one
+at a time, first those of the next key frame, then all: five limbs hold what three could not. Where
+there is none even so, the robot need not be able to go on from the course's end. Where joints or
+bodies cannot do what contacts can, the plan is bent until they can (``projection.whole_body``).
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ from .friction import FrictionEstimator
 from .loop_settings import LoopSettings
 
 NEAR = (0.94, 0.97)
-"""More shares of the lower end, between the last two, once feet slid: every bit of reserve counts then."""
+"""More shares of the lower end, between the last two, once feet slid: every bit of reserve counts
+then."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,36 +57,66 @@ Policy = Callable[[Observation], Planner]
 class Replanner:
     """Plans of one course, of its friction as feet felt it so far.
 
-    course: as it is known by now, with the key frames that were put in. plans: made; planned_share: of the course's
-    friction that the last one was made with; counted: that it counts on; plan_s: time that all took.
+    course: as it is known by now, with the key frames that were put in. plans: made; planned_share:
+    of the course's friction that the last one was made with; counted: that it counts on; plan_s:
+    time that all took.
     """
 
     def __init__(
-        self, course: Problem, policy: Policy, settings: LoopSettings, runner: Runner, friction: FrictionEstimator
+        self,
+        course: Problem,
+        policy: Policy,
+        settings: LoopSettings,
+        runner: Runner,
+        friction: FrictionEstimator,
     ) -> None:
-        self.course, self.plans, self.planned_share, self.counted, self.plan_s = course, 0, 1.0, 1.0, 0.0
-        self._policy, self._settings, self._runner, self._friction = policy, settings, runner, friction
+        self.course, self.plans, self.planned_share, self.counted, self.plan_s = (
+            course,
+            0,
+            1.0,
+            1.0,
+            0.0,
+        )
+        self._policy, self._settings, self._runner, self._friction = (
+            policy,
+            settings,
+            runner,
+            friction,
+        )
 
     def plan(
-        self, frame: int, standing: Standing | None, *, slid: bool = False, limits: WholeBodyLimits | None = None,
+        self,
+        frame: int,
+        standing: Standing | None,
+        *,
+        slid: bool = False,
+        limits: WholeBodyLimits | None = None,
         horizon: int = 0,
-    ) -> Accepted:  # fmt: skip
+    ) -> Accepted:
         """Observe, choose, plan, verify.
 
-        frame: of the course, at which the robot stands so, None at the beginning; its patches with the course's own
-        friction. slid: feet did, so that the body may first move to where there is more reserve, before anybody lifts.
-        limits: of joints and bodies, to which the plan is bent. horizon: key frames, 0 for the settings'. Raises
-        PlanningFailed where there is none, InvalidInput where the verifier rejects it.
+        frame: of the course, at which the robot stands so, None at the beginning; its patches with
+        the course's own friction. slid: feet did, so that the body may first move to where there is
+        more reserve, before anybody lifts. limits: of joints and bodies, to which the plan is bent.
+        horizon: key frames, 0 for the settings'. Raises PlanningFailed where there is none,
+        InvalidInput where the verifier rejects it.
         """
         begin = time.perf_counter()
         share, shares = self._shares()
         if standing is not None:
-            patches = tuple(patch.with_friction(share * patch.friction) for patch in standing.patches)
+            patches = tuple(
+                patch.with_friction(share * patch.friction) for patch in standing.patches
+            )
             standing = replace(standing, patches=patches)
         answer = partial(
-            self._answer, frame=frame, share=share, standing=standing, shares=shares, limits=limits,
+            self._answer,
+            frame=frame,
+            share=share,
+            standing=standing,
+            shares=shares,
+            limits=limits,
             horizon=horizon or self._settings.horizon,
-        )  # fmt: skip
+        )
         outcome, course = answer(self.course), self.course
         if standing is not None:
             if slid and any(course.lifts[frame + 1 : frame + 2]) and _counts(outcome) > shares[0]:
@@ -95,25 +126,39 @@ class Replanner:
                     outcome = self._rather(outcome, other, what, answer)
         self.plan_s += time.perf_counter() - begin
         if outcome.solution is None or np.isinf(_counts(outcome)):
-            raise PlanningFailed(f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}")
+            raise PlanningFailed(
+                f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}"
+            )
         accepted = Accepted.verified(outcome.solution, f"plan {self.plans + 1}")
-        self.plans, self.planned_share, self.counted = self.plans + 1, share, share * _counts(outcome)
+        self.plans, self.planned_share, self.counted = (
+            self.plans + 1,
+            share,
+            share * _counts(outcome),
+        )
         if standing is not None:  # a log begins with its plan
-            self._runner.decide("planned", f"counting on {self.counted:.2f} of the course's friction")
+            self._runner.decide(
+                "planned", f"counting on {self.counted:.2f} of the course's friction"
+            )
         return accepted
 
     def _shares(self) -> tuple[float, tuple[float, ...]]:
         """Most likely friction, as a share of the course's; and the shares of that which are
         planned with, in their order."""
-        found, shares = self._friction.interval, self._settings.shares
-        share = found.share if found.slides else 1.0
-        if found.planned_on < share:  # the most likely comes last: where the lower end has no plan
+        interval, shares = self._friction.interval, self._settings.shares
+        share = interval.share if interval.slides else 1.0
+        if (
+            interval.planned_on < share
+        ):  # the most likely comes last: where the lower end has no plan
             nearer = (*shares[:-1], *NEAR, shares[-1])
-            shares = (*(cautious * found.planned_on / share for cautious in nearer), 1.0)
+            shares = (*(cautious * interval.planned_on / share for cautious in nearer), 1.0)
         return share, shares
 
     def _rather(
-        self, outcome: Answer[Plan], course: Problem, what: str, answer: Callable[[Problem], Answer[Plan]]
+        self,
+        outcome: Answer[Plan],
+        course: Problem,
+        what: str,
+        answer: Callable[[Problem], Answer[Plan]],
     ) -> Answer[Plan]:
         """Prefer the outcome of another course, which takes this one's place, where it has a plan
         that counts on less friction."""
@@ -122,25 +167,43 @@ class Replanner:
             return outcome
         self.course = course
         before = "no plan" if np.isinf(_counts(outcome)) else f"counting on {_counts(outcome):.2f}"
-        self._runner.decide(what, f"{before} otherwise, now counting on {_counts(other):.2f} of the friction")
+        self._runner.decide(
+            what, f"{before} otherwise, now counting on {_counts(other):.2f} of the friction"
+        )
         return other
 
     def _answer(
-        self, course: Problem, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
-        limits: WholeBodyLimits | None, horizon: int,
-    ) -> Answer[Plan]:  # fmt: skip
+        self,
+        course: Problem,
+        *,
+        frame: int,
+        share: float,
+        standing: Standing | None,
+        shares: tuple[float, ...],
+        limits: WholeBodyLimits | None,
+        horizon: int,
+    ) -> Answer[Plan]:
         """Answer of a policy's planner to a course with this share of its friction."""
 
         def planner_of(window: Problem) -> Planner:
             observation = Observation(
-                window=window, standing=standing, state=self._runner.state, friction_share=share, frame=frame
+                window=window,
+                standing=standing,
+                state=self._runner.state,
+                friction_share=share,
+                frame=frame,
             )
             return self._policy(observation)
 
         return replan(
-            standing, slippery(course, share), frame=frame, horizon=horizon or None, planner=planner_of,
-            shares=shares, limits=limits,
-        )  # fmt: skip
+            standing,
+            slippery(course, share),
+            frame=frame,
+            horizon=horizon or None,
+            planner=planner_of,
+            shares=shares,
+            limits=limits,
+        )
 
 
 def _easier(course: Problem, frame: int) -> Iterator[tuple[str, Problem]]:

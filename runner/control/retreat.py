@@ -1,6 +1,8 @@
-"""The way back: a step that found no ground is undone, along its own path, to the stance that it began from.
+"""The way back: a step that found no ground is undone, along its own path, to the stance that it
+began from.
 
-It is the motion of an accepted plan in reverse and slower; the guard looks at what is sent, no verifier judges it anew.
+It is the motion of an accepted plan in reverse and slower; the guard looks at what is sent, no
+verifier judges it anew.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ SLOWER = 2.0
 
 
 class Retreat:
-    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest. begin_s, end_s: of that stretch."""
+    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest. begin_s, end_s: of
+    that stretch."""
 
     def __init__(self, motion: PlanMotion, begin_s: float, end_s: float) -> None:
         self._motion, self._begin_s, self._end_s = motion, begin_s, end_s
@@ -55,19 +58,25 @@ class Retreat:
         there = self._motion.at(self._end_s + smooth(share) * back_s)
         rate = (smooth_rate(share) * back_s / self.duration_s)[..., None]
         return replace(
-            there, velocity_m_s=rate * there.velocity_m_s, rotation_rate_rad_s=rate * there.rotation_rate_rad_s
+            there,
+            velocity_m_s=rate * there.velocity_m_s,
+            rotation_rate_rad_s=rate * there.rotation_rate_rad_s,
         )
 
 
 def step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:
-    """Undo the step to a key frame of a plan, from where the robot was measured; what was measured on the way.
+    """Undo the step to a key frame of a plan, from where the robot was measured; what was measured
+    on the way.
 
     Raises Stopped, HardwareFault.
     """
     world, kinematics = runner.world, prepared.kinematics
     near = Continued(
-        kinematics.robot, world.servo, gravity_m_s2=kinematics.gravity_m_s2, near=np.array(state.angles_rad)
-    )  # fmt: skip
+        kinematics.robot,
+        world.servo,
+        gravity_m_s2=kinematics.gravity_m_s2,
+        near=np.array(state.angles_rad),
+    )
     retreat, record = Retreat.of_step(prepared.motion, frame), Record()
     tracker = Tracker(retreat, near, world.rate_hz, runner.settings.feedback, drives=world.drives)
     tracked = Tracked(motion=retreat, tracker=tracker, first=tracker.start(), sees=prepared.sees)

@@ -1,6 +1,8 @@
-"""Feet that should press and feel nothing for long: there is no ground, or nothing comes back from their sensors.
+"""Feet that should press and feel nothing for long: there is no ground, or nothing comes back from
+their sensors.
 
-A foot that seeks the ground is lowered until it feels something. One whose sensor is dead pushes, and the others slide.
+A foot that seeks the ground is lowered until it feels something. One whose sensor is dead pushes,
+and the others slide.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from ..worlds.world import State
 from .tracker import Target
 
 BEARS, OF_WEIGHT = 8.0, 0.2
-"""A foot that should press with so many times what a touch is, or with this share of a light robot's weight,"""
+"""A foot that should press with so many times what a touch is, or with this share of a light
+robot's weight,"""
 SILENT_S = 0.3
 """for this time, in one stance or several, and felt nothing meanwhile, is silent."""
 

@@ -1,9 +1,9 @@
 """Immediate reaction of a robot whose feet slide: stay where it is, press harder, put down what is
 in the air.
 
-No plan is made for that. The body stays at the pose that was measured, the feet that stand press with forces that hold
-on the friction that they just felt, with a reserve (``force_distribution``), and feet in the air go straight to the
-surface next to them. Then there is time to plan anew.
+No plan is made for that. The body stays at the pose that was measured, the feet that stand press
+with forces that hold on the friction that they just felt, with a reserve (``force_distribution``),
+and feet in the air go straight to the surface next to them. Then there is time to plan anew.
 """
 
 from __future__ import annotations
@@ -81,19 +81,32 @@ class SlipDetector:
 class StandingMotion:
     """A ``Motion`` that goes nowhere: the body stays, feet in the air are put down.
 
-    now: whose feet stand, at which frame. com_m, rotation_rad: the measured body; feet_m: the measured centres of the
-    feet, shape (N, 3) [m]; toes_m, normals: where all feet shall stand. forces_n: before and after feet in the air came
-    down, shape (N, 3) [N] each; foothold: after that.
+    now: whose feet stand, at which frame. com_m, rotation_rad: the measured body; feet_m: the
+    measured centres of the feet, shape (N, 3) [m]; toes_m, normals: where all feet shall stand.
+    forces_n: before and after feet in the air came down, shape (N, 3) [N] each; foothold: after
+    that.
     """
 
     solids: tuple[Solid, ...] = ()
 
     def __init__(
-        self, now: Samples, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
-        forces_n: tuple[Array, Array], foothold: NDArray[np.int_],
-    ) -> None:  # fmt: skip
+        self,
+        now: Samples,
+        *,
+        com_m: Array,
+        rotation_rad: Array,
+        feet_m: Array,
+        toes_m: Array,
+        normals: Array,
+        forces_n: tuple[Array, Array],
+        foothold: NDArray[np.int_],
+    ) -> None:
         self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
-        self._down, self._normals, self._forces = toes_m + FOOT_RADIUS_M * normals, normals, forces_n
+        self._down, self._normals, self._forces = (
+            toes_m + FOOT_RADIUS_M * normals,
+            normals,
+            forces_n,
+        )
         self._foothold, self._air = foothold, ~now.stands
         lengths_m = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
         self._land_s = float(lengths_m.max(initial=0.0)) / LAND_M_S
@@ -116,7 +129,10 @@ class StandingMotion:
         moved = part * (self._down - self._feet)
         landed, still = down[..., None], np.zeros((*when.shape, 3))
         return Samples(
-            com_m=still + self._com, velocity_m_s=still, rotation_rad=still + self._rotation, rotation_rate_rad_s=still,
+            com_m=still + self._com,
+            velocity_m_s=still,
+            rotation_rad=still + self._rotation,
+            rotation_rate_rad_s=still,
             frame=np.broadcast_to(self._now.frame, when.shape),
             feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
             radii_m=np.full(limbs, FOOT_RADIUS_M),
@@ -124,7 +140,7 @@ class StandingMotion:
             foothold=np.where(landed, self._foothold, self._now.foothold),
             normals=np.broadcast_to(self._normals, (*when.shape, limbs, 3)),
             friction=np.broadcast_to(self._now.friction, (*when.shape, limbs)),
-        )  # fmt: skip
+        )
 
 
 class SlipRecovery:
@@ -134,19 +150,25 @@ class SlipRecovery:
         self._runner, self._kinematics = runner, kinematics
         self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
-    def recover(self, plan: Plan, record: Record, shares: Shares, estimate: Estimate) -> tuple[Target, State, float]:
+    def recover(
+        self, plan: Plan, record: Record, shares: Shares, estimate: Estimate
+    ) -> tuple[Target, State, float]:
         """Recover and return the last target, the last state and the time that it took [s].
 
-        record: of the plan's motion so far. estimate: the shares by what was measured with forces for such a share.
-        Raises Stopped, HardwareFault.
+        record: of the plan's motion so far. estimate: the shares by what was measured with forces
+        for such a share. Raises Stopped, HardwareFault.
         """
         target, state = record.pairs[-1]
         now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0
         for _ in range(ATTEMPTS):
-            self._runner.decide("stand", f"feet slide, counting on {shares[0]:.2f} of the planned friction")
+            self._runner.decide(
+                "stand", f"feet slide, counting on {shares[0]:.2f} of the planned friction"
+            )
             record, slips = Record(), SlipDetector(rate_hz)
             tracked = self._tracked(self._motion(plan, now, state, shares), state)
-            still = self._runner.follow(tracked, record, partial(_still_slips, slips, record, rate_hz))
+            still = self._runner.follow(
+                tracked, record, partial(_still_slips, slips, record, rate_hz)
+            )
             periods += len(record.pairs)
             target, state = record.pairs[-1]
             now, shares = target.sample, estimate(record, shares[0])
@@ -155,11 +177,14 @@ class SlipRecovery:
         return target, state, periods / rate_hz
 
     def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> StandingMotion:
-        """Standing where the robot is, with forces for the first share that has any, else those of now."""
+        """Standing where the robot is, with forces for the first share that has any, else those of
+        now."""
         course, index = plan.problem, round(float(now.frame))
         holds = course.holds[index]
         patches = [course.patch(int(foothold), plan.choice) for foothold in holds]
-        normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))
+        normals, friction = (
+            np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction")
+        )
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
         com_m, stands = measured_com_m(self._kinematics, state), now.stands
@@ -169,7 +194,9 @@ class SlipRecovery:
         def shared(legs: NDArray[np.bool_]) -> Array | None:
             for share in shares:
                 dulled = [patch.with_friction(share * patch.friction) for patch in patches]
-                forces_n = self._distribution.forces(course, toes - com_m, dulled, legs, wrench=wrench)
+                forces_n = self._distribution.forces(
+                    course, toes - com_m, dulled, legs, wrench=wrench
+                )
                 if forces_n is not None:
                     return forces_n
             return None
@@ -177,22 +204,34 @@ class SlipRecovery:
         first, then = shared(stands), shared(np.full_like(stands, True))
         first = now.forces_n if first is None else first
         return StandingMotion(
-            replace(now, frame=np.array(float(index)), friction=shares[0] * friction), com_m=com_m, rotation_rad=turned,
-            feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
+            replace(now, frame=np.array(float(index)), friction=shares[0] * friction),
+            com_m=com_m,
+            rotation_rad=turned,
+            feet_m=state.feet_m,
+            toes_m=toes,
+            normals=normals,
+            forces_n=(first, first if then is None else then),
             foothold=holds,
-        )  # fmt: skip
+        )
 
     def _tracked(self, motion: StandingMotion, state: State) -> Tracked[StandingMotion]:
-        """Ready to be followed from where the robot was measured, with the forces that its feet feel now."""
+        """Ready to be followed from where the robot was measured, with the forces that its feet
+        feel now."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
-        near = Continued(robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad)
+        near = Continued(
+            robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad
+        )
         world = self._runner.world
-        tracker = Tracker(motion, near, world.rate_hz, self._runner.settings.feedback, drives=world.drives)
+        tracker = Tracker(
+            motion, near, world.rate_hz, self._runner.settings.feedback, drives=world.drives
+        )
         first = tracker.start()
         felt = replace(first, sample=replace(first.sample, forces_n=state.forces_n))
         return Tracked(motion=motion, tracker=tracker, first=felt, sees=True)
 
 
-def _still_slips(slips: SlipDetector, record: Record, rate_hz: float, target: Target, state: State) -> bool:
+def _still_slips(
+    slips: SlipDetector, record: Record, rate_hz: float, target: Target, state: State
+) -> bool:
     """Tell whether feet slide although they were pressed for a while."""
     return bool(slips.slipping(target, state).any()) and len(record.pairs) > GRIP_S * rate_hz

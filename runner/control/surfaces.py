@@ -1,8 +1,9 @@
 """Surfaces as feet find them: places where nothing is, and planes that are nearer or farther than
 planned.
 
-A foot that was lowered as far as it may be, and bears nothing, stands on nothing: the place is cut out of every
-candidate there is. Feet that stand say where their surfaces are, along the normals: planes are moved there.
+A foot that was lowered as far as it may be, and bears nothing, stands on nothing: the place is cut
+out of every candidate there is. Feet that stand say where their surfaces are, along the normals:
+planes are moved there.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ MISSING_M = 0.08
 PLANE_M = 1e-3
 """Patches of the same normal less than this apart are of one plane."""
 MOVED_M = 0.004
-"""A plane that feet find so far from where it should be is moved there; less is how feet and joints give way."""
+"""A plane that feet find so far from where it should be is moved there; less is how feet and joints
+give way."""
 
 
 class EmptyStep:
@@ -52,13 +54,16 @@ class EmptyStep:
         sample = target.sample
         foothold = sample.foothold
         if self._foothold is None:  # those that stand from the beginning stand on something
-            self._bore, self._empty = np.where(foothold >= 0, self._periods, 0), np.zeros(len(foothold), dtype=int)
+            self._bore, self._empty = (
+                np.where(foothold >= 0, self._periods, 0),
+                np.zeros(len(foothold), dtype=int),
+            )
             self._foothold = foothold
-        kept = foothold == self._foothold
+        same = foothold == self._foothold
         felt = np.einsum("ij,ij->i", state.forces_n, sample.normals) >= TOUCH_N
         wanted = np.einsum("ij,ij->i", sample.forces_n, sample.normals) >= BEARS * TOUCH_N
-        self._bore = np.where(kept, self._bore, 0) + felt
-        self._empty = np.where(kept & ~felt & wanted, self._empty + 1, 0)
+        self._bore = np.where(same, self._bore, 0) + felt
+        self._empty = np.where(same & ~felt & wanted, self._empty + 1, 0)
         self._foothold = foothold
         return np.asarray(self.seeks & (self._empty >= self._periods))
 
@@ -73,15 +78,19 @@ class EmptyStep:
 def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
     """The course with nothing around a toe that came down on nothing, at this frame or later.
 
-    place: what it should have stood on. Raises PlanningFailed where a foothold has no candidate left.
+    place: what it should have stood on. Raises PlanningFailed where a foothold has no candidate
+    left.
     """
 
     def cut(foothold: Foothold) -> Foothold:
         if foothold.frame < frame or foothold.toe_m is not None:
             return foothold
         turned = foothold.yaws_rad or (0.0,) * len(foothold.candidates)
-        pairs = [(piece, yaw) for patch, yaw in zip(foothold.candidates, turned, strict=True)
-                 for piece in _around(patch, place, toe_m)]  # fmt: skip
+        pairs = [
+            (piece, yaw)
+            for patch, yaw in zip(foothold.candidates, turned, strict=True)
+            for piece in _around(patch, place, toe_m)
+        ]
         if not pairs:
             raise PlanningFailed(
                 f"limb {foothold.limb}, frame {foothold.frame}: no ground where its patch should be, and no other patch"
@@ -93,7 +102,8 @@ def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
 
 
 def _around(patch: Patch, place: Patch, toe_m: Array) -> tuple[Patch, ...]:
-    """The patch, or its pieces around the toe where it is of the same plane and covers some of what is missing."""
+    """The patch, or its pieces around the toe where it is of the same plane and covers some of what
+    is missing."""
     surface = Surface(patch, 0.0)
     if not coplanar(patch, place) or surface.window(toe_m, 2.0 * MISSING_M) is None:
         return (patch,)
@@ -118,7 +128,9 @@ class Offsets:
     def line(self) -> str:
         """For people."""
         by = ", ".join(f"{1e3 * offset:+.0f}" for offset in self.offsets_m)
-        return f"{len(self.planes)} surface{'s' * (len(self.planes) != 1)} found {by} mm from the plan"
+        return (
+            f"{len(self.planes)} surface{'s' * (len(self.planes) != 1)} found {by} mm from the plan"
+        )
 
     def moved(self, patch: Patch) -> Patch:
         """The patch where it was found to be."""
@@ -151,17 +163,21 @@ def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinemati
 
     patches: under all feet, as planned.
     """
-    planes, found = list[Patch](), list[list[float]]()
-    for foot, force, radius, patch in zip(state.feet_m, state.forces_n, kinematics.radii_m, patches, strict=True):
+    planes, offsets = list[Patch](), list[list[float]]()
+    for foot, force, radius, patch in zip(
+        state.feet_m, state.forces_n, kinematics.radii_m, patches, strict=True
+    ):
         if force @ patch.normal < TOUCH_N:
             continue
         offset = float((foot - radius * patch.normal - patch.centre_m) @ patch.normal)
         same = [k for k, plane in enumerate(planes) if coplanar(patch, plane)]
         if same:
-            found[same[0]].append(offset)
+            offsets[same[0]].append(offset)
         else:
             planes.append(patch)
-            found.append([offset])
-    moved = [(plane, float(np.mean(each))) for plane, each in zip(planes, found, strict=True)]
+            offsets.append([offset])
+    moved = [(plane, float(np.mean(each))) for plane, each in zip(planes, offsets, strict=True)]
     moved = [(plane, offset) for plane, offset in moved if abs(offset) >= MOVED_M]
-    return Offsets(planes=tuple(plane for plane, _ in moved), offsets_m=tuple(offset for _, offset in moved))
+    return Offsets(
+        planes=tuple(plane for plane, _ in moved), offsets_m=tuple(offset for _, offset in moved)
+    )

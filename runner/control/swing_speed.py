@@ -1,8 +1,10 @@
-"""Legs in the air turn no faster than their joints can, and the motion waits for those that are late.
+"""Legs in the air turn no faster than their joints can, and the motion waits for those that are
+late.
 
-Where a leg passes a singular posture, as one whose thigh is along the axis of its yaw, the joints that its foot's path
-asks for turn at any speed. They are led on at the speed that they have, and the motion's time slows down, or stands
-still, until they are where they should be: softly, for the body moves with it.
+Where a leg passes a singular posture, as one whose thigh is along the axis of its yaw, the joints
+that its foot's path asks for turn at any speed. They are led on at the speed that they have, and
+the motion's time slows down, or stands still, until they are where they should be: softly, for the
+body moves with it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from stancekit.planners.robot.kinematics import Kinematics
 SPEED_SHARE = 0.9
 """Of their greatest velocity that joints in the air are led with."""
 RAMP_S, PAUSE_S = 0.035, 0.2
-"""Times in which such a joint comes to that velocity, and in which a motion that waits for it comes to rest."""
+"""Times in which such a joint comes to that velocity, and in which a motion that waits for it comes
+to rest."""
 LATE_RAD = 1e-6
 """A leg with a joint that is farther from where it should be is late."""
 
@@ -27,30 +30,43 @@ class SwingSpeed:
     they should be, shape (N,)."""
 
     def __init__(self, kinematics: Kinematics, velocity_rad_s: Array, period_s: float) -> None:
-        self._kinematics, self._most, self._period_s = kinematics, SPEED_SHARE * velocity_rad_s, period_s
+        self._kinematics, self._most, self._period_s = (
+            kinematics,
+            SPEED_SHARE * velocity_rad_s,
+            period_s,
+        )
         self._wanted: Array | None = None
         self.pace, self.late = 1.0, np.zeros(len(kinematics.robot.limbs), dtype=bool)
 
     def led(self, before: Array, rates: Array, angles: Array, air: NDArray[np.bool_]) -> Array:
-        """The next angles on the way to these, shape (J,). before, rates: the last, with their velocities; air: which
-        legs are there, shape (N,).
+        """The next angles on the way to these, shape (J,). before, rates: the last, with their
+        velocities; air: which legs are there, shape (N,).
 
-        A leg that is where it should be goes with what it follows; one that is elsewhere comes there, braking in time,
-        and neither turns faster, nor changes how fast it turns by more in a period, than ``RAMP_S`` lets it; at a limit
-        of a joint, which it may be late to brake for, it stops.
+        A leg that is where it should be goes with what it follows; one that is elsewhere comes
+        there, braking in time, and neither turns faster, nor changes how fast it turns by more in a
+        period, than ``RAMP_S`` lets it; at a limit of a joint, which it may be late to brake for,
+        it stops.
         """
         period, slower = self._period_s, self._period_s / PAUSE_S
         if not air.any():  # nobody is led, so nobody is late
             self._wanted, self.late = angles, np.zeros_like(air)
             self.pace = min(max(self.pace + slower, 0.0), 1.0)
             return angles
-        follows = np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
-        follows = follows * self._each(self._used(follows) <= 1.0)  # a jump is nothing to go along with
+        follows = (
+            np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
+        )
+        follows = follows * self._each(
+            self._used(follows) <= 1.0
+        )  # a jump is nothing to go along with
         away = angles - before - period * follows
         left = self._used(away)  # what is left of the way, in seconds at full speed
-        steps = np.ceil(0.5 * np.sqrt(1.0 + 8.0 * left * RAMP_S / period**2) - 0.5)  # periods in which it stops there
+        steps = np.ceil(
+            0.5 * np.sqrt(1.0 + 8.0 * left * RAMP_S / period**2) - 0.5
+        )  # periods in which it stops there
         steps = np.maximum(1.0, steps)
-        closing = 1.0 / (steps * period) + 0.5 * (steps - 1.0) * period / RAMP_S / np.maximum(left, 1e-12)
+        closing = 1.0 / (steps * period) + 0.5 * (steps - 1.0) * period / RAMP_S / np.maximum(
+            left, 1e-12
+        )
         velocity = follows + self._each(closing) * away
         velocity = velocity / self._each(np.maximum(1.0, self._used(velocity)))
         change = velocity - rates

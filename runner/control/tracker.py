@@ -1,10 +1,12 @@
-"""From a motion to joint targets, one control period after the other, with what feet feel on the way.
+"""From a motion to joint targets, one control period after the other, with what feet feel on the
+way.
 
-Only positions are sent: with q + Kp⁻¹ (τ + Kd q̇) as the target and τ = g(q) − Σ Jᵀ f, the position loop presses with
-the planned contact forces f and does not lag behind. Feet are spheres and roll as their limb turns; what they roll is
-added to where they are expected, or the body would be carried along. Three things close the loop, all of them by feet
-that feel forces: a foot that should stand is lowered until it touches, the motion waits for that, and forces that are
-not as planned are summed up into what is commanded, as far as they are internal: they balance each other and leave the
+Only positions are sent: with q + Kp⁻¹ (τ + Kd q̇) as the target and τ = g(q) − Σ Jᵀ f, the position
+loop presses with the planned contact forces f and does not lag behind. Feet are spheres and roll as
+their limb turns; what they roll is added to where they are expected, or the body would be carried
+along. Three things close the loop, all of them by feet that feel forces: a foot that should stand
+is lowered until it touches, the motion waits for that, and forces that are not as planned are
+summed up into what is commanded, as far as they are internal: they balance each other and leave the
 body where it is.
 """
 
@@ -32,7 +34,8 @@ from .loop_stiffness import LoopStiffness
 from .swing_speed import SwingSpeed
 
 DRAWN_S = 0.1
-"""Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
+"""Time constant with which joints come back to the posture chosen for them, where feet that feel
+led them off it."""
 ASIDE_RAD = 0.2
 """A joint in the air that stays so far from its posture on its foot's path goes straight there."""
 
@@ -41,10 +44,11 @@ ASIDE_RAD = 0.2
 class Target:
     """Command for one control period, and its reasons; J joints, N limbs.
 
-    targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
-    of mass, which should be at sample.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
-    rolled_m: how far the feet should have rolled since they were put down, shape (N, 3). error_m: of the inverse
-    kinematics, shape (N,). loop_share: of their stiffness, that joint loops were found to have.
+    targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape
+    (3,); the centre of mass, which should be at sample.com_m, is shift_m away in the body.
+    angles_rad, torques_nm: planned, shape (J,). rolled_m: how far the feet should have rolled since
+    they were put down, shape (N, 3). error_m: of the inverse kinematics, shape (N,). loop_share: of
+    their stiffness, that joint loops were found to have.
     """
 
     targets_rad: Array
@@ -61,15 +65,22 @@ class Target:
         """Record that a log keeps of it beside the command: the planned body and forces, and what
         every foot stands on."""
         sample = self.sample
-        return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": sample.foothold.tolist(),
-                "rolled_m": self.rolled_m, "loop_share": self.loop_share}  # fmt: skip
+        return {
+            "origin_m": self.origin_m,
+            "forces_n": sample.forces_n,
+            "foothold": sample.foothold.tolist(),
+            "rolled_m": self.rolled_m,
+            "loop_share": self.loop_share,
+        }
 
 
 class Tracker:
-    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over.
+    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is
+    over.
 
-    wished: ``resolved`` of the same motion and kinematics, where it is known. drives: the loops that are sent to, in
-    place of those that the kinematics' servo stands for. touch_downs_m: as of ``FootPlacement``.
+    wished: ``resolved`` of the same motion and kinematics, where it is known. drives: the loops
+    that are sent to, in place of those that the kinematics' servo stands for. touch_downs_m: as of
+    ``FootPlacement``.
     """
 
     def __init__(
@@ -83,11 +94,18 @@ class Tracker:
         drives: Drives | None = None,
         touch_downs_m: Array | None = None,
     ) -> None:
-        self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
+        self._motion, self._kinematics, self._feedback, self._period_s = (
+            motion,
+            kinematics,
+            feedback,
+            1.0 / rate_hz,
+        )
         model = kinematics.model
         self._drives = drives or Drives.of(kinematics.robot, kinematics.servo, model)
         self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
-        self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
+        self._body = BodyController(
+            kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body
+        )
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
         self._found: _Found | None = None
@@ -106,7 +124,10 @@ class Tracker:
         )
         wished = wished or resolved(motion, kinematics)
         self._coming = Coming(motion, wished, self._period_s)
-        self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
+        self._time_s, self._swing = (
+            0.0,
+            SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s),
+        )
         self._whole: tuple[bytes, Array] = b"", np.zeros((0, 0))
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
@@ -124,9 +145,9 @@ class Tracker:
         return self._target(*self._coming.at(0.0))
 
     def take_over(self, off_rad: Array, within_s: float) -> None:
-        """Begin with targets that are so far off, shape (J,) [rad], as what was sent last by whatever else is off the
-        first of them (bumpless transfer): less and less, and not at all after so long. The feet that stand meanwhile
-        are looked after as ever."""
+        """Begin with targets that are so far off, shape (J,) [rad], as what was sent last by
+        whatever else is off the first of them (bumpless transfer): less and less, and not at all
+        after so long. The feet that stand meanwhile are looked after as ever."""
         self._taken_over, self._within_s = np.array(off_rad), within_s
 
     @property
@@ -146,13 +167,14 @@ class Tracker:
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
         """The target of the next period; None at the end.
 
-        forces_n: felt by the feet just now, shape (N, 3) [N]. state: where a world measures the body's pose.
+        forces_n: felt by the feet just now, shape (N, 3) [N]. state: where a world measures the
+        body's pose.
         """
         self._found = None
         if state is not None and self._feels_body:
             self._found = _Found(state, self._kinematics.loads(state.angles_rad, state.rotation))
-            given = self._kinematics.torques_of(self._found.loads, forces_n)
-            self._loops.see(state, given, self._of(self._feet.touched))
+            torques = self._kinematics.torques_of(self._found.loads, forces_n)
+            self._loops.see(state, torques, self._of(self._feet.touched))
         if self._time_s >= self._motion.duration_s:
             return None
         (now, wished), (then, wish) = self._coming.at(self._time_s), self._next
@@ -161,7 +183,10 @@ class Tracker:
         seen = None
         if self._found is not None and self._placed is not None:
             origin, rotation = self._placed
-            seen = self._found.state, BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+            seen = (
+                self._found.state,
+                BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity),
+            )
         self._feet.follow(now, then, felt, self._rolled, seen)
         self._press(then, forces_n, then.stands)
         if lands.any():
@@ -170,26 +195,33 @@ class Tracker:
         return self._target(then, wish)
 
     def _press(self, sample: Samples, forces_n: Array, stands: NDArray[np.bool_]) -> None:
-        """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
-        turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
+        """Sum up what is missing of the forces with which feet press against each other; what of
+        the sum would move or turn the body as a whole, as when a foot that pressed against others
+        has lifted, fades out."""
         hangs, wanted = stands & (stands & sample.steep).any(), sample.forces_n
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
         feels = stands & (np.einsum("ij,ij->i", forces_n, sample.normals) >= self._feedback.touch_n)
-        moving = self._moving(sample.arms_m, feels)  # a dead sensor asks for no more, and balances nothing
-        if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
+        moving = self._moving(
+            sample.arms_m, feels
+        )  # a dead sensor asks for no more, and balances nothing
+        if (
+            self._found is not None and hangs.any()
+        ):  # what is outside the cones would be summed up for ever
             wanted = self._body.planned(sample, stands)
         gap = np.where((hangs & feels)[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
-        kept = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
+        internal = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
         most = self._feedback.press_n + self._feedback.press_share * lengths(wanted)
-        self._pressed = kept / max(1.0, float((lengths(kept) / np.maximum(most, 1e-9)).max()))
+        self._pressed = internal / max(
+            1.0, float((lengths(internal) / np.maximum(most, 1e-9)).max())
+        )
 
     def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
-        """The projection of forces of all feet onto those that move or turn the body as a whole, shape (3N, 3N); it
-        stays while body and standing feet do."""
+        """The projection of forces of all feet onto those that move or turn the body as a whole,
+        shape (3N, 3N); it stays while body and standing feet do."""
         if (key := arms[stands].tobytes() + stands.tobytes()) != self._whole[0]:
             turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
             whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
@@ -203,25 +235,34 @@ class Tracker:
         rotation = sample.rotation
         loads = self._kinematics.loads(angles, rotation)
         planned = self._kinematics.torques_of(loads, sample.forces_n)
-        given = self._given(sample, loads, origin, rotation)
+        torques = self._given(sample, loads, origin, rotation)
         rates = (angles - self._angles) / self._period_s
         rising = (rates - self._rates) / self._period_s
-        given = given + self._kinematics.inertial_torques(angles, rates, rising)
+        torques = torques + self._kinematics.inertial_torques(angles, rates, rising)
         self._rates = rates
         shift, self._angles = self._shift, angles
         self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
-        targets = command(self._drives, angles, given, rates, rising, self._loops.share)
+        targets = command(self._drives, angles, torques, rates, rising, self._loops.share)
         if self._time_s < self._within_s:
             targets = targets + (1.0 - smooth(self._time_s / self._within_s)) * self._taken_over
         return Target(
-            targets_rad=targets, sample=sample,
-            origin_m=origin, shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
+            targets_rad=targets,
+            sample=sample,
+            origin_m=origin,
+            shift_m=shift,
+            angles_rad=angles,
+            torques_nm=planned,
+            rolled_m=self._rolled,
+            error_m=error,
             loop_share=self._loops.share,
-        )  # fmt: skip
+        )
 
-    def _given(self, sample: Samples, loads: tuple[Array, Array], origin: Array, rotation: Array) -> Array:
-        """Torques for the planned forces, those that are missing, and those that bring the body to its place."""
+    def _given(
+        self, sample: Samples, loads: tuple[Array, Array], origin: Array, rotation: Array
+    ) -> Array:
+        """Torques for the planned forces, those that are missing, and those that bring the body to
+        its place."""
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
         if self._found is None:
@@ -230,15 +271,20 @@ class Tracker:
             turn = pinocchio().log3(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
-        wanted = BodyPose(origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity)
-        found = self._found.state
-        seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
-        arms = found.feet_m - found.position_m - found.rotation @ self._shift
-        forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched)
+        wanted = BodyPose(
+            origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity
+        )
+        state = self._found.state
+        seen = BodyPose(origin_m=state.position_m, rotation=state.rotation, velocity=state.velocity)
+        arms = state.feet_m - state.position_m - state.rotation @ self._shift
+        forces = self._body.forces(
+            self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched
+        )
         return self._kinematics.torques_of(self._found.loads, forces)
 
     def _roll(self, sample: Samples, turned: Array) -> None:
-        """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
+        """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet,
+        (N, 3, 3)."""
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
@@ -251,7 +297,8 @@ class Tracker:
         return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
-        """Angles, errors of the feet and the body's origin. wish: the posture that joints are drawn to, shape (J,)."""
+        """Angles, errors of the feet and the body's origin. wish: the posture that joints are drawn
+        to, shape (J,)."""
         rotation = sample.rotation
         origin = sample.com_m - rotation @ self._shift
         feet = (sample.feet_m + self._rolled + self._feet.moved_m - origin) @ rotation
@@ -260,10 +307,14 @@ class Tracker:
         angles, error = self._kinematics.reach(feet, near, near)
         air, aside = ~sample.stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
         stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > ASIDE_RAD)))
-        if stuck.any():  # at a limit on its path, or in another posture: begin again where it should end
+        if (
+            stuck.any()
+        ):  # at a limit on its path, or in another posture: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             straight = (error <= STRAY_M) & (missed <= STRAY_M)
-            other = np.where(self._of(straight), self._angles + self._drawn * (other - self._angles), other)
+            other = np.where(
+                self._of(straight), self._angles + self._drawn * (other - self._angles), other
+            )
             stuck &= straight | (missed < error)
             angles, error = np.where(self._of(stuck), other, angles), np.where(stuck, missed, error)
         return angles, error, origin

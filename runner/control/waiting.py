@@ -23,4 +23,6 @@ def held_while(runner: Runner, work: Callable[[], Answer]) -> Answer:
             runner.send(world.last_rad, world.last_rad)
         return future.result()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)  # the ending of a run that is stopped waits for no planner
+        pool.shutdown(
+            wait=False, cancel_futures=True
+        )  # the ending of a run that is stopped waits for no planner

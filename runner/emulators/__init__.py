@@ -1,1 +1,2 @@
-"""Emulated devices, to try drivers and plans on before anything real: a robot behind a rosbridge, servos on a bus."""
+"""Emulated devices, to try drivers and plans on before anything real: a robot behind a rosbridge,
+servos on a bus."""

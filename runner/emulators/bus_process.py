@@ -1,4 +1,5 @@
-"""An emulated servo bus in a process of its own, and whether this computer is fast enough for one."""
+"""An emulated servo bus in a process of its own, and whether this computer is fast enough for
+one."""
 
 from __future__ import annotations
 
@@ -96,7 +97,8 @@ class BusPace:
 
 
 def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
-    """Measure whether this computer keeps up with an emulated bus of ``count`` servos at 50 Hz, in ``seconds``."""
+    """Measure whether this computer keeps up with an emulated bus of ``count`` servos at 50 Hz, in
+    ``seconds``."""
     ids = range(1, count + 1)
     goals = b"".join(bytes([i]) + (2048).to_bytes(4, "little") for i in ids)
     send = p2.packet(p2.BROADCAST, p2.SYNC_WRITE, GOAL + goals)
@@ -114,15 +116,17 @@ def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
             while due_s < began_s + seconds:
                 asked_s, left = time.monotonic(), size
                 os.write(port, send)
-                while left > 0 and (found := os.read(port, left)):
-                    left -= len(found)
+                while left > 0 and (data := os.read(port, left)):
+                    left -= len(data)
                 waited_s.append(time.monotonic() - asked_s)
                 due_s = max(due_s + PERIOD_S, time.monotonic())
                 time.sleep(max(0.0, due_s - time.monotonic()))
         finally:
             os.close(port)
         return BusPace(
-            time_share=float(bus.state()["time_share"]), usual_s=median(waited_s), worst_s=max(waited_s)
+            time_share=float(bus.state()["time_share"]),
+            usual_s=median(waited_s),
+            worst_s=max(waited_s),
         )
 
 
@@ -132,9 +136,11 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=24)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--position", type=str, default="")
-    asked = parser.parse_args()
-    position = [float(value) for value in asked.position.split(",")] if asked.position else None
-    with EmulatedBus(range(1, asked.count + 1), position, seed=asked.seed) as bus:
+    arguments = parser.parse_args()
+    position = (
+        [float(value) for value in arguments.position.split(",")] if arguments.position else None
+    )
+    with EmulatedBus(range(1, arguments.count + 1), position, seed=arguments.seed) as bus:
         _say({"path": bus.path})
         for line in sys.stdin:
             answer: dict[str, Any] = {}

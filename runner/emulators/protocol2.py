@@ -1,4 +1,5 @@
-"""DYNAMIXEL Protocol 2.0 as servos speak it: packets, CRC and byte stuffing, written from the public manual."""
+"""DYNAMIXEL Protocol 2.0 as servos speak it: packets, CRC and byte stuffing, written from the
+public manual."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ def status(servo: int, error: int, parameters: bytes = b"") -> bytes:
 
 
 def fast_status(parts: list[tuple[int, int, bytes]]) -> bytes:
-    """One packet that many servos write one after the other: (id, error, data) each, without stuffing.
+    """One packet that many servos write one after the other: (id, error, data) each, without
+    stuffing.
 
     Every servo ends its part with the CRC of all that came before it.
     """

@@ -1,14 +1,16 @@
-"""A rosbridge with a robot behind it: a real websocket server on loopback, ROS 1 or 2, and its faults.
+"""A rosbridge with a robot behind it: a real websocket server on loopback, ROS 1 or 2, and its
+faults.
 
-It is as unkind as a real one: what is published on a topic that was advertised just before comes late, or never; a
-goal is accepted late, and a cancel that overtakes that is never acted on; a controller that does not run says nothing;
-subscriptions of another type than the topic's are silent, as are types that it does not know; a stamp in the past
-makes a trajectory void. Where the computer is too slow the robot's time stands still meanwhile, so that no joint seems
-to jump.
+It is as unkind as a real one: what is published on a topic that was advertised just before comes
+late, or never; a goal is accepted late, and a cancel that overtakes that is never acted on; a
+controller that does not run says nothing; subscriptions of another type than the topic's are
+silent, as are types that it does not know; a stamp in the past makes a trajectory void. Where the
+computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump.
 
-It speaks the public rosbridge v2 protocol: every operation and message that comes is held against the fields and types
-of ``rosbridge_protocol``, and what does not conform is answered with a status message
-and kept in ``errors``, as a rosbridge refuses messages that do not fit their type. Times are ``time.monotonic``.
+It speaks the public rosbridge v2 protocol: every operation and message that comes is held against
+the fields and types of ``rosbridge_protocol``, and what does not conform is answered with a status
+message and kept in ``errors``, as a rosbridge refuses messages that do not fit their type. Times
+are ``time.monotonic``.
 """
 
 from __future__ import annotations
@@ -35,10 +37,29 @@ from .rosbridge_protocol import (
 from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
-    "rosbridge gone", "connection lost", "silent", "not json", "no operation", "null angle", "half a message", "delay",
-    "rejects goals", "stuck joint", "e-stop", "status error", "controller off", "frozen", "zeros", "shifted", "wheels",
-    "e-stop gone", "e-stop released", "other client", "one jump", "commands lost",
-)  # fmt: skip
+    "rosbridge gone",
+    "connection lost",
+    "silent",
+    "not json",
+    "no operation",
+    "null angle",
+    "half a message",
+    "delay",
+    "rejects goals",
+    "stuck joint",
+    "e-stop",
+    "status error",
+    "controller off",
+    "frozen",
+    "zeros",
+    "shifted",
+    "wheels",
+    "e-stop gone",
+    "e-stop released",
+    "other client",
+    "one jump",
+    "commands lost",
+)
 ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
 ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
 TICK_S = 0.005
@@ -46,7 +67,8 @@ FEEDBACK_S = 0.05
 MOST_S = 0.03
 """The robot's time goes on by no more than this at once."""
 CONNECT_S = 0.1
-"""A topic that is advertised has its subscribers so much later; what was published meanwhile comes then."""
+"""A topic that is advertised has its subscribers so much later; what was published meanwhile comes
+then."""
 KEPT_S = 1.0
 """It comes no more where they are later than this: then it is lost."""
 ACCEPT_S = 0.05
@@ -58,28 +80,41 @@ SECOND_S = 0.04
 EPOCH_S = 1.7e9
 """The robot's clock when the emulator's ``time.monotonic`` is 0."""
 Estops = Literal["regular", "latched", "quiet", "none", "other type"]
-"""An e-stop that says twice a second that it is not pressed, says so once, says nothing until it is pressed; no e-stop;
-and one whose messages are of another type."""
+"""An e-stop that says twice a second that it is not pressed, says so once, says nothing until it is
+pressed; no e-stop; and one whose messages are of another type."""
 
 
 class RosBridge:
     """A server; ``port`` is where. A context manager.
 
-    names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2. rate_hz: of the joint
-    states. one_thread: read nothing from a client while its goal is on its way, as some rosbridges do. estop: on
-    /e_stop. rosapi: whether there is one. stamps: of the states, none are 0. clock_s: how far the robot's clock is off.
-    connect_s: so long after a topic was advertised the robot hears what is published there. misses: it hears nothing
-    before the topic was advertised anew.
-    log: every command with its time: ("stream" | "late stream" | "halt" | "goal" | "cancel" | "switch", time), late
-    those that came too late to be acted on. errors: what was against the protocol.
+    names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2.
+    rate_hz: of the joint states. one_thread: read nothing from a client while its goal is on its
+    way, as some rosbridges do. estop: on /e_stop. rosapi: whether there is one. stamps: of the
+    states, none are 0. clock_s: how far the robot's clock is off. connect_s: so long after a topic
+    was advertised the robot hears what is published there. misses: it hears nothing before the
+    topic was advertised anew. log: every command with its time: ("stream" | "late stream" | "halt"
+    | "goal" | "cancel" | "switch", time), late those that came too late to be acted on. errors:
+    what was against the protocol.
     """
 
     def __init__(
-        self, names: Sequence[str], angles_rad: Sequence[float] | None = None, *, ros: Literal[1, 2] = 2,
-        rate_hz: float = 100.0, controller: str = "/joint_trajectory_controller", other: Sequence[str] = (),
-        one_thread: bool = False, port: int = 0, estop: Estops = "latched", rosapi: bool = True, stamps: bool = True,
-        clock_s: float = 0.0, connect_s: float = CONNECT_S, misses: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        names: Sequence[str],
+        angles_rad: Sequence[float] | None = None,
+        *,
+        ros: Literal[1, 2] = 2,
+        rate_hz: float = 100.0,
+        controller: str = "/joint_trajectory_controller",
+        other: Sequence[str] = (),
+        one_thread: bool = False,
+        port: int = 0,
+        estop: Estops = "latched",
+        rosapi: bool = True,
+        stamps: bool = True,
+        clock_s: float = 0.0,
+        connect_s: float = CONNECT_S,
+        misses: bool = False,
+    ) -> None:
         start = np.zeros(len(names)) if angles_rad is None else np.array(angles_rad, dtype=float)
         self.robot, self.ros, self.controller = Controller(list(names), start), ros, controller
         self.log: list[tuple[str, float]] = []
@@ -122,10 +157,13 @@ class RosBridge:
         """State of the joints, JSON-ready."""
         with self._lock:
             return {
-                "now_s": time.monotonic(), "position_rad": self.robot.position.tolist(),
-                "rate_rad_s": self.robot.rate.tolist(), "desired_rad": self.robot.desired()[0].tolist(),
-                "on": self.robot.on, "goals": len(self._running),
-            }  # fmt: skip
+                "now_s": time.monotonic(),
+                "position_rad": self.robot.position.tolist(),
+                "rate_rad_s": self.robot.rate.tolist(),
+                "desired_rad": self.robot.desired()[0].tolist(),
+                "on": self.robot.on,
+                "goals": len(self._running),
+            }
 
     def close(self) -> None:
         """Stop; once is enough."""
@@ -161,7 +199,8 @@ class RosBridge:
             client.end()
 
     def _hear(self, client: Client, text: str) -> None:
-        """One message; a client's goals go on when its connection ends, as they do at a rosbridge."""
+        """One message; a client's goals go on when its connection ends, as they do at a
+        rosbridge."""
         while (wait_s := self._thaw_s - time.monotonic()) > 0.0:
             time.sleep(wait_s)
         if "silent" in self._faults:
@@ -204,7 +243,8 @@ class RosBridge:
             client.ended.add(message["topic"])
 
     def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
-        """A type that this ROS does not know, or that is not the topic's, is logged there, and nobody is told."""
+        """A type that this ROS does not know, or that is not the topic's, is logged there, and
+        nobody is told."""
         topic, kind = message["topic"], message.get("type", "")
         if (kind and not self._knows(kind)) or (topic == "/e_stop" and self._estop == "other type"):
             return
@@ -227,7 +267,11 @@ class RosBridge:
             message["topic"], time.monotonic()
         )
         missed = self._misses and message["topic"] not in client.ended
-        if "commands lost" in self._faults or missed or (since_s < self._connect_s and self._connect_s > KEPT_S):
+        if (
+            "commands lost" in self._faults
+            or missed
+            or (since_s < self._connect_s and self._connect_s > KEPT_S)
+        ):
             return
         if since_s < self._connect_s:
             threading.Timer(self._connect_s - since_s, self._published, (client, message)).start()
@@ -235,29 +279,38 @@ class RosBridge:
             self._published(client, message)
 
     def _published(self, client: Client, message: dict[str, Any]) -> None:
-        topic, said = message["topic"], message["msg"]
+        topic, message_fields = message["topic"], message["msg"]
         action = f"{self.controller}/follow_joint_trajectory"
         with self._lock:
             if topic == f"{self.controller}/{'joint_trajectory' if self.ros == 2 else 'command'}":
-                if (wrong := path_wrong(said, self._nanos)) is not None:
+                if (wrong := path_wrong(message_fields, self._nanos)) is not None:
                     self._refuse(client, message.get("id"), wrong)
                     return
-                loaded = self.robot.load(said, self._nanos, self._epoch_s)
+                loaded = self.robot.load(message_fields, self._nanos, self._epoch_s)
                 if loaded:
                     self.robot.end("cancelled", 0)
-                what = "halt" if not said["points"] else "stream" if loaded else "late stream"
+                what = (
+                    "halt"
+                    if not message_fields["points"]
+                    else "stream"
+                    if loaded
+                    else "late stream"
+                )
                 self.log.append((what, time.monotonic()))
             elif self.ros == 1 and topic == f"{action}/goal":
-                told = said["goal_id"]["id"]
-                self._accepting[told] = time.monotonic() + ACCEPT_S
-                threading.Timer(ACCEPT_S, self._accept, (client, told, said["goal"])).start()
+                goal_id = message_fields["goal_id"]["id"]
+                self._accepting[goal_id] = time.monotonic() + ACCEPT_S
+                threading.Timer(
+                    ACCEPT_S, self._accept, (client, goal_id, message_fields["goal"])
+                ).start()
             elif self.ros == 1 and topic == f"{action}/cancel":
-                if (wrong := fields_wrong(said, "GoalID")) is not None:
+                if (wrong := fields_wrong(message_fields, "GoalID")) is not None:
                     self._refuse(client, message.get("id"), wrong)
-                self._cancel(said["id"])
+                self._cancel(message_fields["id"])
 
     def _accept(self, client: Client, told: str, goal: dict[str, Any]) -> None:
-        """Act on a goal of ROS 1, unless it was cancelled before: then it is acted on as well, and for ever."""
+        """Act on a goal of ROS 1, unless it was cancelled before: then it is acted on as well, and
+        for ever."""
         with self._lock:
             del self._accepting[told]
             status = self._begin(client, told, goal)
@@ -275,9 +328,11 @@ class RosBridge:
         values = self._service(message["service"], message.get("args", {}))
         known = values is not None
         answer = {
-            "op": "service_response", "service": message["service"], "result": known,
+            "op": "service_response",
+            "service": message["service"],
+            "result": known,
             "values": values if known else "service does not exist",
-        }  # fmt: skip
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _service(self, service: str, request: Any) -> dict[str, Any] | None:
@@ -329,14 +384,17 @@ class RosBridge:
         interfaces = [f"{joint}/position" for joint in self.robot.names]
         claimed = interfaces if on else []
         return {
-            "name": name, "state": "active" if on else "inactive", "claimed_interfaces": claimed,
+            "name": name,
+            "state": "active" if on else "inactive",
+            "claimed_interfaces": claimed,
             "required_command_interfaces": interfaces,
-        }  # fmt: skip
+        }
 
     def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
-        """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not known here."""
-        told = message.get("args", {})
-        wrong = cancel_wrong(told)
+        """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not
+        known here."""
+        arguments = message.get("args", {})
+        wrong = cancel_wrong(arguments)
         if wrong is not None:
             self._refuse(client, message.get("id"), wrong)
             return
@@ -354,21 +412,21 @@ class RosBridge:
 
     def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
         def run() -> None:
-            told = message["id"]
-            head, fed = {"action": message["action"], "id": told}, 0.0
+            topic_id = message["id"]
+            head, fed = {"action": message["action"], "id": topic_id}, 0.0
             with self._lock:
-                why = self._begin(client, told, message.get("args", {}))
+                why = self._begin(client, topic_id, message.get("args", {}))
             if why is not None:
                 refused = {"values": "Action goal was rejected", "status": 0, "result": False}
                 self._say(client, head | {"op": "action_result"} | refused)
                 return
-            task = self._running[told]
+            task = self._running[topic_id]
             while task.ended is None and not self._ending.is_set():
                 time.sleep(TICK_S)
                 if message.get("feedback") and time.monotonic() > fed + FEEDBACK_S:
                     fed = time.monotonic()
                     self._say(client, head | {"op": "action_feedback", "values": self._feedback()})
-            self._running.pop(told, None)
+            self._running.pop(topic_id, None)
             how, code = task.ended or ("aborted", 0)
             values = {"error_code": code, "error_string": ""}
             self._say(
@@ -480,8 +538,12 @@ class RosBridge:
             "wheels": (["left_wheel", "right_wheel"], []),
         }
         for kind in self._faults & set(second):
-            said, positions = second[kind]
-            states = {"name": said, "position": positions, "velocity": [0.5] * len(said)}
+            names_live, positions = second[kind]
+            states = {
+                "name": names_live,
+                "position": positions,
+                "velocity": [0.5] * len(names_live),
+            }
             self._tell("/joint_states", self._header() | states)
         self._faults.discard("one jump")
         if "other client" in self._faults:
@@ -521,13 +583,13 @@ class RosBridge:
             positions[0] = None
         if "half a message" in self._faults:
             positions = positions[: len(positions) // 2]
-        said = {
+        fields_sent = {
             "name": names,
             "position": positions,
             "velocity": [*robot.rate.tolist(), *rest],
             "effort": [],
         }
-        self._tell("/joint_states", self._header() | said)
+        self._tell("/joint_states", self._header() | fields_sent)
         if robot.on:
             state = self._header() | self._feedback()
             self._tell(

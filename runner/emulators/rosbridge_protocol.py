@@ -1,6 +1,8 @@
-"""The public rosbridge v2 protocol as tables: operations and ROS messages with their fields, and a client.
+"""The public rosbridge v2 protocol as tables: operations and ROS messages with their fields, and a
+client.
 
-Written from the protocol's specification (rosbridge_suite) and the definitions of trajectory_msgs and control_msgs.
+Written from the protocol's specification (rosbridge_suite) and the definitions of trajectory_msgs
+and control_msgs.
 """
 
 from __future__ import annotations
@@ -27,10 +29,18 @@ OPERATIONS: dict[str, dict[str, tuple[type, ...]]] = {
 }
 """What a client may send, and the fields that the protocol requires of it."""
 OPTIONAL: dict[str, tuple[type, ...]] = {
-    "id": (str, int), "type": (str,), "throttle_rate": (int,), "queue_length": (int,), "queue_size": (int,),
-    "fragment_size": (int,), "compression": (str,), "args": (list, dict), "feedback": (bool,), "latch": (bool,),
+    "id": (str, int),
+    "type": (str,),
+    "throttle_rate": (int,),
+    "queue_length": (int,),
+    "queue_size": (int,),
+    "fragment_size": (int,),
+    "compression": (str,),
+    "args": (list, dict),
+    "feedback": (bool,),
+    "latch": (bool,),
     "timeout": (int, float),
-}  # fmt: skip
+}
 HEADER = {"header"}
 FIELDS = {
     "JointTrajectory": {"joint_names", "points"} | HEADER,
@@ -54,7 +64,8 @@ FIELDS = {
 
 
 class Client:
-    """One connection: what it listens to, and a thread that sends, so that a delay can be put in."""
+    """One connection: what it listens to, and a thread that sends, so that a delay can be put
+    in."""
 
     def __init__(self, socket: ServerConnection) -> None:
         self.socket, self.topics = socket, set[str]()
@@ -138,7 +149,7 @@ def path_wrong(said: Any, nanos: str) -> str | None:
 
 def goal_wrong(goal: Any, nanos: str) -> str | None:
     """Fault of a goal of FollowJointTrajectory."""
-    found = fields_wrong(goal, "FollowJointTrajectory") or path_wrong(goal["trajectory"], nanos)
+    wrong = fields_wrong(goal, "FollowJointTrajectory") or path_wrong(goal["trajectory"], nanos)
     for tolerance in [*goal.get("path_tolerance", []), *goal.get("goal_tolerance", [])]:
-        found = found or fields_wrong(tolerance, "JointTolerance")
-    return found
+        wrong = wrong or fields_wrong(tolerance, "JointTolerance")
+    return wrong

@@ -1,4 +1,5 @@
-"""Status packets of emulated servos: who answers an instruction, with which bytes, and what lies or spoils them."""
+"""Status packets of emulated servos: who answers an instruction, with which bytes, and what lies or
+spoils them."""
 
 from __future__ import annotations
 
@@ -11,20 +12,21 @@ RETURN_DELAY, STATUS_RETURN, GOAL, TORQUE = 9, 68, 116, 64
 FAST_FIRMWARE = 45
 POSITION = range(132, 136)
 TWIN_RAD, JUMP_RAD = 0.3, 0.6
-"""How far the shaft of a second servo with the same id is turned, and how far a measurement jumps."""
+"""How far the shaft of a second servo with the same id is turned, and how far a measurement
+jumps."""
 NOISE_BYTES = 64
 
 
 class ServoAnswers:
     """Answers of servos to instructions.
 
-    servos: the servos, whose tables are read and written. rng: draws who is hit and which bits turn.
-    fast: whether Fast Sync Read is answered at all. goal_rows, torque_rows: numbers of Sync Writes with goals, and of
-    those that switch a torque on; goals: ticks of each of them.
-    silent, twins, stale, jumping, lying: indices of servos that answer nothing, share their id with another servo,
-    repeat old measurements, measure too much by JUMP_RAD, and answer soundly with nonsense.
-    corrupt: number of status packets that get a turned bit. halved, noisy: whether answers are cut off, and come after
-    random bytes.
+    servos: the servos, whose tables are read and written. rng: draws who is hit and which bits
+    turn. fast: whether Fast Sync Read is answered at all. goal_rows, torque_rows: numbers of Sync
+    Writes with goals, and of those that switch a torque on; goals: ticks of each of them. silent,
+    twins, stale, jumping, lying: indices of servos that answer nothing, share their id with another
+    servo, repeat old measurements, measure too much by JUMP_RAD, and answer soundly with nonsense.
+    corrupt: number of status packets that get a turned bit. halved, noisy: whether answers are cut
+    off, and come after random bytes.
     """
 
     def __init__(self, servos: Servos, rng: np.random.Generator) -> None:
@@ -55,18 +57,18 @@ class ServoAnswers:
         self.stale[index] = bytes(self.servos.table[index][REALTIME_TICK : POSITION.stop])
 
     def _answer(self, request: p2.Request) -> tuple[bytes, float]:
-        servos, given = self.servos, request.parameters
+        servos, parameters = self.servos, request.parameters
         n = range(len(servos.ids))
         alive = [i for i in n if servos.powered[i] and i not in self.silent]
-        asked = [i for i in alive if request.servo in (servos.ids[i], p2.BROADCAST)]
+        indices = [i for i in alive if request.servo in (servos.ids[i], p2.BROADCAST)]
         waits = {i: 2e-6 * servos.get(i, RETURN_DELAY) for i in alive}
-        many = request.sound and len(given) > 4
+        many = request.sound and len(parameters) > 4
         if request.instruction in (p2.SYNC_READ, p2.FAST_SYNC_READ) and many:
-            return self._many(request, {servos.ids[i]: i for i in asked}, waits)
+            return self._many(request, {servos.ids[i]: i for i in indices}, waits)
         if request.instruction == p2.SYNC_WRITE and many:
-            self._write_many(given, asked)
+            self._write_many(parameters, indices)
             return b"", 0.0
-        return b"".join(self._one(request, i) for i in asked), sum(waits[i] for i in asked)
+        return b"".join(self._one(request, i) for i in indices), sum(waits[i] for i in indices)
 
     def _write_many(self, given: bytes, asked: list[int]) -> None:
         address, size = int.from_bytes(given[:2], "little"), int.from_bytes(given[2:4], "little")
@@ -87,7 +89,7 @@ class ServoAnswers:
 
     def _one(self, request: p2.Request, index: int) -> bytes:
         """Answer of one servo to an instruction for it alone, or to a broadcast."""
-        servos, given, me = self.servos, request.parameters, self.servos.ids[index]
+        servos, parameters, me = self.servos, request.parameters, self.servos.ids[index]
         alert, level = servos.alert(index), servos.get(index, STATUS_RETURN)
         if not request.sound:
             damaged = request.servo == me and level == 2
@@ -98,11 +100,14 @@ class ServoAnswers:
             )
         if request.servo == p2.BROADCAST:
             return b""
-        if request.instruction == p2.READ and len(given) == 4:
-            address, size = int.from_bytes(given[:2], "little"), int.from_bytes(given[2:], "little")
+        if request.instruction == p2.READ and len(parameters) == 4:
+            address, size = (
+                int.from_bytes(parameters[:2], "little"),
+                int.from_bytes(parameters[2:], "little"),
+            )
             return self._read(index, address, size) if level else b""
-        if request.instruction == p2.WRITE and len(given) > 2:
-            error = servos.write(index, int.from_bytes(given[:2], "little"), given[2:])
+        if request.instruction == p2.WRITE and len(parameters) > 2:
+            error = servos.write(index, int.from_bytes(parameters[:2], "little"), parameters[2:])
             return self._sent(p2.status(me, error)) if level == 2 else b""
         if request.instruction == p2.REBOOT:
             servos.reboot(index)
@@ -115,7 +120,8 @@ class ServoAnswers:
         )
 
     def _read(self, index: int, address: int, size: int) -> bytes:
-        """Status packet with data; those of two servos with one id lie over each other, and a 0 bit wins."""
+        """Status packet with data; those of two servos with one id lie over each other, and a 0 bit
+        wins."""
         error, data = self._measured(index, address, size)
         first = self._sent(p2.status(self.servos.ids[index], error, data))
         if index not in self.twins:
@@ -128,26 +134,34 @@ class ServoAnswers:
         self, index: int, address: int, size: int, turned_rad: float = 0.0
     ) -> tuple[int, bytes]:
         """Error and bytes as the servo reports them, which need not be true."""
-        servos, kept = self.servos, self.servos.position[index]
+        servos, position = self.servos, self.servos.position[index]
         turned_rad += JUMP_RAD if index in self.jumping else 0.0
         if index in self.lying:
             turned_rad += float(self._rng.uniform(-2.5, 2.5))
-        servos.position[index] = kept + turned_rad
+        servos.position[index] = position + turned_rad
         if index in self.stale:
             error, data = servos.read(index, address, size, self.stale[index])
         else:
             error, data = servos.read(index, address, size)
-        servos.position[index] = kept
+        servos.position[index] = position
         return error, data
 
     def _many(
         self, request: p2.Request, asked: dict[int, int], waits: dict[int, float]
     ) -> tuple[bytes, float]:
-        """One status after the other; nothing after the first that is silent, for each waits for the last."""
-        given, parts, singles = request.parameters, list[tuple[int, int, bytes]](), list[bytes]()
-        address, size = int.from_bytes(given[:2], "little"), int.from_bytes(given[2:4], "little")
+        """One status after the other; nothing after the first that is silent, for each waits for
+        the last."""
+        parameters, parts, singles = (
+            request.parameters,
+            list[tuple[int, int, bytes]](),
+            list[bytes](),
+        )
+        address, size = (
+            int.from_bytes(parameters[:2], "little"),
+            int.from_bytes(parameters[2:4], "little"),
+        )
         fast = request.instruction == p2.FAST_SYNC_READ
-        for servo in given[4:]:
+        for servo in parameters[4:]:
             index = asked.get(servo)
             if index is None or not self.servos.get(index, STATUS_RETURN):
                 break
@@ -160,7 +174,7 @@ class ServoAnswers:
         pause = sum(waits[asked[servo]] for servo, _, _ in parts)
         if not fast:
             return b"".join(singles), pause
-        silent = [(servo, 0, bytes(size)) for servo in given[4 + len(parts) :]]
+        silent = [(servo, 0, bytes(size)) for servo in parameters[4 + len(parts) :]]
         whole = p2.fast_status(
             parts + silent
         )  # the first servo writes the length that all of them will have

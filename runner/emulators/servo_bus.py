@@ -1,9 +1,11 @@
-"""A servo bus on a pseudo-terminal: a USB adapter with servos behind it, as the real SDK sees it, and its faults.
+"""A servo bus on a pseudo-terminal: a USB adapter with servos behind it, as the real SDK sees it,
+and its faults.
 
-``EmulatedBus`` runs in a thread; ``BusProcess`` (``bus_process.py``) runs it as a child process, which lives on when
-the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and ``close()``. Times in ``state()`` are
-``time.monotonic``, the same for all processes of the machine. The servos' own time is slower where the machine is too
-slow for the emulator (``EmulatedTime``): a watchdog must not trip because nobody ran the servos.
+``EmulatedBus`` runs in a thread; ``BusProcess`` (``bus_process.py``) runs it as a child process,
+which lives on when the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and
+``close()``. Times in ``state()`` are ``time.monotonic``, the same for all processes of the machine.
+The servos' own time is slower where the machine is too slow for the emulator (``EmulatedTime``): a
+watchdog must not trip because nobody ran the servos.
 """
 
 from __future__ import annotations
@@ -55,7 +57,8 @@ FAULTS = {
     "wrong baud": "servos talk at 57,600 baud",
     "wrong model": "a servo is another model",
 }
-"""Faults by name, and what happens then. A number behind the name is the id of the servo, drawn where there is none."""
+"""Faults by name, and what happens then. A number behind the name is the id of the servo, drawn
+where there is none."""
 FAULT = re.compile(
     rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?"
 )
@@ -67,9 +70,11 @@ OTHER_MODEL = 1020
 
 
 class EmulatedTime:
-    """A clock for what is emulated: the machine's, but for gaps in which the machine did not run the emulator.
+    """A clock for what is emulated: the machine's, but for gaps in which the machine did not run
+    the emulator.
 
-    now: its time [s], at most that of ``time.monotonic``. real_s: how long it has been running by the machine's clock.
+    now: its time [s], at most that of ``time.monotonic``. real_s: how long it has been running by
+    the machine's clock.
     """
 
     def __init__(self) -> None:
@@ -91,9 +96,9 @@ class EmulatedTime:
 class EmulatedBus(threading.Thread):
     """Servos on a pseudo-terminal; ``path`` is the port to open.
 
-    position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's baud rate.
-    model, firmware, baud: of all servos. goal_packets_s, torque_packets_s: when a packet with goals came, and one that
-    switches torques on; goals: the ticks in it, servo by servo.
+    position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's
+    baud rate. model, firmware, baud: of all servos. goal_packets_s, torque_packets_s: when a packet
+    with goals came, and one that switches torques on; goals: the ticks in it, servo by servo.
     """
 
     def __init__(
@@ -141,8 +146,8 @@ class EmulatedBus(threading.Thread):
     def inject(self, fault: str, at_s: float = 0.0) -> None:
         """Let a fault happen in so many seconds.
 
-        fault: a name of ``FAULTS``, e.g. "power loss"; with the id of a servo, "silent servo 4"; with a time, "reboot
-        in 2 s". Raises ValueError for an unknown one.
+        fault: a name of ``FAULTS``, e.g. "power loss"; with the id of a servo, "silent servo 4";
+        with a time, "reboot in 2 s". Raises ValueError for an unknown one.
         """
         words = FAULT.fullmatch(fault)
         if words is None:
@@ -162,7 +167,8 @@ class EmulatedBus(threading.Thread):
     def state(self) -> dict[str, Any]:
         """State of the servos, JSON-ready.
 
-        still_s: since when none of them has moved. time_share: emulated time over the machine's, 1 where it keeps up.
+        still_s: since when none of them has moved. time_share: emulated time over the machine's, 1
+        where it keeps up.
         """
         with self._lock:
             servos, n = self.servos, range(len(self.servos.ids))
@@ -255,8 +261,8 @@ class EmulatedBus(threading.Thread):
         for due in [item for item in self._due if item[0] <= now]:
             self._due.remove(due)
             self._happened.append((due[1], now))
-            drawn = int(self._rng.integers(len(self.servos.ids)))
-            self._fault(due[1], drawn if due[2] is None else due[2])
+            index = int(self._rng.integers(len(self.servos.ids)))
+            self._fault(due[1], index if due[2] is None else due[2])
 
     def _fault(self, kind: str, index: int) -> None:
         servos, answers = self.servos, self._answers
@@ -328,14 +334,17 @@ class EmulatedBus(threading.Thread):
         """Send an answer when its last byte is due, and let the servos' time pass meanwhile."""
         if not answer:
             return
-        while (left := due - time.monotonic()) > 0.0 and not (self._pulled or self._ending.is_set()):
+        while (left := due - time.monotonic()) > 0.0 and not (
+            self._pulled or self._ending.is_set()
+        ):
             time.sleep(min(left, SLOWEST_S))
             with self._lock:
                 self._pass()
         self._write(answer)
 
     def _write(self, data: bytes) -> None:
-        """Hand bytes to the host, as many as it has room for: an adapter drops what nobody reads."""
+        """Hand bytes to the host, as many as it has room for: an adapter drops what nobody
+        reads."""
         if not data or self._pulled:
             return
         try:

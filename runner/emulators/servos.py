@@ -1,8 +1,10 @@
-"""Servos of the X series as a bus sees them: a control table, a shaft that follows its goal, limits and protection.
+"""Servos of the X series as a bus sees them: a control table, a shaft that follows its goal, limits
+and protection.
 
-Written from the public manual of the XM540-W270 and the notes on Bus Watchdog and Shutdown, sharing no number with the
-driver that is tested against it. The shaft is of second order: a position loop of 6 Hz, a current limit, a profile of
-limited velocity and mechanical stops. ``load_nm`` is what turns every shaft from outside.
+Written from the public manual of the XM540-W270 and the notes on Bus Watchdog and Shutdown, sharing
+no number with the driver that is tested against it. The shaft is of second order: a position loop
+of 6 Hz, a current limit, a profile of limited velocity and mechanical stops. ``load_nm`` is what
+turns every shaft from outside.
 """
 
 from __future__ import annotations
@@ -77,7 +79,8 @@ GOALS = (100, 102, 104, 116)
 class Servos:
     """Some servos and the time that passes for them.
 
-    stops_rad: their mechanical stops, from tick 2048. model, firmware: numbers that all of them answer with.
+    stops_rad: their mechanical stops, from tick 2048. model, firmware: numbers that all of them
+    answer with.
     """
 
     def __init__(
@@ -129,7 +132,8 @@ class Servos:
             self._move()
 
     def hear(self, index: int, now: float) -> None:
-        """An instruction packet went by; said before time advances, or a late emulator would be taken for silence."""
+        """An instruction packet went by; said before time advances, or a late emulator would be
+        taken for silence."""
         self.heard_s[index] = now
 
     def read(self, index: int, address: int, size: int, measured: bytes = b"") -> tuple[int, bytes]:
@@ -139,14 +143,14 @@ class Servos:
         self._measure(index)
         table = bytearray(self.table[index])
         table[REALTIME_TICK : REALTIME_TICK + len(measured)] = measured
-        found = bytearray(table[address : address + size])
+        data = bytearray(table[address : address + size])
         for offset in range(size):
             place = address + offset - INDIRECT_DATA
             if 0 <= place < INDIRECT_COUNT:
-                found[offset] = table[
+                data[offset] = table[
                     int.from_bytes(table[INDIRECT + 2 * place : INDIRECT + 2 * place + 2], "little")
                 ]
-        return self.alert(index), bytes(found)
+        return self.alert(index), bytes(data)
 
     def write(self, index: int, address: int, data: bytes) -> int:
         """Write all fields that the bytes cover; the error of the first that cannot be."""

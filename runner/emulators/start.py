@@ -1,4 +1,5 @@
-"""The joints of the robot that a plan is for, and where they are at its beginning: as an emulated robot stands."""
+"""The joints of the robot that a plan is for, and where they are at its beginning: as an emulated
+robot stands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Joints that follow a joint trajectory controller: second order, with a limit of speed, each stoppable by a fault."""
+"""Joints that follow a joint trajectory controller: second order, with a limit of speed, each
+stoppable by a fault."""
 
 from __future__ import annotations
 
@@ -96,8 +97,9 @@ class Controller:
         return self.path.at(self.now_s)
 
     def load(self, message: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> bool:
-        """Take a JointTrajectory in place of the one before; False if its joints are not the controller's, it does not
-        run, or all points of a trajectory with a stamp are over. Without points it holds where it is, in ROS 1.
+        """Take a JointTrajectory in place of the one before; False if its joints are not the
+        controller's, it does not run, or all points of a trajectory with a stamp are over. Without
+        points it holds where it is, in ROS 1.
 
         epoch_s: the robot's clock at ``now_s`` 0, by which the stamp counts.
         """
@@ -121,11 +123,14 @@ class Controller:
             np.array([[point["velocities"][i] for i in order] for point in points]) if has else None
         )
         start, rate = self.desired()
-        self.path = CommandedPath(self.now_s, start.copy(), rate.copy(), times, positions, velocities)
+        self.path = CommandedPath(
+            self.now_s, start.copy(), rate.copy(), times, positions, velocities
+        )
         return True
 
     def begin(self, goal: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> Task | None:
-        """Take a goal; the one before is aborted. None if its joints are wrong, or it does not run."""
+        """Take a goal; the one before is aborted. None if its joints are wrong, or it does not
+        run."""
         if not self.load(goal["trajectory"], nanos, epoch_s):
             return None
         self.end("aborted", SUCCESSFUL)
@@ -175,8 +180,8 @@ class Controller:
 
     def _tolerances(self, message: list[dict[str, Any]]) -> Array:
         """Tolerances of the positions; 0 is unspecified."""
-        found = {each["name"]: each["position"] for each in message if each["position"] > 0.0}
-        return np.array([found.get(name, np.inf) for name in self.names])
+        tolerances = {each["name"]: each["position"] for each in message if each["position"] > 0.0}
+        return np.array([tolerances.get(name, np.inf) for name in self.names])
 
 
 def _seconds(message: dict[str, int], nanos: str) -> float:

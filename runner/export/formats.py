@@ -60,12 +60,22 @@ def _foxglove(moved: Moved, path: Path) -> None:
 
 
 FORMATS: Mapping[str, Format] = {
-    "csv": Format(suffixes=(".csv",), joints=False, write=lambda moved, path: write_bytes(path, csv_of(moved.table))),
-    "npz": Format(suffixes=(".npz",), joints=False, write=lambda moved, path: write_bytes(path, npz_of(moved.table))),
+    "csv": Format(
+        suffixes=(".csv",),
+        joints=False,
+        write=lambda moved, path: write_bytes(path, csv_of(moved.table)),
+    ),
+    "npz": Format(
+        suffixes=(".npz",),
+        joints=False,
+        write=lambda moved, path: write_bytes(path, npz_of(moved.table)),
+    ),
     "jointtrajectory": Format(
         suffixes=(".json", ".yaml", ".yml"),
         joints=True,
-        write=lambda moved, path: write_bytes(path, joint_trajectory_bytes(moved.table, path.suffix)),
+        write=lambda moved, path: write_bytes(
+            path, joint_trajectory_bytes(moved.table, path.suffix)
+        ),
     ),
     "mujoco": Format(suffixes=(".xml",), joints=True, write=_mujoco),
     "reference": Format(suffixes=(".npz",), joints=True, write=_reference),
@@ -84,7 +94,8 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
         rate_hz: rows per second.
         source: where it is from, for people.
     Raises:
-        InvalidInput: for a format of joints where they are not known, or where ``run`` would refuse the motion.
+        InvalidInput: for a format of joints where they are not known, or where ``run`` would refuse
+            the motion.
     """
     checked(rate_hz, "rate_hz", above=0.0, most=LARGEST_RATE_HZ)
     without, motion = "", None
@@ -93,20 +104,32 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
     except InvalidInput as error:
         without = str(error)
         if FORMATS[to].joints:
-            raise InvalidInput(f"{to}: expected a motion with joints, got one without: {without}") from None
+            raise InvalidInput(
+                f"{to}: expected a motion with joints, got one without: {without}"
+            ) from None
     sampled: Motion = feet_motion(subject) if motion is None else motion
     robot, limbs, terrain, gravity_m_s2 = scene_of(subject)
     joints = () if motion is None or robot is None else joint_names(robot)
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
-    keys = motion.motion.reached_s.tolist() if motion is not None and isinstance(motion.motion, PlanMotion) else ()
+    keys = (
+        motion.motion.reached_s.tolist()
+        if motion is not None and isinstance(motion.motion, PlanMotion)
+        else ()
+    )
     return Moved(
-        table=table, robot=robot, terrain=terrain, gravity_m_s2=gravity_m_s2, keys_s=tuple(keys), without=without
+        table=table,
+        robot=robot,
+        terrain=terrain,
+        gravity_m_s2=gravity_m_s2,
+        keys_s=tuple(keys),
+        without=without,
     )
 
 
 def beside(source: Path, to: str) -> Path:
-    """The file of a format beside another file: its name with an ending that neither it nor its samples have."""
+    """The file of a format beside another file: its name with an ending that neither it nor its
+    samples have."""
     suffix = FORMATS[to].suffixes[0]
     word = "motion" if to == "npz" else to
     return source.with_suffix(f".{word}{suffix}" if suffix in (".npz", ".json") else suffix)

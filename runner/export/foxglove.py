@@ -1,7 +1,8 @@
-"""A motion as MCAP (extra ``log``) for Foxglove and ROS 2's tools, with a layout for Foxglove beside it.
+"""A motion as MCAP (extra ``log``) for Foxglove and ROS 2's tools, with a layout for Foxglove
+beside it.
 
-/joint_states is sensor_msgs/msg/JointState in CDR; /tf is foxglove.FrameTransform and /forces foxglove.SceneUpdate, in
-JSON; /contacts is JSON with a number per limb. Times begin at 0.
+/joint_states is sensor_msgs/msg/JointState in CDR; /tf is foxglove.FrameTransform and /forces
+foxglove.SceneUpdate, in JSON; /contacts is JSON with a number per limb. Times begin at 0.
 """
 
 from __future__ import annotations
@@ -48,14 +49,18 @@ def write_mcap(moved: Moved, path: Path) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise InvalidInput("foxglove: expected mcap, it is not installed: pip install 'stancekit[log]'") from None
+        raise InvalidInput(
+            "foxglove: expected mcap, it is not installed: pip install 'stancekit[log]'"
+        ) from None
     table = moved.table
     known = table.known()
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2", library="stancekit")
         channels = {
-            topic: writer.register_channel(topic, "json", writer.register_schema(name, "jsonschema", _schema(keys)))
+            topic: writer.register_channel(
+                topic, "json", writer.register_schema(name, "jsonschema", _schema(keys))
+            )
             for topic, (name, keys) in TOPICS.items()
         }
         if "angles_rad" in known:
@@ -67,7 +72,13 @@ def write_mcap(moved: Moved, path: Path) -> None:
                 writer.add_message(channels[topic], now, json.dumps(content).encode(), now, row)
             if "angles_rad" in known:
                 numbers = [known[key][row] for key in ("angles_rad", "rates_rad_s", "torques_nm")]
-                writer.add_message(channels["/joint_states"], now, joint_state(table.joints, numbers, now), now, row)
+                writer.add_message(
+                    channels["/joint_states"],
+                    now,
+                    joint_state(table.joints, numbers, now),
+                    now,
+                    row,
+                )
         writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -106,17 +117,24 @@ class _Cdr:
 TOPICS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "/tf": (
         "foxglove.FrameTransform",
-        {"timestamp": "object", "parent_frame_id": "string", "child_frame_id": "string", "translation": "object",
-         "rotation": "object"},
+        {
+            "timestamp": "object",
+            "parent_frame_id": "string",
+            "child_frame_id": "string",
+            "translation": "object",
+            "rotation": "object",
+        },
     ),
     "/forces": ("foxglove.SceneUpdate", {"deletions": "array", "entities": "array"}),
     "/contacts": ("stancekit.Contacts", {"contacts": "object"}),
-}  # fmt: skip
+}
 """The topics in JSON: the schema's name, and its keys by their types."""
 
 
 def _schema(keys: Mapping[str, str]) -> bytes:
-    return json.dumps({"type": "object", "properties": {key: {"type": kind} for key, kind in keys.items()}}).encode()
+    return json.dumps(
+        {"type": "object", "properties": {key: {"type": kind} for key, kind in keys.items()}}
+    ).encode()
 
 
 def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dict[str, Any]:
@@ -130,23 +148,42 @@ def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dic
         if np.linalg.norm(force) > 0.0
     ]
     balls = [
-        {"pose": _pose(foot), "size": _xyz(np.full(3, 0.03)), "color": {"r": 0.2, "g": 0.5, "b": 0.4, "a": 1.0}}
+        {
+            "pose": _pose(foot),
+            "size": _xyz(np.full(3, 0.03)),
+            "color": {"r": 0.2, "g": 0.5, "b": 0.4, "a": 1.0},
+        }
         for foot in known["feet_m"][row]
     ]
     entity = {
-        "timestamp": stamp, "frame_id": FRAME, "id": "limbs", "lifetime": {"sec": 0, "nsec": 0},
-        "frame_locked": False, "metadata": [], "arrows": arrows, "cubes": [], "spheres": balls,
-        "cylinders": [], "lines": [], "triangles": [], "texts": [], "models": [],
-    }  # fmt: skip
+        "timestamp": stamp,
+        "frame_id": FRAME,
+        "id": "limbs",
+        "lifetime": {"sec": 0, "nsec": 0},
+        "frame_locked": False,
+        "metadata": [],
+        "arrows": arrows,
+        "cubes": [],
+        "spheres": balls,
+        "cylinders": [],
+        "lines": [],
+        "triangles": [],
+        "texts": [],
+        "models": [],
+    }
     return {
         "/tf": {
-            "timestamp": stamp, "parent_frame_id": FRAME, "child_frame_id": "body",
+            "timestamp": stamp,
+            "parent_frame_id": FRAME,
+            "child_frame_id": "body",
             "translation": _xyz(known.get("origin_m", known["com_m"])[row]),
             "rotation": {"x": x, "y": y, "z": z, "w": w},
         },
         "/forces": {"deletions": [], "entities": [entity]},
-        "/contacts": {"contacts": dict(zip(limbs, known["contact"][row].astype(int).tolist(), strict=True))},
-    }  # fmt: skip
+        "/contacts": {
+            "contacts": dict(zip(limbs, known["contact"][row].astype(int).tolist(), strict=True))
+        },
+    }
 
 
 def _arrow(foot: Array, force: Array) -> dict[str, Any]:
@@ -154,13 +191,19 @@ def _arrow(foot: Array, force: Array) -> dict[str, Any]:
     size = float(np.linalg.norm(force))
     along = force / size
     axis, cosine = np.cross([1.0, 0.0, 0.0], along), float(along[0])
-    turn = np.array([0.0, 0.0, 1.0, 0.0]) if cosine < -1.0 + 1e-9 else np.array([*axis, 1.0 + cosine])
+    turn = (
+        np.array([0.0, 0.0, 1.0, 0.0]) if cosine < -1.0 + 1e-9 else np.array([*axis, 1.0 + cosine])
+    )
     turn = turn / np.linalg.norm(turn)
     length = FORCE_M_PER_N * size
     return {
-        "pose": _pose(foot, turn), "shaft_length": 0.8 * length, "shaft_diameter": 0.01, "head_length": 0.2 * length,
-        "head_diameter": 0.02, "color": {"r": 0.9, "g": 0.4, "b": 0.1, "a": 1.0},
-    }  # fmt: skip
+        "pose": _pose(foot, turn),
+        "shaft_length": 0.8 * length,
+        "shaft_diameter": 0.01,
+        "head_length": 0.2 * length,
+        "head_diameter": 0.02,
+        "color": {"r": 0.9, "g": 0.4, "b": 0.1, "a": 1.0},
+    }
 
 
 def _pose(place: Array, turn: Array | None = None) -> dict[str, Any]:
@@ -173,28 +216,53 @@ def _xyz(numbers: Array) -> dict[str, float]:
 
 
 def layout_of(moved: Moved) -> str:
-    """A layout of Foxglove: the scene, the angles of all joints, and the contacts, to be imported there."""
+    """A layout of Foxglove: the scene, the angles of all joints, and the contacts, to be imported
+    there."""
     paths = [
-        {"value": f"/joint_states.position[{k}]", "label": name,
-         "enabled": True, "timestampMethod": "receiveTime"}
+        {
+            "value": f"/joint_states.position[{k}]",
+            "label": name,
+            "enabled": True,
+            "timestampMethod": "receiveTime",
+        }
         for k, name in enumerate(moved.table.joints)
-    ]  # fmt: skip
+    ]
     contacts = [
-        {"value": f"/contacts.contacts.{limb}", "label": limb, "enabled": True, "timestampMethod": "receiveTime"}
+        {
+            "value": f"/contacts.contacts.{limb}",
+            "label": limb,
+            "enabled": True,
+            "timestampMethod": "receiveTime",
+        }
         for limb in moved.table.limbs
     ]
-    return json.dumps(
-        {
-            "configById": {
-                "3D!stance": {"followTf": FRAME, "topics": {"/forces": {"visible": True}}, "scene": {}},
-                "Plot!joints": {"title": "joints [rad]", "paths": paths, "showLegend": True},
-                "Plot!contacts": {"title": "contacts", "paths": contacts, "showLegend": True},
+    return (
+        json.dumps(
+            {
+                "configById": {
+                    "3D!stance": {
+                        "followTf": FRAME,
+                        "topics": {"/forces": {"visible": True}},
+                        "scene": {},
+                    },
+                    "Plot!joints": {"title": "joints [rad]", "paths": paths, "showLegend": True},
+                    "Plot!contacts": {"title": "contacts", "paths": contacts, "showLegend": True},
+                },
+                "globalVariables": {},
+                "userNodes": {},
+                "playbackConfig": {"speed": 1},
+                "layout": {
+                    "first": "3D!stance",
+                    "direction": "row",
+                    "splitPercentage": 60,
+                    "second": {
+                        "first": "Plot!joints",
+                        "second": "Plot!contacts",
+                        "direction": "column",
+                    },
+                },
             },
-            "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1},
-            "layout": {
-                "first": "3D!stance", "direction": "row", "splitPercentage": 60,
-                "second": {"first": "Plot!joints", "second": "Plot!contacts", "direction": "column"},
-            },
-        },
-        indent=1,
-    ) + "\n"  # fmt: skip
+            indent=1,
+        )
+        + "\n"
+    )

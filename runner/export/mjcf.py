@@ -1,8 +1,8 @@
 """A motion in MuJoCo's own format: robot, terrain, and one key frame per row of the motion.
 
-The robot and the ground are those of the world in which ``run`` executes plans (``runner.worlds.mujoco``); shapes are
-in the file itself, so that it needs no other. ``key`` has time, qpos, qvel, and as ctrl the targets with which the
-position loops give the motion's torques.
+The robot and the ground are those of the world in which ``run`` executes plans
+(``runner.worlds.mujoco``); shapes are in the file itself, so that it needs no other. ``key`` has
+time, qpos, qvel, and as ctrl the targets with which the position loops give the motion's torques.
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ def mjcf_of(moved: Moved) -> str:
     assert table.torques_nm is not None
     targets = table.angles_rad + (table.torques_nm + damping * table.rates_rad_s) / stiffness
     names = key_names(table.time_s, moved.keys_s)
-    keys = zip(names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True)
+    keys = zip(
+        names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True
+    )
     lines = [
         f'    <key name="{name}" time="{time_s!r}" qpos="{_text(q)}" qvel="{_text(v)}" ctrl="{_text(target)}"/>'
         for name, time_s, q, v, target in keys
@@ -63,7 +65,8 @@ def key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
 
 
 def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
-    """qpos and qvel of every row, shape (T, nq), (T, nv): turning velocities of the base are in its own frame."""
+    """qpos and qvel of every row, shape (T, nq), (T, nv): turning velocities of the base are in its
+    own frame."""
     known = table.known()
     if not {"angles_rad", "rates_rad_s", "origin_m"} <= set(known):
         raise InvalidInput("motion: expected joints and the body's place, got none")
@@ -92,10 +95,11 @@ def _embed(spec: Any, body: SimulatedBody) -> None:
 
 
 def read_keys(path: Path) -> MotionTable:
-    """The key frames of an MJCF file as a motion, by their times: joints and body, and nothing of contacts and forces.
+    """The key frames of an MJCF file as a motion, by their times: joints and body, and nothing of
+    contacts and forces.
 
-    The body is what the first free joint moves. Raises InvalidInput for a file that MuJoCo does not read, without key
-    frames, or without a free joint.
+    The body is what the first free joint moves. Raises InvalidInput for a file that MuJoCo does not
+    read, without key frames, or without a free joint.
     """
     mujoco = mujoco_module()
     if not path.is_file():
@@ -103,7 +107,9 @@ def read_keys(path: Path) -> MotionTable:
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        raise InvalidInput(f"{path}: expected MuJoCo's MJCF: {' '.join(str(error).split())[:200]}") from None
+        raise InvalidInput(
+            f"{path}: expected MuJoCo's MJCF: {' '.join(str(error).split())[:200]}"
+        ) from None
     if model.nkey < 2:
         raise InvalidInput(f"{path}: expected two key frames or more, got {model.nkey}")
     free = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]

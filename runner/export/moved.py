@@ -20,7 +20,8 @@ Subject = Plan | Trajectory | LeapPlan
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
-    """A motion on its way out: its table, who moves, over what, and at which moments key frames are reached [s].
+    """A motion on its way out: its table, who moves, over what, and at which moments key frames are
+    reached [s].
 
     without: why there are no joints, empty where there are.
     """
@@ -39,7 +40,12 @@ def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, 
         case Plan():
             course = subject.problem
             chosen = tuple(course.patch(p, subject.choice) for p in range(len(course.footholds)))
-            return course.robot, course.robot.limb_names, course.terrain or chosen, course.gravity_m_s2
+            return (
+                course.robot,
+                course.robot.limb_names,
+                course.terrain or chosen,
+                course.gravity_m_s2,
+            )
         case Trajectory():
             ground = Ground(heights=subject.terrain, friction=subject.friction)
             try:

@@ -1,9 +1,11 @@
-"""A motion as the reference that mjlab's tracking task reads (``MotionLoader`` of mjlab/tasks/tracking/mdp/commands.py,
-mjlab 1.6.0; what writes such files there is mjlab/scripts/csv_to_npz.py).
+"""A motion as the reference that mjlab's tracking task reads (``MotionLoader`` of
+mjlab/tasks/tracking/mdp/commands.py, mjlab 1.6.0; what writes such files there is
+mjlab/scripts/csv_to_npz.py).
 
-fps, shape (1,); joint_pos, joint_vel, shape (T, J), joints in MuJoCo's order; body_pos_w, body_quat_w (w, x, y, z),
-body_lin_vel_w, body_ang_vel_w, shape (T, B, 3 or 4), of all bodies but the world in MuJoCo's order, world frame,
-velocities of the bodies' own frames. joint_names, body_names, tau, contact and force are read by nobody there.
+fps, shape (1,); joint_pos, joint_vel, shape (T, J), joints in MuJoCo's order; body_pos_w,
+body_quat_w (w, x, y, z), body_lin_vel_w, body_ang_vel_w, shape (T, B, 3 or 4), of all bodies but
+the world in MuJoCo's order, world frame, velocities of the bodies' own frames. joint_names,
+body_names, tau, contact and force are read by nobody there.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ def reference_of(moved: Moved) -> dict[str, Any]:
     names = [model.joint(i).name for i in hinges]
     order = [table.joints.index(name) for name in names]
     known = table.known()
-    fps = round(table.rate_hz) if abs(table.rate_hz - round(table.rate_hz)) < 1e-6 else table.rate_hz
+    fps = (
+        round(table.rate_hz) if abs(table.rate_hz - round(table.rate_hz)) < 1e-6 else table.rate_hz
+    )
     arrays: dict[str, Array] = {
         "joint_pos": known["angles_rad"][:, order],
         "joint_vel": known["rates_rad_s"][:, order],
@@ -60,9 +64,15 @@ def reference_of(moved: Moved) -> dict[str, Any]:
         "force": known["forces_n"],
     }
     words = {
-        "joint_names": names, "body_names": [model.body(body).name for body in bodies], "limb_names": table.limbs
-    }  # fmt: skip
-    return {"fps": np.array([fps]), **arrays, **{name: np.array(word) for name, word in words.items()}}
+        "joint_names": names,
+        "body_names": [model.body(body).name for body in bodies],
+        "limb_names": table.limbs,
+    }
+    return {
+        "fps": np.array([fps]),
+        **arrays,
+        **{name: np.array(word) for name, word in words.items()},
+    }
 
 
 def reference_bytes(moved: Moved) -> bytes:

@@ -1,4 +1,5 @@
-"""A motion as a recording of Rerun (extra ``rerun``): body, feet, forces, a series per joint, over the time t."""
+"""A motion as a recording of Rerun (extra ``rerun``): body, feet, forces, a series per joint, over
+the time t."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def write_rerun(moved: Moved, path: Path) -> None:
     time = rr.TimeColumn("t", duration=table.time_s)
     body = known.get("origin_m", known["com_m"])
     turned = np.roll(known["quaternion"], -1, axis=1)  # x, y, z, w
-    recording.send_columns("world/body", [time], [*rr.Transform3D.columns(translation=body, quaternion=turned)])
+    recording.send_columns(
+        "world/body", [time], [*rr.Transform3D.columns(translation=body, quaternion=turned)]
+    )
     recording.send_columns("world/com", [time], [*rr.Points3D.columns(positions=known["com_m"])])
     for i, limb in enumerate(table.limbs):
         feet, forces = known["feet_m"][:, i], known["forces_n"][:, i]
@@ -39,7 +42,9 @@ def write_rerun(moved: Moved, path: Path) -> None:
         recording.send_columns(f"contact/{limb}", [time], [*rr.Scalars.columns(scalars=stands)])
     for key, word in OF_JOINTS.items():
         for k, joint in enumerate(table.joints if key in known else ()):
-            recording.send_columns(f"{word}/{joint}", [time], [*rr.Scalars.columns(scalars=known[key][:, k])])
+            recording.send_columns(
+                f"{word}/{joint}", [time], [*rr.Scalars.columns(scalars=known[key][:, k])]
+            )
     recording.flush()
     recording.disconnect()
 

@@ -1,4 +1,5 @@
-"""Refusing motions that the named actuators cannot do: what they lack, at which joint, and which others would do."""
+"""Refusing motions that the named actuators cannot do: what they lack, at which joint, and which
+others would do."""
 
 from __future__ import annotations
 
@@ -17,33 +18,46 @@ from .redundancy import RedundancyResolution
 SAMPLED_S = 0.02
 """Torques at rest are taken so often, between the knots along straight lines."""
 CLEARLY = 1.05
-"""Postures at knots are not quite those that are tracked: only what is over a limit by so much is refused by them."""
+"""Postures at knots are not quite those that are tracked: only what is over a limit by so much is
+refused by them."""
 
 
 def check_at_rest(
-    source: str, motion: Motion, kinematics: Kinematics, wished: RedundancyResolution, drives: Drives, share: float
+    source: str,
+    motion: Motion,
+    kinematics: Kinematics,
+    wished: RedundancyResolution,
+    drives: Drives,
+    share: float,
 ) -> None:
-    """Raise InvalidInput where torques at rest, at a motion's knots, tell that named actuators cannot do it: that is
-    known in a tenth of the time that the whole motion takes."""
+    """Raise InvalidInput where torques at rest, at a motion's knots, tell that named actuators
+    cannot do it: that is known in a tenth of the time that the whole motion takes."""
     if drives.assigned is None:
         return
     samples = [motion.at(float(time_s)) for time_s in motion.knots_s]
-    torques = np.array([
-        kinematics.torques(angles, rotation_of(sample.rotation_rad), sample.forces_n)
-        for angles, sample in zip(wished.path_rad, samples, strict=True)
-    ])  # fmt: skip
+    torques = np.array(
+        [
+            kinematics.torques(angles, rotation_of(sample.rotation_rad), sample.forces_n)
+            for angles, sample in zip(wished.path_rad, samples, strict=True)
+        ]
+    )
     times = np.arange(0.0, motion.duration_s, SAMPLED_S)
     even = np.stack([np.interp(times, motion.knots_s, joint) for joint in torques.T], axis=1)
     check_actuators(source, drives, even, SAMPLED_S, share, CLEARLY)
 
 
 def check_actuators(
-    source: str, drives: Drives, torques_nm: Array, period_s: float, share: float, clearly: float = 1.0
+    source: str,
+    drives: Drives,
+    torques_nm: Array,
+    period_s: float,
+    share: float,
+    clearly: float = 1.0,
 ) -> None:
     """Raise InvalidInput where named actuators lack torque, or get hotter than they bear.
 
-    torques_nm: shape (T, J), so long apart. share: of the stall torque that may be used. clearly: how many times a
-    limit is to be exceeded.
+    torques_nm: shape (T, J), so long apart. share: of the stall torque that may be used. clearly:
+    how many times a limit is to be exceeded.
     """
     if drives.assigned is None:
         return
@@ -55,7 +69,9 @@ def check_actuators(
     names = drives.assigned.names(drives.joints)
     alike = [joint for joint, name in enumerate(names) if name == names[worst]]
     fits = [
-        name for name, model in drives.assigned.known.items() if _bears(model, torques_nm[:, alike], period_s, share)
+        name
+        for name, model in drives.assigned.known.items()
+        if _bears(model, torques_nm[:, alike], period_s, share)
     ]
     would = f"at rest {' or '.join(fits)} would do" if fits else "no known actuator would do"
     raise InvalidInput(

@@ -1,4 +1,5 @@
-"""A plan's motion judged by bodies: what links go through on the way, postures as the runner has them."""
+"""A plan's motion judged by bodies: what links go through on the way, postures as the runner has
+them."""
 
 from __future__ import annotations
 
@@ -31,19 +32,23 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
 def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
     """Postures that the whole robot should have at the ends of control periods."""
     samples = [target.sample for target in targets]
-    feet, normals = np.array([each.feet_m for each in samples]), np.array([each.normals for each in samples])
+    feet, normals = (
+        np.array([each.feet_m for each in samples]),
+        np.array([each.normals for each in samples]),
+    )
     return WholeBody(
         rotation=rotations_of(np.array([each.rotation_rad for each in samples])),
         origin_m=np.array([target.origin_m for target in targets]),
         angles=np.array([target.angles_rad for target in targets]),
-        toes_m=feet - kinematics.radii_m[:, None] * normals, normals=normals,
+        toes_m=feet - kinematics.radii_m[:, None] * normals,
+        normals=normals,
         stands=np.array([each.foothold for each in samples]) >= 0,
-    )  # fmt: skip
+    )
 
 
 def spaced(targets: Sequence[Target]) -> Iterator[Target]:
-    """As few of a motion's targets as are not farther apart than ``APART_M`` and ``TURN_RAD``, with the first and the
-    last."""
+    """As few of a motion's targets as are not farther apart than ``APART_M`` and ``TURN_RAD``, with
+    the first and the last."""
     points = [np.concatenate([target.sample.feet_m, target.origin_m[None]]) for target in targets]
     for row in rows_apart(np.array(points), np.array([target.angles_rad for target in targets])):
         yield targets[row]

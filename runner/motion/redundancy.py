@@ -1,11 +1,12 @@
 """Choice of a limb's postures along a motion: four joints have one more than a foot's position
 needs.
 
-Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
-(``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
-and no limb walks into a joint limit that a posture on the way would have avoided. A plan that has joint angles has
-chosen: its motion goes through them. Where a limb that is drawn up would jump on the way between them, while it swings,
-that swing alone is chosen anew, between the postures that the plan has at both its ends.
+Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form
+family of postures (``planners.robot.leg_ik``): comfortable ones, and near each other, so that no
+joint jumps from one branch to another and no limb walks into a joint limit that a posture on the
+way would have avoided. A plan that has joint angles has chosen: its motion goes through them. Where
+a limb that is drawn up would jump on the way between them, while it swings, that swing alone is
+chosen anew, between the postures that the plan has at both its ends.
 """
 
 from __future__ import annotations
@@ -31,30 +32,38 @@ from stancekit.planners.robot.servo import JOINTS
 from stancekit.planners.terrain.prism import Solid
 
 ROUGH = 10
-"""The shift of the centre of mass, which depends on the postures, is looked at at every tenth knot."""
+"""The shift of the centre of mass, which depends on the postures, is looked at at every tenth
+knot."""
 TURNED = 100.0
-"""Cost of a turn of 1 rad between two knots, squared, in the units of a posture's discomfort at one knot."""
+"""Cost of a turn of 1 rad between two knots, squared, in the units of a posture's discomfort at one
+knot."""
 LEFT = 60.0
 """The same for the first posture, as far as it is from where the robot is."""
 ENDS = 1e4
 """The same for the last posture of a swing: the one that the plan stands in comes next."""
 SMOOTHED = 2.0
-"""Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot the tracker undoes."""
+"""Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot
+the tracker undoes."""
 JUMP_RAD, LEAP_RAD = 0.5, 1.0
-"""A joint that turns so far between two knots jumps to another posture of the same foot: while its limb swings that is
-smoothed; while it stands, from the second on no pace is slow enough, and all postures are chosen anew."""
+"""A joint that turns so far between two knots jumps to another posture of the same foot: while its
+limb swings that is smoothed; while it stands, from the second on no pace is slow enough, and all
+postures are chosen anew."""
 
 
 class RedundancyResolution:
-    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` times of shape (…,) it is
-    of shape (…, J) [rad]. path_rad: at the motion's knots, shape (T, J)."""
+    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` times of
+    shape (…,) it is of shape (…, J) [rad]. path_rad: at the motion's knots, shape (T, J)."""
 
-    def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
+    def __init__(
+        self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None
+    ) -> None:
         times = motion.knots_s
         if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
             path = _planned(motion, times, kinematics, near_rad)
             if kinematics.drawn:
-                path = _without_jumps(path, [motion.at(float(t)) for t in times], motion.solids, kinematics)
+                path = _without_jumps(
+                    path, [motion.at(float(t)) for t in times], motion.solids, kinematics
+                )
             if not kinematics.drawn or _jumps(path, LEAP_RAD).size == 0:
                 self._set(times, path)
                 return
@@ -65,12 +74,18 @@ class RedundancyResolution:
         shifts = np.zeros((len(times), 3))
         limbs = range(len(kinematics.robot.limbs))
         rough = _comfortable(
-            [_family(samples[::ROUGH], shifts[::ROUGH], motion.solids, kinematics, limb) for limb in limbs]
+            [
+                _family(samples[::ROUGH], shifts[::ROUGH], motion.solids, kinematics, limb)
+                for limb in limbs
+            ]
         )
         shifts = np.repeat([kinematics.com_offset(q) for q in rough], ROUGH, axis=0)[: len(times)]
         tables = [_family(samples, shifts, motion.solids, kinematics, limb) for limb in limbs]
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
-        chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
+        chosen = [
+            _cheapest(table, None if near is None else near[limb])
+            for limb, table in enumerate(tables)
+        ]
         smooth = [_smoothed(q) for q in chosen]
         self._set(times, _from(near_rad, np.concatenate(smooth, axis=1), motion, times))
 
@@ -81,9 +96,9 @@ class RedundancyResolution:
 
     def retimed(self, times_s: Array) -> Self:
         """Resolution with the same postures at other times, shape (T,) [s]."""
-        found = copy(self)
-        found._set(times_s, self.path_rad)
-        return found
+        copy_of_it = copy(self)
+        copy_of_it._set(times_s, self.path_rad)
+        return copy_of_it
 
     def at(self, times_s: float | Array) -> Array:
         """The ends are held."""
@@ -91,7 +106,8 @@ class RedundancyResolution:
 
 
 class Continued(Kinematics):
-    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``, shape (J,)."""
+    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``,
+    shape (J,)."""
 
     def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -109,20 +125,24 @@ def near_of(kinematics: Kinematics) -> Array | None:
     return kinematics.near_rad if isinstance(kinematics, Continued) else None
 
 
-def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None) -> Array:
-    """Postures of a plan that has joint angles, as the verifier judges them; from where the robot is while it settles,
-    shape (T, J)."""
+def _planned(
+    motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None
+) -> Array:
+    """Postures of a plan that has joint angles, as the verifier judges them; from where the robot
+    is while it settles, shape (T, J)."""
     path = JointPath(motion.path, kinematics).postures(motion.moments(times)).angles
     return _from(near_rad, path, motion, times)
 
 
 def _from(near_rad: Array | None, path: Array, motion: Motion, times: Array) -> Array:
-    """The path from where the robot is, if it is somewhere: what it is off by there fades while the motion is at rest.
-    A robot that stands has no other way to the beginning that moves no foot."""
+    """The path from where the robot is, if it is somewhere: what it is off by there fades while the
+    motion is at rest. A robot that stands has no other way to the beginning that moves no foot."""
     if near_rad is None:
         return path
     rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.duration_s
-    return np.asarray(path + np.clip(1.0 - times / rest_s, 0.0, 1.0)[:, None] * (near_rad - path[0]))
+    return np.asarray(
+        path + np.clip(1.0 - times / rest_s, 0.0, 1.0)[:, None] * (near_rad - path[0])
+    )
 
 
 def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
@@ -134,8 +154,9 @@ def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
 def _without_jumps(
     path: Array, samples: Sequence[Samples], solids: Sequence[Solid], kinematics: Kinematics
 ) -> Array:
-    """The path with those swings chosen anew in which a limb jumps, from where it stands to where it stands again."""
-    found, swings = np.array(path), set[tuple[int, int, int]]()
+    """The path with those swings chosen anew in which a limb jumps, from where it stands to where
+    it stands again."""
+    smoothed, swings = np.array(path), set[tuple[int, int, int]]()
     stands = np.array([sample.foothold for sample in samples]) >= 0
     for knot, limb in _jumps(path):
         on = np.flatnonzero(stands[:, limb])
@@ -143,15 +164,15 @@ def _without_jumps(
         if len(before) and len(after):
             swings.add((int(limb), int(before[-1]), int(after[0])))
     for limb, begin, end in swings:
-        within, its = slice(begin, end + 1), kinematics.joints_of(limb)
+        within, joints = slice(begin, end + 1), kinematics.joints_of(limb)
         shifts = np.array([kinematics.com_offset(q) for q in path[within]])
         table = _family(samples[within], shifts, solids, kinematics, limb)
-        chosen = _cheapest(table, path[begin, its], path[end, its])
+        chosen = _cheapest(table, path[begin, joints], path[end, joints])
         if _jumps(chosen).size:  # the family has no hip beyond the vertical
-            chosen = path[within, its]
-        found[within, its] = _smoothed(chosen)
-        found[begin, its], found[end, its] = path[begin, its], path[end, its]
-    return found
+            chosen = path[within, joints]
+        smoothed[within, joints] = _smoothed(chosen)
+        smoothed[begin, joints], smoothed[end, joints] = path[begin, joints], path[end, joints]
+    return smoothed
 
 
 def _smoothed(path: Array) -> Array:
@@ -162,8 +183,13 @@ def _smoothed(path: Array) -> Array:
 
 
 def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Array | None) -> Array:
-    """Postures of a robot's own legs, each near the one before, the first near where it stands, shape (T, J)."""
-    angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs]) if near_rad is None else near_rad
+    """Postures of a robot's own legs, each near the one before, the first near where it stands,
+    shape (T, J)."""
+    angles = (
+        np.concatenate([leg.stance_rad for leg in kinematics.model.legs])
+        if near_rad is None
+        else near_rad
+    )
     path = list[Array]()
     for sample in samples:
         rotation = rotation_of(sample.rotation_rad)
@@ -179,29 +205,43 @@ Table = tuple[Array, Array]
 
 
 def _family(
-    samples: Sequence[Samples], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, limb: int
+    samples: Sequence[Samples],
+    shifts: Array,
+    solids: Sequence[Solid],
+    kinematics: Kinematics,
+    limb: int,
 ) -> Table:
     """The table of a limb. shifts: of the centre of mass in the body, shape (T, 3) [m]."""
-    its = kinematics.robot.limbs[limb]
+    limb_of_it = kinematics.robot.limbs[limb]
     turns = np.array([rotation_of(sample.rotation_rad) for sample in samples])
     coms = np.array([sample.com_m for sample in samples])
-    feet, normals = (np.array([getattr(sample, name)[limb] for sample in samples]) for name in ("feet_m", "normals"))
-    shoulders = coms - (turns @ shifts[..., None])[..., 0] + turns @ its.shoulder_m
-    towards = turns @ rotation_of([0.0, 0.0, outward_rad(its)])
+    feet, normals = (
+        np.array([getattr(sample, name)[limb] for sample in samples])
+        for name in ("feet_m", "normals")
+    )
+    shoulders = coms - (turns @ shifts[..., None])[..., 0] + turns @ limb_of_it.shoulder_m
+    towards = turns @ rotation_of([0.0, 0.0, outward_rad(limb_of_it)])
     target, normal = ((v[:, None] @ towards)[:, 0] for v in (feet - shoulders, normals))
-    clearance = clearance_of(shoulders, towards, solids, NEAR * its.reach_m)
-    return posture_cost(link_lengths(its), target, -normal, kinematics.servo, clearance=clearance)
+    clearance = clearance_of(shoulders, towards, solids, NEAR * limb_of_it.reach_m)
+    return posture_cost(
+        link_lengths(limb_of_it), target, -normal, kinematics.servo, clearance=clearance
+    )
 
 
 def _comfortable(tables: Sequence[Table]) -> Array:
     """The cheapest postures at every knot alone, shape (T, J)."""
     return np.concatenate(
-        [np.take_along_axis(of, np.argmin(cost, axis=1)[:, None, None], axis=1)[:, 0] for of, cost in tables], axis=1
+        [
+            np.take_along_axis(of, np.argmin(cost, axis=1)[:, None, None], axis=1)[:, 0]
+            for of, cost in tables
+        ],
+        axis=1,
     )
 
 
 def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Array:
-    """The cheapest path through a table, shape (T, 4). near, then: where it begins, and ends, if that is given."""
+    """The cheapest path through a table, shape (T, 4). near, then: where it begins, and ends, if
+    that is given."""
     families, costs = table
     family, cost = families[0], costs[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)
@@ -216,9 +256,9 @@ def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Ar
     index = [int(np.argmin(total))]
     for row in reversed(back):
         index.append(int(row[index[-1]]))
-    found = families[np.arange(len(families)), index[::-1]]
+    best = families[np.arange(len(families)), index[::-1]]
     if near is not None:
-        found[0] = near
+        best[0] = near
     if then is not None:
-        found[-1] = then
-    return found
+        best[-1] = then
+    return best

@@ -1,4 +1,5 @@
-"""The soft start: from the pose that was measured to the first pose of the motion, slowly, with feet kept clear."""
+"""The soft start: from the pose that was measured to the first pose of the motion, slowly, with
+feet kept clear."""
 
 from __future__ import annotations
 
@@ -14,15 +15,19 @@ from stancekit.planners.robot.kinematics import Kinematics
 from ..worlds.world import Solids
 
 SLACK_M = 0.006
-"""So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no collision."""
+"""So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no
+collision."""
 SAMPLES = 40
 STILL_RAD = 1e-4
 PEAK = 1.875
 """Greatest velocity of a quintic from 0 to 1 in unit time."""
 
 
-def soft_motion(start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: float) -> Iterator[Array]:
-    """Joint angles from start to goal, no joint faster than this, at rest at both ends, shape (J,) each."""
+def soft_motion(
+    start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: float
+) -> Iterator[Array]:
+    """Joint angles from start to goal, no joint faster than this, at rest at both ends, shape (J,)
+    each."""
     change = np.asarray(goal_rad) - start_rad
     longest = float(np.abs(change).max())
     if longest <= STILL_RAD:
@@ -44,9 +49,10 @@ def soft_start(
 ) -> list[Array]:
     """The joint angles to go to, one after the other, the last ``first_rad``.
 
-    pose: position, shape (3,) [m], and rotation of the body, shape (3, 3). normals: of the surfaces that the feet stand
-    on, shape (N, 3). Goes straight where no foot enters a surface; else over a pose whose feet are off by clearance_m.
-    Raises InvalidInput with the limb's name where both paths are blocked.
+    pose: position, shape (3,) [m], and rotation of the body, shape (3, 3). normals: of the surfaces
+    that the feet stand on, shape (N, 3). Goes straight where no foot enters a surface; else over a
+    pose whose feet are off by clearance_m. Raises InvalidInput with the limb's name where both
+    paths are blocked.
     """
     depth, limb = _deepest(kinematics, solids, pose, [measured_rad, first_rad])
     if depth <= SLACK_M:

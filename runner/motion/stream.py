@@ -1,4 +1,5 @@
-"""The motion that ``run`` streams, with its joints: timed by what they can do, the same for a world and for a film."""
+"""The motion that ``run`` streams, with its joints: timed by what they can do, the same for a world
+and for a film."""
 
 from __future__ import annotations
 
@@ -41,10 +42,11 @@ M = TypeVar("M", PlanMotion, GaitMotion)
 
 
 def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
-    """The motion of a plan or a walk as ``run`` streams it where nothing disturbs it, ``RATE_HZ`` rows per second.
+    """The motion of a plan or a walk as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
+    rows per second.
 
-    Of body and feet alone, on the same path and timed by the same rule, where joints are not known or ``run`` would
-    refuse them, and for a leap. The robot's own drives are taken.
+    Of body and feet alone, on the same path and timed by the same rule, where joints are not known
+    or ``run`` would refuse them, and for a leap. The robot's own drives are taken.
     """
     try:
         return joint_motion(subject)
@@ -56,13 +58,16 @@ def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
 def joint_motion(
     subject: Plan | Trajectory | LeapPlan, rate_hz: float = RATE_HZ
 ) -> TimedMotion[PlanMotion] | TimedMotion[GaitMotion]:
-    """The motion of a plan or a walk with its joints, as ``run`` streams it, so many rows per second.
+    """The motion of a plan or a walk with its joints, as ``run`` streams it, so many rows per
+    second.
 
     Raises InvalidInput where joints are not known or ``run`` would refuse them, and for a leap.
     """
     match subject:
         case Plan():
-            kinematics = Kinematics(subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2)
+            kinematics = Kinematics(
+                subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2
+            )
             drives, can = _of_file(kinematics)
             motion, wished = unhurried_plan(subject, kinematics, can)
             timed = timed_plan(motion, wished, kinematics, can, drives)
@@ -84,7 +89,9 @@ def _at_rate(
     if rate_hz == RATE_HZ:
         return timed
     wished = timed.profile.wished
-    profile = joint_profile(timed.motion, kinematics, rate_hz, balanced=balanced, drives=drives, wished=wished)
+    profile = joint_profile(
+        timed.motion, kinematics, rate_hz, balanced=balanced, drives=drives, wished=wished
+    )
     return replace(timed, profile=profile)
 
 
@@ -96,10 +103,11 @@ def unhurried_plan(
     *,
     shared: bool = True,
 ) -> tuple[PlanMotion, RedundancyResolution]:
-    """A plan's motion whose phases last as long as joints need, and the postures that joints are drawn to.
+    """A plan's motion whose phases last as long as joints need, and the postures that joints are
+    drawn to.
 
-    shared: forces are shared anew among the limbs of every stance, with a reserve of friction. Raises InvalidInput
-    where all limbs lift at once.
+    shared: forces are shared anew among the limbs of every stance, with a reserve of friction.
+    Raises InvalidInput where all limbs lift at once.
     """
     forces_n = distribute_forces(plan, kinematics) if shared else None
     standing_n = standing_forces(plan, kinematics) if shared else None
@@ -119,7 +127,8 @@ def timed_plan(
     *,
     hung: bool = False,
 ) -> TimedMotion[PlanMotion]:
-    """A plan's motion slowed down to what joints can do. Raises InvalidInput as ``parametrize`` does."""
+    """A plan's motion slowed down to what joints can do. Raises InvalidInput as ``parametrize``
+    does."""
     return parametrize(
         motion.plan,
         kinematics,
@@ -143,11 +152,15 @@ def timed_gait(
     *,
     hung: bool = False,
 ) -> TimedMotion[GaitMotion]:
-    """A gait's motion as it is planned. Raises InvalidInput where joints cannot do it: it cannot be slowed down.
+    """A gait's motion as it is planned. Raises InvalidInput where joints cannot do it: it cannot be
+    slowed down.
 
-    What a robot's own joints can accelerate follows from their torques; servos are given a limit of their own.
+    What a robot's own joints can accelerate follows from their torques; servos are given a limit of
+    their own.
     """
-    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished)
+    profile = joint_profile(
+        motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished
+    )
     check_static(profile, kinematics, can, LIMIT_SHARE, drives)
     most = _most(kinematics)
     uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
@@ -157,8 +170,12 @@ def timed_gait(
                 f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
-    velocity, acceleration, torque = (uses[name][0] for name in ("velocity", "acceleration", "torque"))
-    return TimedMotion(motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque)
+    velocity, acceleration, torque = (
+        uses[name][0] for name in ("velocity", "acceleration", "torque")
+    )
+    return TimedMotion(
+        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
+    )
 
 
 def _most(kinematics: Kinematics) -> float:

@@ -1,8 +1,10 @@
-"""Time parametrisation: how slow a motion must be for joints with limits of velocity, acceleration and torque.
+"""Time parametrisation: how slow a motion must be for joints with limits of velocity, acceleration
+and torque.
 
-Every phase of ``PlanMotion`` scales with the pace: at pace p velocities are p times, accelerations and the torques that
-they take p² times those at pace 1, and torques at rest are the same. So the pace is known after one profile of
-the motion, which is inverse kinematics of the whole plan; a second profile checks it.
+Every phase of ``PlanMotion`` scales with the pace: at pace p velocities are p times, accelerations
+and the torques that they take p² times those at pace 1, and torques at rest are the same. So the
+pace is known after one profile of the motion, which is inverse kinematics of the whole plan; a
+second profile checks it.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ LIMIT_SHARE = 0.9
 RATE_HZ = 100.0
 """How often the motion is sampled."""
 LEAST_PACE = 0.1
-"""Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace jumps."""
+"""Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace
+jumps."""
 ROUNDS = 4
 LINEAR = ("velocity", "torque at speed")
 """Uses of limits that fall with the pace, or faster; the others do with its square."""
@@ -46,10 +49,10 @@ LINEAR = ("velocity", "torque at speed")
 class JointProfile:
     """A motion as the joints have it, T times, J joints.
 
-    time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
-    static_nm are torques at rest under the planned forces, dynamic_nm what accelerations add. error_m: of inverse
-    kinematics, shape (T, N). targets: what a tracker sends where all goes as planned, T of them; wished: what it is
-    drawn to.
+    time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm:
+    shape (T, J); static_nm are torques at rest under the planned forces, dynamic_nm what
+    accelerations add. error_m: of inverse kinematics, shape (T, N). targets: what a tracker sends
+    where all goes as planned, T of them; wished: what it is drawn to.
     """
 
     time_s: Array
@@ -70,9 +73,9 @@ M_co = TypeVar("M_co", bound=Motion, covariant=True)
 class TimedMotion(Generic[M_co]):
     """A motion that joints can do, and one itself: what is streamed where nothing disturbs it.
 
-    pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower, with the joint, empty at 1.
-    velocity, acceleration, torque: greatest use of the limits, 1 at the limit. profile: of the motion, whose rows are
-    what is streamed.
+    pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower, with the
+    joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit.
+    profile: of the motion, whose rows are what is streamed.
     """
 
     motion: M_co
@@ -128,10 +131,13 @@ def unhurried(
     """Factors by which phases are to last longer, or joints would be sent faster than they turn,
     shape (P,), 1 or more.
 
-    A phase begins and ends at rest, so that each can have a time of its own. velocity_rad_s: limits, shape (J,).
+    A phase begins and ends at rest, so that each can have a time of its own. velocity_rad_s:
+    limits, shape (J,).
     """
     path, seconds = wished.path_rad, np.array([phase.seconds for phase in motion.phases])
-    rates = (np.diff(path, axis=0) / np.repeat(seconds / KNOTS, KNOTS)[:, None]).reshape(len(seconds), KNOTS, -1)
+    rates = (np.diff(path, axis=0) / np.repeat(seconds / KNOTS, KNOTS)[:, None]).reshape(
+        len(seconds), KNOTS, -1
+    )
     rising = np.diff(rates, axis=1) / (seconds / KNOTS)[:, None, None]
     fast = (np.abs(rates) / (share * velocity_rad_s)).max(axis=(1, 2))
     hard = np.abs(rising).max(axis=(1, 2)) / acceleration_rad_s2
@@ -155,10 +161,11 @@ def parametrize(
 ) -> TimedMotion[PlanMotion]:
     """The plan's motion, slowed down until all limits hold.
 
-    share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. drives: whose torques fall with speed, where they do. longer, standing_n: as of ``PlanMotion``. wished:
-    postures of this motion at any pace, where they are known. Raises InvalidInput, with time, limb and joint, where a
-    foot is out of reach, or a torque at rest too large: no pace helps there.
+    share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand,
+    its feet carry nothing. drives: whose torques fall with speed, where they do. longer,
+    standing_n: as of ``PlanMotion``. wished: postures of this motion at any pace, where they are
+    known. Raises InvalidInput, with time, limb and joint, where a foot is out of reach, or a torque
+    at rest too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
@@ -166,17 +173,27 @@ def parametrize(
         wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
         check_static(profile, kinematics, can, share, drives)
-        uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives)
-        slower = min((1.0 / use if name in LINEAR else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
+        uses = limit_use(
+            profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives
+        )
+        slower = min(
+            (1.0 / use if name in LINEAR else use**-0.5)
+            for name, (use, _) in uses.items()
+            if use > 0.0
+        )
         if slower >= 1.0 - 1e-6:
             values = {name: uses[name][0] for name in ("velocity", "acceleration", "torque")}
-            return TimedMotion(motion=motion, profile=profile, pace=pace, bound_by=bound_by, **values)
+            return TimedMotion(
+                motion=motion, profile=profile, pace=pace, bound_by=bound_by, **values
+            )
         name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
         bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
         if pace < LEAST_PACE:
             break
-    raise InvalidInput(f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by {bound_by}")
+    raise InvalidInput(
+        f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by {bound_by}"
+    )
 
 
 def joint_profile(
@@ -189,9 +206,10 @@ def joint_profile(
     drives: Drives | None = None,
     wished: RedundancyResolution | None = None,
 ) -> JointProfile:
-    """Inverse kinematics along a whole motion, and what it takes. balanced: the motion's forces are those that push
-    the body as it moves, as a gait's are, and not those at rest. drives: whose rotors are turned; the robot's own where
-    none are given. wished: postures at the motion's knots, where they are known."""
+    """Inverse kinematics along a whole motion, and what it takes. balanced: the motion's forces are
+    those that push the body as it moves, as a gait's are, and not those at rest. drives: whose
+    rotors are turned; the robot's own where none are given. wished: postures at the motion's knots,
+    where they are known."""
     wished, period_s = wished or resolved(motion, kinematics), 1.0 / rate_hz
     targets = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
     angles = np.array([target.angles_rad for target in targets])
@@ -207,16 +225,24 @@ def joint_profile(
         for q, v, a, target, push in zip(angles, velocity, acceleration, targets, body, strict=True)
     ]
     static = (
-        [kinematics.torques(q, np.eye(3), np.zeros_like(targets[0].sample.forces_n)) for q in angles]
+        [
+            kinematics.torques(q, np.eye(3), np.zeros_like(targets[0].sample.forces_n))
+            for q in angles
+        ]
         if hung
         else [target.torques_nm for target in targets]
     )
     return JointProfile(
-        time_s=np.arange(len(angles), dtype=float) * np.float64(period_s), angles_rad=angles, velocity_rad_s=velocity,
-        acceleration_rad_s2=acceleration, static_nm=np.array(static),
-        dynamic_nm=np.array(dynamic), error_m=np.array([target.error_m for target in targets]),
-        targets=tuple(targets), wished=wished,
-    )  # fmt: skip
+        time_s=np.arange(len(angles), dtype=float) * np.float64(period_s),
+        angles_rad=angles,
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=acceleration,
+        static_nm=np.array(static),
+        dynamic_nm=np.array(dynamic),
+        error_m=np.array([target.error_m for target in targets]),
+        targets=tuple(targets),
+        wished=wished,
+    )
 
 
 BLIND = ContactFeedback(press_hz=0.0, memory_s=0.0)
@@ -226,9 +252,12 @@ STEADY = replace(BLIND, waits=False)
 
 
 def undisturbed(
-    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None,
+    motion: Motion,
+    kinematics: Kinematics,
+    rate_hz: float = RATE_HZ,
+    wished: RedundancyResolution | None = None,
     feedback: ContactFeedback = BLIND,
-) -> list[Target]:  # fmt: skip
+) -> list[Target]:
     """Targets that the tracker sends along a whole motion when all feet feel what they should."""
     tracker = Tracker(motion, kinematics, rate_hz, feedback, wished=wished)
     targets = [tracker.start()]
@@ -244,20 +273,29 @@ def expected(sample: Samples) -> Array:
 
 
 class _Limbs:
-    """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that feet push."""
+    """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that
+    feet push."""
 
     def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
         self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
 
-    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array) -> Array:
-        """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
+    def torques(
+        self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array
+    ) -> Array:
+        """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by
+        feet that stand."""
         robot = self._kinematics.robot
-        own = self._kinematics.inertial_torques(angles, velocity, acceleration) + self._rotors_kg_m2 * acceleration
+        moving_nm = (
+            self._kinematics.inertial_torques(angles, velocity, acceleration)
+            + self._rotors_kg_m2 * acceleration
+        )
         stands = sample.stands
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         loads = self._kinematics.loads(angles, rotation_of(sample.rotation_rad))
-        with_push, without = (self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared)))
-        return np.asarray(own + with_push - without)
+        with_push, without = (
+            self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared))
+        )
+        return np.asarray(moving_nm + with_push - without)
 
 
 def limit_use(
@@ -268,10 +306,12 @@ def limit_use(
     share: float = LIMIT_SHARE,
     drives: Drives | None = None,
 ) -> dict[str, tuple[float, int]]:
-    """The greatest use of every limit, with the joint; that of torque is of what torques at rest leave.
+    """The greatest use of every limit, with the joint; that of torque is of what torques at rest
+    leave.
 
-    "torque at speed" is of joints whose torque falls with it and that turn with their torque: |τ| / τ_0 + |q̇| / ω_0 is
-    to be no more than 1, and at a pace p no more than the torque at rest and p times the rest are.
+    "torque at speed" is of joints whose torque falls with it and that turn with their torque: |τ| /
+    τ_0 + |q̇| / ω_0 is to be no more than 1, and at a pace p no more than the torque at rest and p
+    times the rest are.
     """
     room = share * can.torque_nm - np.abs(profile.static_nm)
     tables = {
@@ -283,7 +323,9 @@ def limit_use(
         rest, most = np.abs(profile.static_nm), share * can.torque_nm
         motoring = (profile.static_nm + profile.dynamic_nm) * profile.velocity_rad_s > 0.0
         moving = np.abs(profile.dynamic_nm) / most + drives.fading * np.abs(profile.velocity_rad_s)
-        tables["torque at speed"] = np.where(motoring & (drives.fading > 0.0), moving / (1.0 - rest / most), 0.0)
+        tables["torque at speed"] = np.where(
+            motoring & (drives.fading > 0.0), moving / (1.0 - rest / most), 0.0
+        )
     return {
         name: (float(table.max()), int(np.unravel_index(int(np.argmax(table)), table.shape)[1]))
         for name, table in tables.items()
@@ -291,7 +333,11 @@ def limit_use(
 
 
 def check_static(
-    profile: JointProfile, kinematics: Kinematics, can: WorldCapabilities, share: float, drives: Drives | None = None
+    profile: JointProfile,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    share: float,
+    drives: Drives | None = None,
 ) -> None:
     """Raise InvalidInput for what no pace helps with."""
     row, limb = np.unravel_index(int(np.argmax(profile.error_m)), profile.error_m.shape)

@@ -1,7 +1,8 @@
 """End of a run: what state the robot is left in, and how long that took.
 
-After a stop nothing moves any more: of the endings only hold and torque-off are left then, and home becomes hold. Where
-an arming was interrupted, no torque is on that was off before, whatever was asked for.
+After a stop nothing moves any more: of the endings only hold and torque-off are left then, and home
+becomes hold. Where an arming was interrupted, no torque is on that was off before, whatever was
+asked for.
 """
 
 from __future__ import annotations
@@ -25,15 +26,16 @@ Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
 
 @runtime_checkable
 class _Unsettled(Protocol):
-    """A device that knows what may still move it after ``hold``; pending: what, empty where nothing may."""
+    """A device that knows what may still move it after ``hold``; pending: what, empty where nothing
+    may."""
 
     pending: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """left: the state in which the robot is; message: why it is another than was asked for, empty where it is not.
-    seconds: from the stop, or from the end of the motion, until then.
+    """left: the state in which the robot is; message: why it is another than was asked for, empty
+    where it is not. seconds: from the stop, or from the end of the motion, until then.
     """
 
     left: Left
@@ -45,11 +47,14 @@ class Ended:
         return dict(self.__dict__)
 
 
-def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_rad_s: float) -> Ended:
-    """Bring the robot into the state that was asked for; it never raises for what goes wrong on the way.
+def end(
+    world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_rad_s: float
+) -> Ended:
+    """Bring the robot into the state that was asked for; it never raises for what goes wrong on the
+    way.
 
-    home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed; None where there is
-    no path.
+    home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed;
+    None where there is no path.
     """
     stopped = world.latch.tripped
     begin = world.latch.time_s if stopped else time.monotonic()
@@ -61,7 +66,9 @@ def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_ra
     else:
         message = ""
         if ending == "home" and (stopped or home is None):
-            message = "home is not gone to after a stop" if stopped else "there is no clear way home"
+            message = (
+                "home is not gone to after a stop" if stopped else "there is no clear way home"
+            )
         elif ending == "home" and home is not None:
             message = _homeward(world, home, speed_rad_s)
         left, message = _held(world, message)
@@ -107,7 +114,8 @@ def _relaxed(world: SafeWorld) -> tuple[Left, str]:
 
 
 def _done(verb: Callable[[], None]) -> str:
-    """Have a device do it, once more where that is cut off (by a second Ctrl-C); what went wrong, empty if nothing."""
+    """Have a device do it, once more where that is cut off (by a second Ctrl-C); what went wrong,
+    empty if nothing."""
     wrong = ""
     for _ in range(2):
         try:

@@ -21,14 +21,19 @@ JOIN_S = 1.0
 
 
 def file_source(path: Path) -> Source:
-    """Stop where this file is there. Its folder may be a network's, so that others can stop the robot."""
+    """Stop where this file is there. Its folder may be a network's, so that others can stop the
+    robot."""
     return lambda: f"stop file {path.name} is there" if os.path.lexists(path) else None
 
 
 def key_source(stream: int | None = None) -> Source:
-    """Stop at any key, and where the terminal is gone. stream: file descriptor of a terminal, standard input's where
-    None; where that is no terminal nothing is ever read."""
-    number = sys.stdin.fileno() if stream is None and sys.stdin is not None and sys.stdin.isatty() else stream
+    """Stop at any key, and where the terminal is gone. stream: file descriptor of a terminal,
+    standard input's where None; where that is no terminal nothing is ever read."""
+    number = (
+        sys.stdin.fileno()
+        if stream is None and sys.stdin is not None and sys.stdin.isatty()
+        else stream
+    )
 
     def pressed() -> str | None:
         if number is None or not select.select([number], [], [], 0.0)[0]:
@@ -39,7 +44,8 @@ def key_source(stream: int | None = None) -> Source:
 
 
 def reader_source(*streams: int) -> Source:
-    """Stop where nobody reads any more what is written to one of these: a closed terminal, or the end of a pipe.
+    """Stop where nobody reads any more what is written to one of these: a closed terminal, or the
+    end of a pipe.
 
     streams: file descriptors. Nothing is written, so that a stop does not wait for the next line.
     """
@@ -66,10 +72,11 @@ def raw_keys(stream: int) -> Iterator[None]:
 
 @contextmanager
 def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) -> Iterator[None]:
-    """Let these signals trip the latch in place of ending the process; those before come back afterwards.
+    """Let these signals trip the latch in place of ending the process; those before come back
+    afterwards.
 
-    A hang-up that is ignored stays so: that is what ``nohup`` asks for. Does nothing outside the main thread, where
-    Python takes no handlers.
+    A hang-up that is ignored stays so: that is what ``nohup`` asks for. Does nothing outside the
+    main thread, where Python takes no handlers.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -78,10 +85,14 @@ def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) ->
     def trip(number: int, frame: FrameType | None) -> None:
         latch.trip(f"signal {signal.Signals(number).name}")
 
-    kept = [each for each in signals if (each, signal.getsignal(each)) != (signal.SIGHUP, signal.SIG_IGN)]
+    watched = [
+        each
+        for each in signals
+        if (each, signal.getsignal(each)) != (signal.SIGHUP, signal.SIG_IGN)
+    ]
     before = dict[signal.Signals, Any]()
     try:
-        for each in kept:
+        for each in watched:
             before[each] = signal.signal(each, trip)
         yield
     finally:
@@ -91,7 +102,8 @@ def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) ->
 
 @contextmanager
 def watched(latch: StopLatch, period_s: float = 0.005) -> Iterator[None]:
-    """Ask the latch's sources in a thread of its own, so that a loop that waits for a device delays no stop."""
+    """Ask the latch's sources in a thread of its own, so that a loop that waits for a device delays
+    no stop."""
     over = threading.Event()
 
     def ask() -> None:

@@ -1,7 +1,9 @@
-"""Every world behind the same guard: clipping, refusal of what is no number, the stop latch, the watchdog, deviation.
+"""Every world behind the same guard: clipping, refusal of what is no number, the stop latch, the
+watchdog, deviation.
 
-What was really sent comes back in ``State.sent_rad``. After a stop nothing is sent any more; what is asked for then is
-counted and refused. What is real is armed for a plan only, and the plan is verified then, from its own numbers.
+What was really sent comes back in ``State.sent_rad``. After a stop nothing is sent any more; what
+is asked for then is counted and refused. What is real is armed for a plan only, and the plan is
+verified then, from its own numbers.
 """
 
 from __future__ import annotations
@@ -61,19 +63,22 @@ class _Bearing(Protocol):
 FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
 STILL_RAD, SENT_RAD = 0.02, 0.1
-"""A robot has not moved where none of its joints has turned by STILL_RAD, of several that were sent SENT_RAD away."""
+"""A robot has not moved where none of its joints has turned by STILL_RAD, of several that were sent
+SENT_RAD away."""
 SATURATED = 1.5
-"""A target so many times as far from its joint as gives all of its torque is one that the joint does not follow."""
+"""A target so many times as far from its joint as gives all of its torque is one that the joint
+does not follow."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
     """Limits within which the guard lets commands through, and at which it stops.
 
-    margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest velocity. step_rad: most
-    that a target may change in one control period. path_rad, path_s: a joint that is farther than this from what it
-    was sent, for this long, stops the run. silent_s: the longest time between two commands to something real; pauses
-    of a simulation, or of a dry run, harm nobody.
+    margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest
+    velocity. step_rad: most that a target may change in one control period. path_rad, path_s: a
+    joint that is farther than this from what it was sent, for this long, stops the run. silent_s:
+    the longest time between two commands to something real; pauses of a simulation, or of a dry
+    run, harm nobody.
     """
 
     margin_rad: float = 0.0
@@ -94,10 +99,11 @@ class Limits:
 class SafeWorld:
     """A world with a guard, itself a world. It owns the world, and closes it.
 
-    dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
-    real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
-    through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
-    needed. monitor: gets a beat for every command.
+    dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A
+    simulation is nothing real. latch: the world's. sources: asked before every command. sent,
+    clipped, refused: numbers of commands that went through, that were changed on the way, and that
+    came after the stop. armed: an arming came to its end, or none is needed. monitor: gets a beat
+    for every command.
     """
 
     def __init__(
@@ -113,22 +119,35 @@ class SafeWorld:
         self.world, self.limits = world, limits
         check_world(world)
         self.latch: StopLatch = world.latch
-        self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
+        self.name, self.kind, self.robot, self.servo = (
+            world.name,
+            world.kind,
+            world.robot,
+            world.servo,
+        )
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.gravity_m_s2: float | None = getattr(world, "gravity_m_s2", None)
         self.capabilities = capabilities_of(world)
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
         if isinstance(world, _Driven) and world.kind != "hardware":
-            self._path = np.maximum(self._path, SATURATED * world.drives.torque_nm / world.drives.stiffness_nm_rad)
+            self._path = np.maximum(
+                self._path, SATURATED * world.drives.torque_nm / world.drives.stiffness_nm_rad
+            )
         self.real = isinstance(world, Actuator)
-        if world.kind == "hardware" and not self.real:  # else it would move without having been armed
-            raise InvalidInput(f"world {world.name}: expected hardware to have armed, torque, hold and relax")
+        if (
+            world.kind == "hardware" and not self.real
+        ):  # else it would move without having been armed
+            raise InvalidInput(
+                f"world {world.name}: expected hardware to have armed, torque, hold and relax"
+            )
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
         self.armed = not self.real
         moves = self.real and not self.dry  # else nothing can move, and a pause harms nobody
-        self.watchdog = Watchdog(world.latch, limits.silent_s if moves else float("inf"), clock, monitor)
+        self.watchdog = Watchdog(
+            world.latch, limits.silent_s if moves else float("inf"), clock, monitor
+        )
         self.latch.listen(*sources, self.watchdog.look)
         if isinstance(world, _Waiting):  # to wait for a device is not to be silent
             world.beat = self.watchdog.kick
@@ -139,14 +158,18 @@ class SafeWorld:
 
     @cached_property
     def drives(self) -> Drives:
-        """The world's loops; where it does not say nobody knows what they yield to, and it is sent angles alone."""
+        """The world's loops; where it does not say nobody knows what they yield to, and it is sent
+        angles alone."""
         if isinstance(self.world, _Driven):
             return self.world.drives
-        found = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
-        return replace(found, yields=False)
+        result = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
+        return replace(result, yields=False)
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
-        """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput, HardwareFault."""
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
+        """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput,
+        HardwareFault."""
         self._ask()
         state = self.world.reset(terrain, angles_rad, position_m, rotation)
         self._check_measured(state)
@@ -156,15 +179,20 @@ class SafeWorld:
         return state
 
     def preload(self, targets_rad: Array) -> bool:
-        """Let a simulation begin with its joints loaded, as if it had been sent this before; whether it is one that
-        can. What is real is sent its loads softly."""
-        if self.kind == "hardware" or not isinstance(self.world, _Loadable) or not self.world.preload(targets_rad):
+        """Let a simulation begin with its joints loaded, as if it had been sent this before;
+        whether it is one that can. What is real is sent its loads softly."""
+        if (
+            self.kind == "hardware"
+            or not isinstance(self.world, _Loadable)
+            or not self.world.preload(targets_rad)
+        ):
             return False
         self._last = np.array(targets_rad, dtype=float)
         return True
 
     def carry(self, wrench: Array) -> None:
-        """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one does already."""
+        """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one
+        does already."""
         if self.kind == "simulation" and isinstance(self.world, _Bearing):
             self.world.carry(wrench)
 
@@ -182,7 +210,8 @@ class SafeWorld:
         return self.world.evidence if isinstance(self.world, _Evident) else ""
 
     def arm(self) -> None:
-        """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others.
+        """Let something real move: its torque is switched on at the pose where it is. Nothing to do
+        for others.
 
         Raises Stopped, HardwareFault, after which no torque is on that was off before.
         """
@@ -195,22 +224,24 @@ class SafeWorld:
                 self.armed = self._to.armed
 
     def step(self, targets_rad: Array, lean_rad: Array | None = None) -> State:
-        """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;
-        HardwareFault where the world does.
+        """Send what of the targets is within limits. Raises Stopped after a stop, and with the
+        command that causes one; HardwareFault where the world does.
 
-        lean_rad: how much of the targets are loads, by which joints yield to them, shape (J,); None: as much as before.
-        In a dry run they yield to them as planned.
+        lean_rad: how much of the targets are loads, by which joints yield to them, shape (J,);
+        None: as much as before. In a dry run they yield to them as planned.
         """
         last = self.last_rad
         self._lean = self._lean if lean_rad is None else np.array(lean_rad, dtype=float)
         self._ask()
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != last.shape or not np.isfinite(targets).all():
-            self.trip(f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}")
-        given = self.within(targets)
+            self.trip(
+                f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}"
+            )
+        sent = self.within(targets)
         self.watchdog.kick()
         try:
-            state = self._to.step(given)
+            state = self._to.step(sent)
             self._check_measured(state)
         except Stopped:
             self.refused += 1
@@ -220,7 +251,7 @@ class SafeWorld:
             raise
         self.armed = True
         self.sent += 1
-        self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
+        self.clipped += int(np.any(np.abs(sent - targets) > 1e-9))
         self._last = np.array(state.sent_rad, dtype=float)
         if self.dry:
             state = replace(state, angles_rad=state.angles_rad - self._lean)
@@ -237,7 +268,10 @@ class SafeWorld:
         last, (lower, upper, most) = self.last_rad, self._bounds
         # a joint that begins beyond its limits comes back no faster than any other moves
         return np.asarray(
-            np.minimum(np.maximum(np.minimum(np.maximum(targets_rad, lower), upper), last - most), last + most)
+            np.minimum(
+                np.maximum(np.minimum(np.maximum(targets_rad, lower), upper), last - most),
+                last + most,
+            )
         )
 
     def close(self) -> None:
@@ -250,7 +284,10 @@ class SafeWorld:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.watchdog.__exit__(kind, error, trace)
         self.close()
@@ -267,15 +304,24 @@ class SafeWorld:
         check_state(state, len(self.joints), len(self.robot.limbs), self.name)
 
     def _check_deviation(self, state: State) -> None:
-        """Stop where a joint does not go where it is sent. A period in which it seems to be there makes up for half a
-        one in which it is not, so that measurements of which every other one is nonsense do not hide it."""
+        """Stop where a joint does not go where it is sent. A period in which it seems to be there
+        makes up for half a one in which it is not, so that measurements of which every other one is
+        nonsense do not hide it."""
         away = np.abs(state.angles_rad - state.sent_rad + self._lean)
-        self._away = np.where(away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0))
+        self._away = np.where(
+            away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0)
+        )
         worst = int(np.argmax(self._away))
         if self._away[worst] > self.limits.path_s * self.rate_hz + 1e-6:
             limit = f"more than {self._path[worst]:g} rad for {self.limits.path_s:g} s"
-            hint = "; no joint has moved at all: does the robot take commands?" if self._still(state) else ""
-            self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}{hint}")
+            hint = (
+                "; no joint has moved at all: does the robot take commands?"
+                if self._still(state)
+                else ""
+            )
+            self.trip(
+                f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}{hint}"
+            )
 
     def _still(self, state: State) -> bool:
         """Tell whether joints were sent away from where they were measured first, and none has
@@ -294,11 +340,16 @@ def capabilities_of(world: World) -> WorldCapabilities:
 
 
 def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:
-    """The least and the greatest angle of every joint, and how far it may move in a period, shape (J,) each."""
+    """The least and the greatest angle of every joint, and how far it may move in a period, shape
+    (J,) each."""
     middle = 0.5 * (can.lower_rad + can.upper_rad)
     lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
     upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
-    return lower, upper, np.minimum(limits.velocity_share * can.velocity_rad_s / can.rate_hz, limits.step_rad)
+    return (
+        lower,
+        upper,
+        np.minimum(limits.velocity_share * can.velocity_rad_s / can.rate_hz, limits.step_rad),
+    )
 
 
 def _wrong(targets: Array, joints: Sequence[str]) -> str:

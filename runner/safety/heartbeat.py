@@ -1,9 +1,11 @@
-"""The monitor: a small process beside the host, which acts where the host falls silent altogether or is gone.
+"""The monitor: a small process beside the host, which acts where the host falls silent altogether
+or is gone.
 
-No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is killed. The monitor
-hears a beat for every command, and answers. Without one for too long, or when the pipe ends without a farewell, it
-cancels all goals of a robot behind a rosbridge, over a connection of its own. A servo bus has room for one owner, so
-there it opens nothing: it says that the servos' own bus watchdogs stop them.
+No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is
+killed. The monitor hears a beat for every command, and answers. Without one for too long, or when
+the pipe ends without a farewell, it cancels all goals of a robot behind a rosbridge, over a
+connection of its own. A servo bus has room for one owner, so there it opens nothing: it says that
+the servos' own bus watchdogs stop them.
 """
 
 from __future__ import annotations
@@ -30,11 +32,13 @@ from ..worlds.ros.setup import RosSetup
 
 BEAT, REST, CLOSE = b".", b"-", b"q"
 ROUNDS = 3
-"""A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue needs time."""
+"""A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue
+needs time."""
 READY_S = 20.0
 """So long the monitor may take to start and to connect."""
 ANSWER_S = 1.0
-"""A beat may go so long without an answer, or four times the limit for the host, if that is more."""
+"""A beat may go so long without an answer, or four times the limit for the host, if that is
+more."""
 END_S = 5.0
 """So long it may take to end after a farewell; then it is killed."""
 BUS = "the servos are stopped by their own bus watchdogs, and hold"
@@ -43,8 +47,9 @@ BUS = "the servos are stopped by their own bus watchdogs, and hold"
 class HeartbeatMonitor:
     """The host's side. A context manager: entered, the monitor is there, and connected.
 
-    limit_s: the longest silence between two beats; the first begins the watch. setup: of a robot behind a rosbridge,
-    None for anything else. Raises InvalidInput where the monitor could not connect.
+    limit_s: the longest silence between two beats; the first begins the watch. setup: of a robot
+    behind a rosbridge, None for anything else. Raises InvalidInput where the monitor could not
+    connect.
     """
 
     def __init__(self, limit_s: float, setup: RosSetup | None = None) -> None:
@@ -83,10 +88,17 @@ class HeartbeatMonitor:
         return "the heartbeat monitor does not answer" if self._unresponsive else None
 
     def __enter__(self) -> Self:
-        orders = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
+        orders = {
+            "limit_s": self.limit_s,
+            "ros": None if self._setup is None else asdict(self._setup),
+        }
         command = [sys.executable, "-m", "stancekit.runner.safety.heartbeat"]
         self._child = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,
         )  # a session of its own: Ctrl-C is for the host
         stdin, stdout = _pipes(self._child)
         with contextlib.suppress(BrokenPipeError):  # one that ended at once says nothing, either
@@ -102,12 +114,16 @@ class HeartbeatMonitor:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._end(kill=self._unresponsive or not self._say(CLOSE))
 
     def _end(self, *, kill: bool) -> None:
-        """Let it end. kill: at once, where it would take the end of the pipe for that of the host."""
+        """Let it end. kill: at once, where it would take the end of the pipe for that of the
+        host."""
         assert self._child is not None
         if kill:
             self._child.kill()
@@ -136,7 +152,8 @@ class HeartbeatMonitor:
 
 
 def watch(stream: int, limit_s: float, answers: int) -> str:
-    """Read beats until they stop; why, empty after a farewell. stream, answers: file descriptors of pipes.
+    """Read beats until they stop; why, empty after a farewell. stream, answers: file descriptors of
+    pipes.
 
     Whatever is heard is answered, as long as there is room in the pipe.
     """
@@ -150,7 +167,9 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
             return ""
         if not words:
             return "the host is gone"
-        with contextlib.suppress(BrokenPipeError, BlockingIOError):  # the host's end is heard from its own pipe
+        with contextlib.suppress(
+            BrokenPipeError, BlockingIOError
+        ):  # the host's end is heard from its own pipe
             os.write(answers, BEAT)
         beating = words[-1:] == BEAT
 
@@ -179,7 +198,8 @@ def main() -> int:
 
 
 def _cancelled(setup: RosSetup, link: RosLink) -> str:
-    """Cancel all goals of a robot, over a new connection where the first is of no use; what to say of that."""
+    """Cancel all goals of a robot, over a new connection where the first is of no use; what to say
+    of that."""
     try:
         with contextlib.ExitStack() as stack:
             if link.trouble() is not None:
@@ -197,10 +217,10 @@ def _cancelled(setup: RosSetup, link: RosLink) -> str:
 
 def _line(stream: int) -> bytes:
     """Up to the end of the line, and no byte more."""
-    found = b""
-    while not found.endswith(b"\n") and (byte := os.read(stream, 1)):
-        found += byte
-    return found
+    line = b""
+    while not line.endswith(b"\n") and (byte := os.read(stream, 1)):
+        line += byte
+    return line
 
 
 def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:

@@ -1,7 +1,7 @@
 """The stop latch: every world has one, and whatever moves a robot leaves through it or not at all.
 
-Asking whether to stop and sending are one thing, under one lock (``sending``). To trip takes no lock, so that signal
-handlers may do it, also one that runs while its own thread sends.
+Asking whether to stop and sending are one thing, under one lock (``sending``). To trip takes no
+lock, so that signal handlers may do it, also one that runs while its own thread sends.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ class Stopped(StancekitError):
 class StopLatch:
     """Once tripped it stays so; the first reason counts. For any thread, and for signal handlers.
 
-    clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of a machine share.
-    sent_s: when the last write had returned, NaN before the first. after, after_s: writes that returned after it was
-    tripped, which were on their way then, and how long after the last of them did.
+    clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of
+    a machine share. sent_s: when the last write had returned, NaN before the first. after, after_s:
+    writes that returned after it was tripped, which were on their way then, and how long after the
+    last of them did.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -39,7 +40,8 @@ class StopLatch:
         self.sent_s, self.after, self.after_s = float("nan"), 0, 0.0
 
     def trip(self, reason: str) -> None:
-        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list is atomic."""
+        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list
+        is atomic."""
         self._first.append((self._clock(), reason))
 
     @property
@@ -62,10 +64,13 @@ class StopLatch:
         self._sources += sources
 
     def poll(self) -> None:
-        """Ask the sources. One that fails trips it, too: a stop button that cannot be read is no stop button."""
+        """Ask the sources. One that fails trips it, too: a stop button that cannot be read is no
+        stop button."""
         if self._first or not self._sources:
             return
-        if not self._asking.acquire(timeout=PATIENCE_S):  # another thread asks, and waits for an answer
+        if not self._asking.acquire(
+            timeout=PATIENCE_S
+        ):  # another thread asks, and waits for an answer
             self.trip(f"a source of stops did not answer for {PATIENCE_S:g} s")
             return
         try:
@@ -87,7 +92,8 @@ class StopLatch:
 
     @contextmanager
     def sending(self) -> Iterator[None]:
-        """Within, one write of something that moves the robot: let through, or refused with Stopped."""
+        """Within, one write of something that moves the robot: let through, or refused with
+        Stopped."""
         self.poll()
         with self._sending:
             if self._first:
@@ -100,6 +106,7 @@ class StopLatch:
                     self.after, self.after_s = self.after + 1, self.sent_s - self.time_s
 
     def settle(self) -> None:
-        """Wait until what is being sent has left. After ``trip`` and this nothing does. Not for signal handlers."""
+        """Wait until what is being sent has left. After ``trip`` and this nothing does. Not for
+        signal handlers."""
         with self._sending:
             pass

@@ -1,4 +1,5 @@
-"""The emergency stop as a ROS topic of std_msgs/Bool, heard through a rosbridge whatever world the robot is in."""
+"""The emergency stop as a ROS topic of std_msgs/Bool, heard through a rosbridge whatever world the
+robot is in."""
 
 from __future__ import annotations
 
@@ -20,19 +21,24 @@ TIMEOUT_S = 3.0
 class StopTopic:
     """A source of stops: call it. A context manager, connected while it is entered.
 
-    address: HOST:PORT/TOPIC. True stops, false does not start again. A connection that is lost, and a message that is
-    no Bool, stop, too: a stop button that cannot be read is no stop button. check: how it is known to work when it is
-    entered; None does not ask. Raises InvalidInput for what is no address, without roslibpy, and, when entered, where
-    no rosbridge is, and for a topic of which too little is known.
+    address: HOST:PORT/TOPIC. True stops, false does not start again. A connection that is lost, and
+    a message that is no Bool, stop, too: a stop button that cannot be read is no stop button.
+    check: how it is known to work when it is entered; None does not ask. Raises InvalidInput for
+    what is no address, without roslibpy, and, when entered, where no rosbridge is, and for a topic
+    of which too little is known.
     """
 
-    def __init__(self, address: str, timeout_s: float = TIMEOUT_S, check: EstopCheck | None = None) -> None:
-        found = ADDRESS.fullmatch(address)
-        if found is None or not 0 < int(found["port"]) < 65536:
-            raise InvalidInput(f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {shown(address)}")
+    def __init__(
+        self, address: str, timeout_s: float = TIMEOUT_S, check: EstopCheck | None = None
+    ) -> None:
+        match = ADDRESS.fullmatch(address)
+        if match is None or not 0 < int(match["port"]) < 65536:
+            raise InvalidInput(
+                f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {shown(address)}"
+            )
         self._check = check
-        self._link = RosLink(found["host"], int(found["port"]), timeout_s)
-        self._estop = Estop(self._link, found["topic"])
+        self._link = RosLink(match["host"], int(match["port"]), timeout_s)
+        self._estop = Estop(self._link, match["topic"])
 
     def __call__(self) -> str | None:
         """Why to stop, None where there is no reason."""
@@ -52,6 +58,9 @@ class StopTopic:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._link.close()

@@ -1,8 +1,9 @@
 """The host's own watchdog: a loop that falls silent is stopped, whatever it hangs in.
 
-A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no thread of its own
-can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process (``heartbeat``). Where a
-process goes on (SIGCONT), its first look at the clock trips the latch, before anything is sent.
+A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no
+thread of its own can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or
+another process (``heartbeat``). Where a process goes on (SIGCONT), its first look at the clock
+trips the latch, before anything is sent.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from .latch import StopLatch
 
 
 class Watchdog:
-    """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick. A context manager.
+    """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick. A
+    context manager.
 
-    While it is entered, and from ``guard`` on, it does so where the process stood still for so long, kicked or not.
+    While it is entered, and from ``guard`` on, it does so where the process stood still for so
+    long, kicked or not.
 
-    clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity watches nothing.
-    monitor: gets the same.
+    clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity
+    watches nothing. monitor: gets the same.
     """
 
     def __init__(
@@ -59,10 +62,20 @@ class Watchdog:
             self._monitor.rest()
 
     def look(self) -> None:
-        """Trip the latch where the last kick, or the last sign of life of the process, is too long ago."""
-        for last, who in ((self._last, "the loop was silent"), (self._pulse, "the process stood still")):
-            if last is not None and not self._latch.tripped and (silent := self._clock() - last) > self.limit_s:
-                self._latch.trip(f"host watchdog: {who} for {silent:.3f} s, limit {self.limit_s:g} s")
+        """Trip the latch where the last kick, or the last sign of life of the process, is too long
+        ago."""
+        for last, who in (
+            (self._last, "the loop was silent"),
+            (self._pulse, "the process stood still"),
+        ):
+            if (
+                last is not None
+                and not self._latch.tripped
+                and (silent := self._clock() - last) > self.limit_s
+            ):
+                self._latch.trip(
+                    f"host watchdog: {who} for {silent:.3f} s, limit {self.limit_s:g} s"
+                )
 
     def __enter__(self) -> Self:
         if self.limit_s < float("inf"):
@@ -71,7 +84,10 @@ class Watchdog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._over.set()
         if self._thread is not None:

@@ -1,7 +1,8 @@
-"""Worlds: where a motion is run. A world is one file and one registration: its line in the table of ``registry``.
+"""Worlds: where a motion is run. A world is one file and one registration: its line in the table of
+``registry``.
 
-What is named here is imported at its first use: the heartbeat monitor needs none of it, and starts in a third of the
-time.
+What is named here is imported at its first use: the heartbeat monitor needs none of it, and starts
+in a third of the time.
 """
 
 from __future__ import annotations
@@ -9,9 +10,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .registry import WORLDS, Imperfections, SoftContact, State, World, WorldClass, WorldSettings, make_world
+    from .registry import (
+        WORLDS,
+        Imperfections,
+        SoftContact,
+        State,
+        World,
+        WorldClass,
+        WorldSettings,
+        make_world,
+    )
 
-__all__ = ["WORLDS", "Imperfections", "SoftContact", "State", "World", "WorldClass", "WorldSettings", "make_world"]
+__all__ = [
+    "WORLDS",
+    "Imperfections",
+    "SoftContact",
+    "State",
+    "World",
+    "WorldClass",
+    "WorldSettings",
+    "make_world",
+]
 
 
 if not TYPE_CHECKING:  # or a checker would take any name for one that there is

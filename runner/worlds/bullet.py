@@ -1,4 +1,5 @@
-"""A world in PyBullet (extra ``bullet``): the servo's position loop at every step, the patch's μ in its contacts."""
+"""A world in PyBullet (extra ``bullet``): the servo's position loop at every step, the patch's μ in
+its contacts."""
 
 from __future__ import annotations
 
@@ -19,8 +20,9 @@ from .world import Ground, State, Terrain
 class BulletWorld(SimulatedWorld):
     """One robot on one terrain in PyBullet. Raises InvalidInput where PyBullet is not installed.
 
-    PyBullet's own position control is a rigid constraint that leaves contact forces to chance; here the joints are
-    driven by torques τ = Kp (q* − q) − Kd q̇, as a servo does it. Friction coefficients multiply: the robot's is 1.
+    PyBullet's own position control is a rigid constraint that leaves contact forces to chance; here
+    the joints are driven by torques τ = Kp (q* − q) − Kd q̇, as a servo does it. Friction
+    coefficients multiply: the robot's is 1.
     """
 
     name = "bullet"
@@ -35,11 +37,15 @@ class BulletWorld(SimulatedWorld):
             ) from None
         self._bullet: Any = pybullet
         self.body = simulated_body(  # PyBullet knows no rotors
-            self.model, mass_share=self.imperfections.mass_share, rotors_kg_m2=self.drives.rotor_kg_m2
+            self.model,
+            mass_share=self.imperfections.mass_share,
+            rotors_kg_m2=self.drives.rotor_kg_m2,
         )
         self._client = pybullet.connect(pybullet.DIRECT)
 
-    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def _placed(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         self._begin()
         self._robot = self._loaded()
         self._part_at_rest()
@@ -48,9 +54,11 @@ class BulletWorld(SimulatedWorld):
         self._lay(terrain)
         bullet, client = self._bullet, self._client
         bullet.resetBasePositionAndOrientation(
-            self._robot, (position_m + rotation @ self._heart_m).tolist(), _quaternion(rotation @ self._heart),
+            self._robot,
+            (position_m + rotation @ self._heart_m).tolist(),
+            _quaternion(rotation @ self._heart),
             physicsClientId=client,
-        )  # fmt: skip
+        )
         self._place_joints(angles_rad)
         self._time = 0.0
         return self._state(np.zeros((len(self._feet), 3)), 0.0, np.zeros(len(self._motors)))
@@ -65,15 +73,21 @@ class BulletWorld(SimulatedWorld):
             if carried:
                 self._bear()
             if push.any():  # a step forgets it
-                at, _turn = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+                at, _turn = bullet.getBasePositionAndOrientation(
+                    self._robot, physicsClientId=client
+                )
                 bullet.applyExternalForce(
                     self._robot, -1, push.tolist(), at, bullet.WORLD_FRAME, physicsClientId=client
-                )  # fmt: skip
+                )
             angles, rates = self._joint_state()
             torques = stiffness * (targets_rad - angles) - drives.damping_nms_rad * rates
             torques = np.clip(torques, *drives.torque_range(rates))
             bullet.setJointMotorControlArray(
-                self._robot, self._motors, bullet.TORQUE_CONTROL, forces=torques.tolist(), physicsClientId=client
+                self._robot,
+                self._motors,
+                bullet.TORQUE_CONTROL,
+                forces=torques.tolist(),
+                physicsClientId=client,
             )
             bullet.stepSimulation(physicsClientId=client)
             bump += self._contacts(forces)
@@ -81,19 +95,29 @@ class BulletWorld(SimulatedWorld):
         return self._state(forces / self._substeps, bump / self._substeps, torques)
 
     def _bear(self) -> None:
-        """Put what is carried on the body for one step: a force at the robot's centre of mass, and a pair of forces, as
-        PyBullet turns torques on a base into axes of its own."""
+        """Put what is carried on the body for one step: a force at the robot's centre of mass, and
+        a pair of forces, as PyBullet turns torques on a base into axes of its own."""
         bullet, client, (force, moment) = self._bullet, self._client, np.split(self._carried, 2)
-        found = [bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)[0]]
+        poses = [bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)[0]]
         if links := list(range(bullet.getNumJoints(self._robot, physicsClientId=client))):
-            found += [state[0] for state in bullet.getLinkStates(self._robot, links, physicsClientId=client)]
-        com = np.average(np.array(found), axis=0, weights=self._masses)
+            poses += [
+                state[0]
+                for state in bullet.getLinkStates(self._robot, links, physicsClientId=client)
+            ]
+        com = np.average(np.array(poses), axis=0, weights=self._masses)
         arm = np.eye(3)[int(np.abs(moment).argmin())]
-        arm = arm - moment * (arm @ moment) / max(float(moment @ moment), 1e-300)  # across the moment
+        arm = arm - moment * (arm @ moment) / max(
+            float(moment @ moment), 1e-300
+        )  # across the moment
         pair = cross(moment, arm) / (2.0 * float(arm @ arm))
         for each, at in ((force, com), (pair, com + arm), (-pair, com - arm)):
             bullet.applyExternalForce(
-                self._robot, -1, each.tolist(), at.tolist(), bullet.WORLD_FRAME, physicsClientId=client
+                self._robot,
+                -1,
+                each.tolist(),
+                at.tolist(),
+                bullet.WORLD_FRAME,
+                physicsClientId=client,
             )
 
     def close(self) -> None:
@@ -108,9 +132,12 @@ class BulletWorld(SimulatedWorld):
         bullet.resetSimulation(physicsClientId=client)
         bullet.setGravity(0.0, 0.0, -self.gravity_m_s2, physicsClientId=client)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=PHYSICS_S, numSolverIterations=150, deterministicOverlappingPairs=1, enableConeFriction=1,
+            fixedTimeStep=PHYSICS_S,
+            numSolverIterations=150,
+            deterministicOverlappingPairs=1,
+            enableConeFriction=1,
             physicsClientId=client,
-        )  # fmt: skip
+        )
 
     def _lay(self, terrain: Terrain) -> None:
         """Every patch as a static convex body, or heights as a field, with their friction."""
@@ -118,20 +145,29 @@ class BulletWorld(SimulatedWorld):
         if isinstance(terrain, Ground):
             x, y, heights = terrain.even(SPACING_M)
             shape = bullet.createCollisionShape(
-                bullet.GEOM_HEIGHTFIELD, meshScale=[x[1] - x[0], y[1] - y[0], 1.0],
-                heightfieldData=heights.T.ravel().tolist(), numHeightfieldRows=len(x), numHeightfieldColumns=len(y),
+                bullet.GEOM_HEIGHTFIELD,
+                meshScale=[x[1] - x[0], y[1] - y[0], 1.0],
+                heightfieldData=heights.T.ravel().tolist(),
+                numHeightfieldRows=len(x),
+                numHeightfieldColumns=len(y),
                 physicsClientId=client,
-            )  # fmt: skip
-            middle = [x.mean(), y.mean(), 0.5 * (heights.min() + heights.max())]  # where PyBullet has its origin
+            )
+            middle = [
+                x.mean(),
+                y.mean(),
+                0.5 * (heights.min() + heights.max()),
+            ]  # where PyBullet has its origin
             self._still(shape, middle, terrain.friction)
             return
         for patch in terrain:
             solid = patch.solid
             middle = solid.corners.mean(axis=0)
             shape = bullet.createCollisionShape(
-                bullet.GEOM_MESH, vertices=(solid.corners - middle).tolist(), indices=solid.triangles.ravel().tolist(),
+                bullet.GEOM_MESH,
+                vertices=(solid.corners - middle).tolist(),
+                indices=solid.triangles.ravel().tolist(),
                 physicsClientId=client,
-            )  # fmt: skip
+            )
             self._still(shape, middle.tolist(), patch.friction)
 
     def _still(self, shape: int, middle: Sequence[float], friction: float) -> None:
@@ -139,22 +175,31 @@ class BulletWorld(SimulatedWorld):
         bullet, client = self._bullet, self._client
         body = bullet.createMultiBody(0.0, shape, basePosition=list(middle), physicsClientId=client)
         bullet.changeDynamics(
-            body, -1, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0, restitution=0.0,
+            body,
+            -1,
+            lateralFriction=friction,
+            rollingFriction=0.0,
+            spinningFriction=0.0,
+            restitution=0.0,
             physicsClientId=client,
-        )  # fmt: skip
+        )
 
     def _soften(self, counts: Array) -> None:
-        """Have each foot's points in contact share ``SoftContact``, by PyBullet's own spring with a damper, which is
-        stepped implicitly. counts: how many as deep as the deepest they amount to, shape (N,)."""
+        """Have each foot's points in contact share ``SoftContact``, by PyBullet's own spring with a
+        damper, which is stepped implicitly. counts: how many as deep as the deepest they amount to,
+        shape (N,)."""
         if self.contact is None:
             return
         damping = self.contact.damped(self.robot.mass_kg, len(self.robot.limbs))
         for foot in np.flatnonzero(counts != self._counts):
             share = 1.0 / float(counts[foot])
             self._bullet.changeDynamics(
-                self._robot, self._feet[foot], contactStiffness=share * self.contact.stiffness_n_m,
-                contactDamping=share * damping, physicsClientId=self._client,
-            )  # fmt: skip
+                self._robot,
+                self._feet[foot],
+                contactStiffness=share * self.contact.stiffness_n_m,
+                contactDamping=share * damping,
+                physicsClientId=self._client,
+            )
         self._counts = counts
 
     def _loaded(self) -> int:
@@ -168,30 +213,51 @@ class BulletWorld(SimulatedWorld):
             path.write_text(self.body.urdf, encoding="utf-8")
             for name, content in self.body.hulls.items():
                 (Path(folder) / name).write_bytes(content)
-            flags = bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
-            robot = bullet.loadURDF(str(path), flags=flags | bullet.URDF_USE_SELF_COLLISION, physicsClientId=client)
+            flags = (
+                bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
+            )
+            robot = bullet.loadURDF(
+                str(path), flags=flags | bullet.URDF_USE_SELF_COLLISION, physicsClientId=client
+            )
         names, self._links = {}, {self.body.base: -1}
         for index in range(bullet.getNumJoints(robot, physicsClientId=client)):
             info = bullet.getJointInfo(robot, index, physicsClientId=client)
             names[info[1].decode()] = self._links[info[12].decode()] = index
         self._motors = [names[joint] for joint in self.joints]
         self._feet = [self._links[foot] for foot in self.body.feet]
-        heart = bullet.getDynamicsInfo(robot, -1, physicsClientId=client)  # PyBullet's base is at its centre of mass
+        heart = bullet.getDynamicsInfo(
+            robot, -1, physicsClientId=client
+        )  # PyBullet's base is at its centre of mass
         self._heart_m, self._heart = np.array(heart[3]), _matrix(heart[4])
         links = range(-1, bullet.getNumJoints(robot, physicsClientId=client))
-        self._masses = [bullet.getDynamicsInfo(robot, link, physicsClientId=client)[0] for link in links]
+        self._masses = [
+            bullet.getDynamicsInfo(robot, link, physicsClientId=client)[0] for link in links
+        ]
         bullet.setJointMotorControlArray(
-            robot, self._motors, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._motors), physicsClientId=client
+            robot,
+            self._motors,
+            bullet.VELOCITY_CONTROL,
+            forces=[0.0] * len(self._motors),
+            physicsClientId=client,
         )
         for link in range(-1, bullet.getNumJoints(robot, physicsClientId=client)):
             bullet.changeDynamics(
-                robot, link, lateralFriction=1.0, rollingFriction=0.0, spinningFriction=0.0, restitution=0.0,
-                linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=client,
-            )  # fmt: skip
+                robot,
+                link,
+                lateralFriction=1.0,
+                rollingFriction=0.0,
+                spinningFriction=0.0,
+                restitution=0.0,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                physicsClientId=client,
+            )
         return int(robot)
 
     def _part_at_rest(self) -> None:
-        """Links never collide where the model says so, and where they overlap as the robot stands: drawn so."""
+        """Links never collide where the model says so, and where they overlap as the robot stands:
+        drawn so."""
         bullet, client = self._bullet, self._client
         self._place_joints(np.concatenate([leg.stance_rad for leg in self.model.legs]))
         pairs = [(self._links[first], self._links[second]) for first, second in self.body.apart]
@@ -201,22 +267,30 @@ class BulletWorld(SimulatedWorld):
             for contact in bullet.getContactPoints(self._robot, self._robot, physicsClientId=client)
         ]
         for first, second in pairs:
-            bullet.setCollisionFilterPair(self._robot, self._robot, first, second, 0, physicsClientId=client)
+            bullet.setCollisionFilterPair(
+                self._robot, self._robot, first, second, 0, physicsClientId=client
+            )
 
     def _place_joints(self, angles_rad: Array) -> None:
         for joint, angle in zip(self._motors, angles_rad, strict=True):
-            self._bullet.resetJointState(self._robot, joint, float(angle), physicsClientId=self._client)
+            self._bullet.resetJointState(
+                self._robot, joint, float(angle), physicsClientId=self._client
+            )
 
     def _joint_state(self) -> tuple[Array, Array]:
-        found = self._bullet.getJointStates(self._robot, self._motors, physicsClientId=self._client)
-        return np.array([state[0] for state in found]), np.array([state[1] for state in found])
+        states = self._bullet.getJointStates(
+            self._robot, self._motors, physicsClientId=self._client
+        )
+        return np.array([state[0] for state in states]), np.array([state[1] for state in states])
 
     def _contacts(self, forces: Array) -> float:
-        """Add the forces of the terrain on feet to them; the force on anything else, and of links on each other, is
-        returned [N]."""
+        """Add the forces of the terrain on feet to them; the force on anything else, and of links
+        on each other, is returned [N]."""
         bump = 0.0
         touched: dict[int, list[tuple[float, Array]]] = {}
-        for contact in self._bullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
+        for contact in self._bullet.getContactPoints(
+            bodyA=self._robot, physicsClientId=self._client
+        ):
             normal, first, second = (np.array(contact[k]) for k in (7, 11, 13))
             force = contact[9] * normal + contact[10] * first + contact[12] * second
             if contact[2] != self._robot and contact[3] in self._feet:
@@ -226,19 +300,23 @@ class BulletWorld(SimulatedWorld):
             else:
                 bump += float(np.linalg.norm(force))
         if self.contact is not None:
-            found = {foot: zip(*its, strict=True) for foot, its in touched.items()}
-            counts = {foot: points(*map(np.array, pair)) for foot, pair in found.items()}
+            touches = {foot: zip(*contacts, strict=True) for foot, contacts in touched.items()}
+            counts = {foot: points(*map(np.array, pair)) for foot, pair in touches.items()}
             self._soften(np.array([counts.get(foot, 1.0) for foot in range(len(self._feet))]))
         return bump
 
     def _state(self, forces: Array, bump: float, torques: Array) -> State:
         bullet, client = self._bullet, self._client
-        middle, quaternion = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+        middle, quaternion = bullet.getBasePositionAndOrientation(
+            self._robot, physicsClientId=client
+        )
         rotation = _matrix(quaternion) @ self._heart.T
         arm = rotation @ self._heart_m
         linear, angular = np.array(bullet.getBaseVelocity(self._robot, physicsClientId=client))
         angles, rates = self._joint_state()
-        links = bullet.getLinkStates(self._robot, self._feet, computeForwardKinematics=1, physicsClientId=client)
+        links = bullet.getLinkStates(
+            self._robot, self._feet, computeForwardKinematics=1, physicsClientId=client
+        )
         turns = np.array([_matrix(link[5]) for link in links])
         return State(
             time_s=self._time,
@@ -248,7 +326,8 @@ class BulletWorld(SimulatedWorld):
             angles_rad=angles,
             rates_rad_s=rates,
             torques_nm=torques,
-            feet_m=np.array([link[4] for link in links]) + (turns @ self.body.tips_m[:, :, None])[..., 0],
+            feet_m=np.array([link[4] for link in links])
+            + (turns @ self.body.tips_m[:, :, None])[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),

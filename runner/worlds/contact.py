@@ -2,10 +2,11 @@
 
 Each foot is a spring with a damper along the normal of the ground, which never pulls:
 
-    f = max(0, k d + b v),    d: how deep its deepest point is [m], v: how fast it goes deeper [m/s].
+    f = max(0, k d + b v),    d: how deep its deepest point is [m], v: how fast it goes deeper
+    [m/s].
 
-So a body at rest on n feet sinks m g / (n k). Along the ground nothing yields: friction is that of hard ground. A foot
-that touches at several points shares k and b among them.
+So a body at rest on n feet sinks m g / (n k). Along the ground nothing yields: friction is that of
+hard ground. A foot that touches at several points shares k and b among them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ FORMAT: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
 MOST_N_M = 1e7
 """The stiffest ground that is asked for; a world's own is about as hard."""
 DEEP_M = 0.04
-"""No foot sinks deeper under the whole weight: PyBullet pushes what is deeper out by other rules."""
+"""No foot sinks deeper under the whole weight: PyBullet pushes what is deeper out by other
+rules."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +38,8 @@ class SoftContact:
 
     Arguments:
         stiffness_n_m: force of a foot per depth [N/m]; 5e3 is soft turf, 1e5 a wooden floor.
-        damping_ns_m: force per speed of sinking [N s/m]; None for that of a robot which, standing on all its feet,
-            sinks without swinging.
+        damping_ns_m: force per speed of sinking [N s/m]; None for that of a robot which, standing
+            on all its feet, sinks without swinging.
     Raises:
         InvalidInput: for a number that is out of range.
     """
@@ -102,7 +104,8 @@ class SimulationSetup:
     """The set-up file of a simulation: what of the world is not as usual.
 
     contact_stiffness_n_m: force of each foot per depth [N/m]; without it the ground is hard.
-    contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which sinks without swinging.
+    contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which sinks
+    without swinging.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -119,12 +122,12 @@ class SimulationSetup:
             raise InvalidInput(
                 f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}"
             )
-        found = validated(cls, data, str(path))
+        setup = validated(cls, data, str(path))
         try:
-            SoftContact.of(found.contact_stiffness_n_m, found.contact_damping_ns_m)
+            SoftContact.of(setup.contact_stiffness_n_m, setup.contact_damping_ns_m)
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
-        return found
+        return setup
 
     @property
     def contact(self) -> SoftContact | None:

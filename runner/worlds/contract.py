@@ -23,21 +23,32 @@ VERBS = ("reset", "step", "close")
 
 
 def check_world(world: Any) -> None:
-    """Raise InvalidInput, in one line, for an object that is no ``World``: what it lacks, or has of another kind."""
+    """Raise InvalidInput, in one line, for an object that is no ``World``: what it lacks, or has of
+    another kind."""
     name = checked_name(getattr(world, "name", None), "world: name")
     types = {"latch": StopLatch, "robot": Robot, "servo": Servo}
     for attribute, type_ in types.items():
-        if not isinstance(found := getattr(world, attribute, None), type_):
-            raise InvalidInput(f"world {name}: {attribute}: expected a {type_.__name__}, got {shown(found)}")
+        if not isinstance(value := getattr(world, attribute, None), type_):
+            raise InvalidInput(
+                f"world {name}: {attribute}: expected a {type_.__name__}, got {shown(value)}"
+            )
     if (kind := getattr(world, "kind", None)) not in get_args(WorldKind):
-        raise InvalidInput(f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got {shown(kind)}")
+        raise InvalidInput(
+            f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got {shown(kind)}"
+        )
     checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
     joints = getattr(world, "joints", None)
-    if not isinstance(joints, tuple) or not joints or not all(isinstance(each, str) for each in joints):
+    if (
+        not isinstance(joints, tuple)
+        or not joints
+        or not all(isinstance(each, str) for each in joints)
+    ):
         raise InvalidInput(f"world {name}: joints: expected a tuple of names, got {shown(joints)}")
     can = getattr(world, "capabilities", None)
     if can is not None and not isinstance(can, WorldCapabilities):
-        raise InvalidInput(f"world {name}: capabilities: expected a WorldCapabilities, got {shown(can)}")
+        raise InvalidInput(
+            f"world {name}: capabilities: expected a WorldCapabilities, got {shown(can)}"
+        )
     if can is not None and can.joints != joints:
         raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others'")
     for verb in VERBS:
@@ -46,7 +57,8 @@ def check_world(world: Any) -> None:
 
 
 def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
-    """Raise HardwareFault for measurements that are no ``State`` of so many joints and limbs, or no finite numbers."""
+    """Raise HardwareFault for measurements that are no ``State`` of so many joints and limbs, or no
+    finite numbers."""
     if not isinstance(state, State):
         raise HardwareFault(f"world {name}: expected a State, got {shown(state)}")
     shapes = _shapes(joints, limbs)
@@ -54,29 +66,39 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
         return
     for attribute, shape in shapes.items():
         try:
-            found = np.asarray(getattr(state, attribute))
-            finite = found.shape == shape and bool(np.isfinite(found).all())
+            value = np.asarray(getattr(state, attribute))
+            finite = value.shape == shape and bool(np.isfinite(value).all())
         except (TypeError, ValueError):
-            raise HardwareFault(f"world {name}: expected numbers in {attribute}, got others") from None
-        if found.shape != shape:
-            raise HardwareFault(f"world {name}: expected shape {shape} of {attribute}, got {found.shape}")
+            raise HardwareFault(
+                f"world {name}: expected numbers in {attribute}, got others"
+            ) from None
+        if value.shape != shape:
+            raise HardwareFault(
+                f"world {name}: expected shape {shape} of {attribute}, got {value.shape}"
+            )
         if not finite:
-            raise HardwareFault(f"world {name}: expected finite measurements, got others in {attribute}")
+            raise HardwareFault(
+                f"world {name}: expected finite measurements, got others in {attribute}"
+            )
 
 
 @lru_cache(maxsize=8)
 def _shapes(joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays in a state."""
     return {
-        "time_s": (), "bump_n": (), "position_m": (3,), "rotation": (3, 3), "velocity": (6,),
+        "time_s": (),
+        "bump_n": (),
+        "position_m": (3,),
+        "rotation": (3, 3),
+        "velocity": (6,),
         **dict.fromkeys(("angles_rad", "rates_rad_s", "torques_nm", "sent_rad"), (joints,)),
         **dict.fromkeys(("feet_m", "forces_n"), (limbs, 3)),
-    }  # fmt: skip
+    }
 
 
 def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
-    """Tell whether all of it is arrays of finite numbers in these shapes, as it nearly always is.
-    """
+    """Tell whether all of it is arrays of finite numbers in these shapes, as it nearly always
+    is."""
     arrays = [getattr(state, name) for name, shape in shapes.items() if shape]
     if not all(type(each) is np.ndarray and each.dtype == np.float64 for each in arrays):
         return False

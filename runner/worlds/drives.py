@@ -19,11 +19,11 @@ from stancekit.planners.robot.urdf import Servo
 class Drives:
     """The position loops τ = Kp (q* − q) − Kd q̇ at J joints, and their limits, shape (J,) each.
 
-    joints: names, in the order of all arrays. lower_rad, upper_rad, velocity_rad_s, torque_nm: limits.
-    stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen behind the gears. actuators:
-    what turns every joint, J of them. assigned: what names them, None where the robot's own file says what its joints
-    can. yields: to loads, as those loops do; False where a joint is to be where it is sent: its loop is not known, or
-    carries nothing.
+    joints: names, in the order of all arrays. lower_rad, upper_rad, velocity_rad_s, torque_nm:
+    limits. stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen
+    behind the gears. actuators: what turns every joint, J of them. assigned: what names them, None
+    where the robot's own file says what its joints can. yields: to loads, as those loops do; False
+    where a joint is to be where it is sent: its loop is not known, or carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -41,38 +41,54 @@ class Drives:
     def __post_init__(self) -> None:
         for name in self.__annotations__:
             if name not in ("joints", "actuators", "assigned", "yields"):
-                object.__setattr__(self, name, read_only(getattr(self, name), (len(self.joints),), f"drives.{name}"))
+                object.__setattr__(
+                    self,
+                    name,
+                    read_only(getattr(self, name), (len(self.joints),), f"drives.{name}"),
+                )
 
     @classmethod
-    def of(cls, robot: Robot, servo: Servo, model: RobotModel, actuators: Actuators | None = None) -> Self:
-        """The servo's at every joint that is drawn up; of a robot with a model of its own, its file's limits, and a
-        loop as stiff as such a weight needs.
+    def of(
+        cls, robot: Robot, servo: Servo, model: RobotModel, actuators: Actuators | None = None
+    ) -> Self:
+        """The servo's at every joint that is drawn up; of a robot with a model of its own, its
+        file's limits, and a loop as stiff as such a weight needs.
 
-        actuators: in place of either; of those without a loop of their own the loops stay. Raises InvalidInput for a
-        joint without a limit of torque or velocity, and for actuators of other joints.
+        actuators: in place of either; of those without a loop of their own the loops stay. Raises
+        InvalidInput for a joint without a limit of torque or velocity, and for actuators of other
+        joints.
         """
         joints = [joint for leg in model.legs for joint in leg.joints]
         names = tuple(joint.name for joint in joints)
-        found = tuple(ActuatorModel.of_joint(joint) for joint in joints) if actuators is None else actuators.of(names)
-        loops = np.array([_loop(actuator, model.drive) for actuator in found])
+        models = (
+            tuple(ActuatorModel.of_joint(joint) for joint in joints)
+            if actuators is None
+            else actuators.of(names)
+        )
+        loops = np.array([_loop(actuator, model.drive) for actuator in models])
         return cls(
             joints=names,
             lower_rad=np.array([joint.lower_rad for joint in joints]),
             upper_rad=np.array([joint.upper_rad for joint in joints]),
-            velocity_rad_s=np.array([actuator.no_load_rad_s for actuator in found]),
-            torque_nm=np.array([actuator.stall_nm for actuator in found]),
-            stiffness_nm_rad=loops[:, 0], damping_nms_rad=loops[:, 1], rotor_kg_m2=loops[:, 2], actuators=found,
+            velocity_rad_s=np.array([actuator.no_load_rad_s for actuator in models]),
+            torque_nm=np.array([actuator.stall_nm for actuator in models]),
+            stiffness_nm_rad=loops[:, 0],
+            damping_nms_rad=loops[:, 1],
+            rotor_kg_m2=loops[:, 2],
+            actuators=models,
             assigned=actuators,
-        )  # fmt: skip
+        )
 
     @cached_property
     def fading(self) -> Array:
         """Loss of a joint's torque per rad/s, as a share, shape (J,) [s]; 0 where it loses none."""
-        return np.array([1.0 / each.no_load_rad_s if each.curve == "linear" else 0.0 for each in self.actuators])
+        return np.array(
+            [1.0 / each.no_load_rad_s if each.curve == "linear" else 0.0 for each in self.actuators]
+        )
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
-        """The least and the greatest torque at these speeds, shape (J,) each: a joint that is turned against its torque
-        gives all of it, one that turns with it no more than its curve."""
+        """The least and the greatest torque at these speeds, shape (J,) each: a joint that is
+        turned against its torque gives all of it, one that turns with it no more than its curve."""
         lost = self.fading * rates_rad_s
         upper = self.torque_nm * np.clip(1.0 - lost, 0.0, 1.0)
         return -self.torque_nm * np.clip(1.0 + lost, 0.0, 1.0), upper
@@ -80,15 +96,19 @@ class Drives:
     def entry(self) -> dict[str, Any]:
         """Entry of a log about the loops, so that a replay sends the same."""
         return {
-            "stiffness_nm_rad": self.stiffness_nm_rad, "damping_nms_rad": self.damping_nms_rad,
-            "rotor_kg_m2": self.rotor_kg_m2, "yields": self.yields, "torque_nm": self.torque_nm,
-        }  # fmt: skip
+            "stiffness_nm_rad": self.stiffness_nm_rad,
+            "damping_nms_rad": self.damping_nms_rad,
+            "rotor_kg_m2": self.rotor_kg_m2,
+            "yields": self.yields,
+            "torque_nm": self.torque_nm,
+        }
 
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:
-        """Targets as a drive takes them: within the joints' limits, no farther from the last than it can turn."""
+        """Targets as a drive takes them: within the joints' limits, no farther from the last than
+        it can turn."""
         step = self.velocity_rad_s * period_s
-        kept = np.minimum(np.maximum(targets, self.lower_rad), self.upper_rad)
-        return np.asarray(np.minimum(np.maximum(kept, before - step), before + step))
+        bounded = np.minimum(np.maximum(targets, self.lower_rad), self.upper_rad)
+        return np.asarray(np.minimum(np.maximum(bounded, before - step), before + step))
 
 
 def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -97,13 +117,17 @@ def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[f
     if actuator.stiffness_nm_rad is not None:
         stiffness, damping = actuator.stiffness_nm_rad, DAMPING_S * actuator.stiffness_nm_rad
     damping = damping if actuator.damping_nms_rad is None else actuator.damping_nms_rad
-    return stiffness, damping, rotor if actuator.reflected_kg_m2 is None else actuator.reflected_kg_m2
+    return (
+        stiffness,
+        damping,
+        rotor if actuator.reflected_kg_m2 is None else actuator.reflected_kg_m2,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """A force on a simulated body, at its own centre of mass: force_n in the world, shape (3,) [N], from at_s after the
-    reset on for seconds."""
+    """A force on a simulated body, at its own centre of mass: force_n in the world, shape (3,) [N],
+    from at_s after the reset on for seconds."""
 
     force_n: tuple[float, float, float]
     at_s: float
@@ -118,11 +142,12 @@ class Imperfections:
     """Imperfections of a simulated robot, by which it differs from its file; drawn once, from the
     seed.
 
-    offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by that. noise_rad:
-    standard deviation of what they measure. delay_s: from a command to its effect, felt_delay_s: from a contact to when
-    its force is felt, both in whole control periods. felt_share: of a foot's force, what it reads; felt_noise_n:
-    standard deviation of that along every axis [N]; deaf: numbers of the limbs whose feet read nothing.
-    stiffness_share, mass_share: of the loops' Kp, and of all masses. pushes: on its body.
+    offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by
+    that. noise_rad: standard deviation of what they measure. delay_s: from a command to its effect,
+    felt_delay_s: from a contact to when its force is felt, both in whole control periods.
+    felt_share: of a foot's force, what it reads; felt_noise_n: standard deviation of that along
+    every axis [N]; deaf: numbers of the limbs whose feet read nothing. stiffness_share, mass_share:
+    of the loops' Kp, and of all masses. pushes: on its body.
     """
 
     offset_rad: float = 0.0
@@ -151,5 +176,7 @@ class Imperfections:
 
     def pushed_n(self, time_s: float) -> Array:
         """Sum of the pushes at a time, shape (3,) [N]."""
-        now = [push.force_n for push in self.pushes if push.at_s <= time_s < push.at_s + push.seconds]
+        now = [
+            push.force_n for push in self.pushes if push.at_s <= time_s < push.at_s + push.seconds
+        ]
         return sum(map(np.array, now), start=np.zeros(3))

@@ -12,18 +12,27 @@ from .world import LatchedWorld, State, Terrain, World
 
 
 class NullWorld(LatchedWorld):
-    """In place of a world that was reset: no command goes through. Its joints are where they would have been sent.
+    """In place of a world that was reset: no command goes through. Its joints are where they would
+    have been sent.
 
-    first: what the world measured. The body is where it was, and its feet feel nothing. The latch is the world's.
+    first: what the world measured. The body is where it was, and its feet feel nothing. The latch
+    is the world's.
     """
 
     def __init__(self, world: World, first: State) -> None:
-        self.latch, self.name, self.robot, self.servo = world.latch, world.name, world.robot, world.servo
+        self.latch, self.name, self.robot, self.servo = (
+            world.latch,
+            world.name,
+            world.robot,
+            world.servo,
+        )
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self._state = replace(first, sent_rad=np.array(first.angles_rad))
         self.steps = 0
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """Return the measured state; nothing is asked again."""
         return self._state
 

@@ -1,4 +1,5 @@
-"""A world in MuJoCo (extra ``mujoco``): position actuators with the servo's gains, elliptic cones, the patch's μ."""
+"""A world in MuJoCo (extra ``mujoco``): position actuators with the servo's gains, elliptic cones,
+the patch's μ."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ UNDER_M = 0.5
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
 CREEP = 2.5e-6
-"""How fast feet creep under a force along soft ground [m/s per N], as slowly as on the world's own."""
+"""How fast feet creep under a force along soft ground [m/s per N], as slowly as on the world's
+own."""
 IMPEDANCES = (1e-4, 0.9999)
 """MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6
@@ -40,7 +42,9 @@ def mujoco_module() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InvalidInput("world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'") from None
+        raise InvalidInput(
+            "world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'"
+        ) from None
     return mujoco
 
 
@@ -58,11 +62,15 @@ class MujocoWorld(SimulatedWorld):
         self._data: Any = None
         self._views: tuple[Array, ...] = ()
 
-    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def _placed(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         self._model = self._compiled(terrain)
         self._data = self._mujoco.MjData(self._model)
         # its own memory, which changes with every step
-        self._views = tuple(getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force"))
+        self._views = tuple(
+            getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force")
+        )
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -98,8 +106,8 @@ class MujocoWorld(SimulatedWorld):
         self._views = ()
 
     def _step(self) -> None:
-        """A step of physics. A foot's points on soft ground share its stiffness and damping, so that those of heights,
-        which MuJoCo meets cell by cell, are no stiffer than one."""
+        """A step of physics. A foot's points on soft ground share its stiffness and damping, so
+        that those of heights, which MuJoCo meets cell by cell, are no stiffer than one."""
         if self.contact is None:
             self._mujoco.mj_step(self._model, self._data)
             return
@@ -108,21 +116,24 @@ class MujocoWorld(SimulatedWorld):
         feet = self._under(self._bodies[contact.geom])
         counts = np.bincount(feet[feet >= 0], minlength=len(self._feet))
         for foot in np.flatnonzero(counts > 1):
-            its = np.flatnonzero(feet == foot)
-            count = points(-contact.dist[its], contact.frame[its, :3])
-            for index in its[contact.efc_address[its] >= 0]:
-                rows = slice(contact.efc_address[index], contact.efc_address[index] + contact.dim[index])
+            of_foot = np.flatnonzero(feet == foot)
+            count = points(-contact.dist[of_foot], contact.frame[of_foot, :3])
+            for index in of_foot[contact.efc_address[of_foot] >= 0]:
+                rows = slice(
+                    contact.efc_address[index], contact.efc_address[index] + contact.dim[index]
+                )
                 data.efc_R[rows] *= count
                 data.efc_D[rows] /= count
         self._mujoco.mj_step2(self._model, data)
 
     def _on_body(self) -> Array:
-        """Force on the base's own centre of mass and moment: what is carried, which acts at the robot's, and pushes."""
-        found = np.array(self._carried)
+        """Force on the base's own centre of mass and moment: what is carried, which acts at the
+        robot's, and pushes."""
+        wrench = np.array(self._carried)
         arm = self._data.subtree_com[self._base] - self._data.xipos[self._base]
-        found[3:] += cross(arm, self._carried[:3])
-        found[:3] += self.imperfections.pushed_n(float(self._data.time))
-        return found
+        wrench[3:] += cross(arm, self._carried[:3])
+        wrench[:3] += self.imperfections.pushed_n(float(self._data.time))
+        return wrench
 
     def _compiled(self, terrain: Terrain) -> Any:
         spec = self.scene(terrain)
@@ -130,7 +141,9 @@ class MujocoWorld(SimulatedWorld):
 
     def scene(self, terrain: Terrain) -> Any:
         """The robot over a terrain, an MjSpec that nobody compiled yet."""
-        spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
+        spec = self._spec(
+            self.body.apart if self._touching is None else (*self.body.apart, *self._touching)
+        )
         if self._touching is None:
             self._touching = self._touching_at_rest(spec.compile())
             spec = self._spec((*self.body.apart, *self._touching))
@@ -158,16 +171,21 @@ class MujocoWorld(SimulatedWorld):
             spec.joint(joint).armature = drives.rotor_kg_m2[i]
             actuator = spec.add_actuator(name=joint, target=joint, trntype=kinds.mjtTrn.mjTRN_JOINT)
             actuator.set_to_position(kp=stiffness, kv=drives.damping_nms_rad[i])
-            actuator.forcelimited, actuator.forcerange = True, [-drives.torque_nm[i], drives.torque_nm[i]]
+            actuator.forcelimited, actuator.forcerange = (
+                True,
+                [-drives.torque_nm[i], drives.torque_nm[i]],
+            )
         return spec
 
     def _softened(self, spec: Any) -> Any:
-        """The model with ground that yields as ``SoftContact`` says: f = k d + b v, stepped implicitly.
+        """The model with ground that yields as ``SoftContact`` says: f = k d + b v, stepped
+        implicitly.
 
-        MuJoCo's row is R f + a = −b' v − k' r with R = (1 − d) / d · Â, where Â is the inverse mass that it counts the
-        contact with. With 1 / R = h b + h² k, k' = R k and b' = R (b + h k) that is f = k (r + h v⁺) + b v⁺ with the
-        velocity at the end of the step. Its stiffness and damping are called −k' d and −b' d (solref) for a constant d
-        (solimp). Â is made the same for all feet; friction rows get an R of their own (impratio), or feet would creep.
+        MuJoCo's row is R f + a = −b' v − k' r with R = (1 − d) / d · Â, where Â is the inverse mass
+        that it counts the contact with. With 1 / R = h b + h² k, k' = R k and b' = R (b + h k) that
+        is f = k (r + h v⁺) + b v⁺ with the velocity at the end of the step. Its stiffness and
+        damping are called −k' d and −b' d (solref) for a constant d (solimp). Â is made the same
+        for all feet; friction rows get an R of their own (impratio), or feet would creep.
         """
         assert self.contact is not None
         stiffness = self.contact.stiffness_n_m
@@ -184,47 +202,67 @@ class MujocoWorld(SimulatedWorld):
         spec.option.impratio = max(STIFF, 1.0 / (CREEP * damped))
         model = spec.compile()
         model.body_invweight0[feet, 0] = light
-        model.opt.disableflags |= self._mujoco.mjtDisableBit.mjDSBL_ISLAND  # islands have copies of R, see ``_step``
+        model.opt.disableflags |= (
+            self._mujoco.mjtDisableBit.mjDSBL_ISLAND
+        )  # islands have copies of R, see ``_step``
         return model
 
     def _touching_at_rest(self, model: Any) -> tuple[tuple[str, str], ...]:
-        """Pairs of links whose shapes overlap in the posture that the robot stands in: they are drawn so."""
+        """Pairs of links whose shapes overlap in the posture that the robot stands in: they are
+        drawn so."""
         data = self._mujoco.MjData(model)
         for leg in self.model.legs:
             for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
                 data.qpos[model.joint(name).qposadr[0]] = angle
         self._mujoco.mj_forward(model, data)
         geoms = {tuple(sorted((contact.geom1, contact.geom2))) for contact in data.contact}
-        bodies = sorted({tuple(model.body(model.geom_bodyid[geom]).name for geom in pair) for pair in geoms})
+        bodies = sorted(
+            {tuple(model.body(model.geom_bodyid[geom]).name for geom in pair) for pair in geoms}
+        )
         return tuple((first, second) for first, second in bodies)
 
     def _lay(self, spec: Any, terrain: Terrain) -> None:
-        """Every patch as a static convex body, or heights as a field, whose friction counts, not the larger of two."""
+        """Every patch as a static convex body, or heights as a field, whose friction counts, not
+        the larger of two."""
         kinds = self._mujoco.mjtGeom
         contact: dict[str, Any] = {
-            "contype": 0, "conaffinity": TERRAIN, "priority": 1,
-            "solref": [CONTACT_S, CONTACT_DAMPING], "solimp": [0.95, 0.99, *SHAPE],
-        }  # fmt: skip
+            "contype": 0,
+            "conaffinity": TERRAIN,
+            "priority": 1,
+            "solref": [CONTACT_S, CONTACT_DAMPING],
+            "solimp": [0.95, 0.99, *SHAPE],
+        }
         if isinstance(terrain, Ground):
             x, y, heights = terrain.even(SPACING_M)
             low, high = float(heights.min()), max(float(heights.max()), float(heights.min()) + 1e-6)
             spec.add_hfield(
-                name="ground", nrow=len(y), ncol=len(x), size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, UNDER_M],
+                name="ground",
+                nrow=len(y),
+                ncol=len(x),
+                size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, UNDER_M],
                 userdata=((heights.T - low) / (high - low)).ravel().tolist(),
-            )  # fmt: skip
+            )
             middle = [float(x.mean()), float(y.mean()), low]
             spec.worldbody.add_geom(
-                type=kinds.mjGEOM_HFIELD, hfieldname="ground", pos=middle, **rubbing(terrain.friction), **contact
+                type=kinds.mjGEOM_HFIELD,
+                hfieldname="ground",
+                pos=middle,
+                **rubbing(terrain.friction),
+                **contact,
             )
             return
         for index, patch in enumerate(terrain):
             spec.add_mesh(name=f"patch_{index}", uservert=patch.solid.corners.ravel())
             spec.worldbody.add_geom(
-                type=kinds.mjGEOM_MESH, meshname=f"patch_{index}", **rubbing(patch.friction), **contact
+                type=kinds.mjGEOM_MESH,
+                meshname=f"patch_{index}",
+                **rubbing(patch.friction),
+                **contact,
             )
 
     def _contacts(self) -> tuple[NDArray[np.int_], Array]:
-        """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame, shape (K, 3) [N]."""
+        """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame,
+        shape (K, 3) [N]."""
         contact, forces = self._data.contact, self._data.efc_force
         rows = contact.efc_address
         if self._rubs:
@@ -242,16 +280,18 @@ class MujocoWorld(SimulatedWorld):
         return np.asarray(feet)
 
     def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
-        """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything else, and of links
-        on each other [N]."""
+        """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything
+        else, and of links on each other [N]."""
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
         feet, on_second = self._under(pairs), pairs[:, 0] == 0
-        its = feet >= 0
-        np.add.at(forces, feet[its], np.where(on_second[:, None], pushes, -pushes)[its])
-        if not its.all():
+        feet_rows = feet >= 0
+        np.add.at(forces, feet[feet_rows], np.where(on_second[:, None], pushes, -pushes)[feet_rows])
+        if not feet_rows.all():
             ends = np.cumsum([len(each) for each, _ in contacts])[:-1]
-            for others, force in zip(np.split(~its, ends), np.split(pushes, ends), strict=True):
+            for others, force in zip(
+                np.split(~feet_rows, ends), np.split(pushes, ends), strict=True
+            ):
                 bump += sum((float(np.linalg.norm(one)) for one in force[others]), start=0.0)
         return forces, bump
 

@@ -1,7 +1,8 @@
 """Worlds by name: each is one file, and its line in the table of ``WORLDS``.
 
-Other packages register theirs as entry points of the group ``stancekit.worlds``; a file of one's own needs no
-registration: its world is called ``FILE.py:NAME``. See ``WorldClass`` for what it must have.
+Other packages register theirs as entry points of the group ``stancekit.worlds``; a file of one's
+own needs no registration: its world is called ``FILE.py:NAME``. See ``WorldClass`` for what it must
+have.
 """
 
 from __future__ import annotations
@@ -20,28 +21,46 @@ from .drives import Imperfections
 from .settings import WorldSettings
 from .world import State, World, WorldKind
 
-__all__ = ["WORLDS", "Imperfections", "SoftContact", "State", "World", "WorldClass", "WorldSettings", "make_world"]
+__all__ = [
+    "WORLDS",
+    "Imperfections",
+    "SoftContact",
+    "State",
+    "World",
+    "WorldClass",
+    "WorldSettings",
+    "make_world",
+]
 
 
 class WorldClass(Protocol):
-    """The class of a world, as it is registered. Subclasses of ``SimulatedWorld`` have all that but physics.
+    """The class of a world, as it is registered. Subclasses of ``SimulatedWorld`` have all that but
+    physics.
 
-    kind: what is of "hardware" has the verbs torque, hold and relax, too (``world.Actuator``): nothing real moves
-    unless it was armed.
+    kind: what is of "hardware" has the verbs torque, hold and relax, too (``world.Actuator``):
+    nothing real moves unless it was armed.
     """
 
     kind: WorldKind
 
     def make(self, settings: WorldSettings) -> World:
-        """A world. Raises InvalidInput for a rate or a file that it does not take, and for a package that is not
-        installed; nothing is sent to anything."""
+        """A world. Raises InvalidInput for a rate or a file that it does not take, and for a
+        package that is not installed; nothing is sent to anything."""
         ...
 
 
 def _is_world_class(thing: Any) -> bool:
     kind = getattr(thing, "kind", None)
-    verbs = ("make", "reset", "step", "close", *(("torque", "hold", "relax") if kind == "hardware" else ()))
-    return kind in get_args(WorldKind) and all(callable(getattr(thing, verb, None)) for verb in verbs)
+    verbs = (
+        "make",
+        "reset",
+        "step",
+        "close",
+        *(("torque", "hold", "relax") if kind == "hardware" else ()),
+    )
+    return kind in get_args(WorldKind) and all(
+        callable(getattr(thing, verb, None)) for verb in verbs
+    )
 
 
 WORLDS: Registry[WorldClass] = Registry(
@@ -73,16 +92,22 @@ def make_world(
 ) -> World:
     """Make a world, with one robot in it.
 
-    name: of ``WORLDS``, or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own. rate_hz: targets a
-    second, the world's own where None. setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up
-    file of ``ros``, ground that yields in simulations. imperfections: of a simulated robot. actuators: what turns its
-    joints, None for what its file, or the device's, says. contact: ground of a simulation that yields, None for hard
-    ground, unless the set-up file says otherwise. Raises InvalidInput for an unknown name, a file that is missing or
-    wrong, and a package that is not installed.
+    name: of ``WORLDS``, or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own.
+    rate_hz: targets a second, the world's own where None. setup: the log of ``replay``, the
+    calibration file of ``dynamixel``, the set-up file of ``ros``, ground that yields in
+    simulations. imperfections: of a simulated robot. actuators: what turns its joints, None for
+    what its file, or the device's, says. contact: ground of a simulation that yields, None for hard
+    ground, unless the set-up file says otherwise. Raises InvalidInput for an unknown name, a file
+    that is missing or wrong, and a package that is not installed.
     """
     settings = WorldSettings(
-        robot=robot, servo=servo, rate_hz=rate_hz, gravity_m_s2=gravity_m_s2,
-        setup=None if setup is None else Path(setup), imperfections=imperfections, actuators=actuators,
+        robot=robot,
+        servo=servo,
+        rate_hz=rate_hz,
+        gravity_m_s2=gravity_m_s2,
+        setup=None if setup is None else Path(setup),
+        imperfections=imperfections,
+        actuators=actuators,
         contact=contact,
-    )  # fmt: skip
+    )
     return WORLDS.get(name).make(settings)

@@ -21,10 +21,11 @@ from .world import LatchedWorld, State, Terrain, WorldKind
 
 
 class ReplayWorld(LatchedWorld):
-    """The measurements of a log, one a step. Nothing moves; commands are compared with those of the log.
+    """The measurements of a log, one a step. Nothing moves; commands are compared with those of the
+    log.
 
-    worst_rad: largest difference between a command and what was sent at that step of the log. Raises InvalidInput for a
-    log of another robot.
+    worst_rad: largest difference between a command and what was sent at that step of the log.
+    Raises InvalidInput for a log of another robot.
     """
 
     kind: WorldKind = "recording"
@@ -40,23 +41,41 @@ class ReplayWorld(LatchedWorld):
         self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)
         self.joints = joint_names(robot)
         if tuple(plan["joints"]) != self.joints:
-            raise InvalidInput(f"{path}: expected a log of a robot with joints {self.joints[0]} …, got another's")
+            raise InvalidInput(
+                f"{path}: expected a log of a robot with joints {self.joints[0]} …, got another's"
+            )
         self.digest, self.whole = str(plan["digest"]), recorded.whole
-        self._states = [state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")]
+        self._states = [
+            state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")
+        ]
         count = len(self.joints)
-        self._sent = [table(each["sent_rad"], (count,), f"{path}: sent_rad") for each in recorded.of("command")]
+        self._sent = [
+            table(each["sent_rad"], (count,), f"{path}: sent_rad")
+            for each in recorded.of("command")
+        ]
         for state in self._states:
-            shapes = (state.angles_rad.shape, state.torques_nm.shape, state.forces_n.shape, state.position_m.shape)
+            shapes = (
+                state.angles_rad.shape,
+                state.torques_nm.shape,
+                state.forces_n.shape,
+                state.position_m.shape,
+            )
             if shapes != ((count,), (count,), (len(robot.limbs), 3), (3,)):
-                raise InvalidInput(f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}")
+                raise InvalidInput(
+                    f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}"
+                )
         if not self._states:
-            raise InvalidInput(f"{path}: expected measurements, got none: the run ended before it began")
+            raise InvalidInput(
+                f"{path}: expected measurements, got none: the run ended before it began"
+            )
         self.drives = _loops(plan, Drives.of(robot, servo, robot.source.legs(servo)), path)
         self._sees = bool(plan.get("sees", True))
         self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0
         self.worst_rad = 0.0
-        self.capabilities = WorldCapabilities.of_servos(robot, servo, self.rate_hz, senses=self._sees)
+        self.capabilities = WorldCapabilities.of_servos(
+            robot, servo, self.rate_hz, senses=self._sees
+        )
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -66,7 +85,9 @@ class ReplayWorld(LatchedWorld):
             raise InvalidInput("rate_hz: expected none with world replay: the log has its own")
         return cls(path, settings.robot, settings.servo)
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """The first measurement of the log."""
         self._row, self.worst_rad = 0, 0.0
         return self._states[0]
@@ -90,19 +111,25 @@ class ReplayWorld(LatchedWorld):
 
 
 def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
-    """The loops that the log was sent to; of logs that do not say, as it was when they were written."""
+    """The loops that the log was sent to; of logs that do not say, as it was when they were
+    written."""
     from ..log import table
 
     names = ("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2")
     if not all(name in plan for name in names):
         return replace(drives, yields=bool(plan.get("sees", True)))
-    stiffness, damping, rotor = (table(plan[name], (len(drives.joints),), f"{path}: {name}") for name in names)
+    stiffness, damping, rotor = (
+        table(plan[name], (len(drives.joints),), f"{path}: {name}") for name in names
+    )
     if not (stiffness > 0.0).all():
         raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got others")
     return replace(
-        drives, stiffness_nm_rad=stiffness, damping_nms_rad=damping, rotor_kg_m2=rotor,
+        drives,
+        stiffness_nm_rad=stiffness,
+        damping_nms_rad=damping,
+        rotor_kg_m2=rotor,
         yields=bool(plan.get("yields", True)),
-    )  # fmt: skip
+    )
 
 
 def _rate(value: float, path: str | Path) -> float:

@@ -1,4 +1,5 @@
-"""Set-up files of what is real, YAML or JSON: which robot's joints there are, and what a device calls each of them."""
+"""Set-up files of what is real, YAML or JSON: which robot's joints there are, and what a device
+calls each of them."""
 
 from __future__ import annotations
 
@@ -18,9 +19,11 @@ from stancekit.planners.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class SetupFile:
-    """The joints of a device, by name. Subclasses have ``joints``, and ``format`` by which their files begin.
+    """The joints of a device, by name. Subclasses have ``joints``, and ``format`` by which their
+    files begin.
 
-    robot: the name of the robot that the device moves; a plan for another one is refused. None says nothing.
+    robot: the name of the robot that the device moves; a plan for another one is refused. None says
+    nothing.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -40,17 +43,20 @@ class SetupFile:
 
     @classmethod
     def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Self:
-        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
+        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all
+        that is wrong."""
         data, known = read_yaml(path), cls.__dataclass_fields__["format"].default
         if data.get("format") != known:
-            raise InvalidInput(f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}")
-        found = validated(cls, data, str(path))
+            raise InvalidInput(
+                f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}"
+            )
+        setup = validated(cls, data, str(path))
         if joints is not None:
             try:
-                found.check(joints)
+                setup.check(joints)
             except InvalidInput as error:
                 raise InvalidInput(f"{path}: {error}") from None
-        return found
+        return setup
 
     def write(self, path: str | Path) -> None:
         """Write a file that ``from_yaml`` reads."""
@@ -62,6 +68,8 @@ def own(names: Mapping[str, Any], key: str, what: str) -> list[str]:
     owner, wrong = dict[Any, str](), list[str]()
     for joint, name in names.items():
         if name in owner:
-            wrong.append(f"joints.{joint}.{key}: expected {what}, got {name}, which {owner[name]} has")
+            wrong.append(
+                f"joints.{joint}.{key}: expected {what}, got {name}, which {owner[name]} has"
+            )
         owner.setdefault(name, joint)
     return wrong

@@ -1,6 +1,8 @@
-"""A robot's model as simulators take it: its URDF without what it only looks like, its meshes as convex hulls.
+"""A robot's model as simulators take it: its URDF without what it only looks like, its meshes as
+convex hulls.
 
-Inertias, limits and the tree of links are the file's own. Joints of no leg (arms, wheels, covers) are held at rest.
+Inertias, limits and the tree of links are the file's own. Joints of no leg (arms, wheels, covers)
+are held at rest.
 """
 
 from __future__ import annotations
@@ -22,24 +24,27 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.shapes import Shape
 
 SPECK = 1e-6
-"""Share of the robot's mass that a root without one gets: simulators take what weighs nothing for what never moves."""
+"""Share of the robot's mass that a root without one gets: simulators take what weighs nothing for
+what never moves."""
 SPECK_M = 0.1
 """Its radius of gyration."""
 LEAST = 1e-6
 """Of a link's largest principal moment: the smallest that it may have."""
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 NEAR = 2
-"""Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to overlap."""
+"""Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
+overlap."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedBody:
     """Description of a body that a simulator loads.
 
-    urdf: text, of links with masses and convex shapes; hulls: the contents of the OBJ files that it names. base: the
-    root link, whose pose is the body's. joints: the legs', in the model's order. feet: the links that are feet, and
-    tips_m: their centres in them, shape (N, 3) [m]. apart: pairs of links that never collide with each other. missing:
-    meshes that are not there or cannot be read, which collide with nothing.
+    urdf: text, of links with masses and convex shapes; hulls: the contents of the OBJ files that it
+    names. base: the root link, whose pose is the body's. joints: the legs', in the model's order.
+    feet: the links that are feet, and tips_m: their centres in them, shape (N, 3) [m]. apart: pairs
+    of links that never collide with each other. missing: meshes that are not there or cannot be
+    read, which collide with nothing.
     """
 
     urdf: str
@@ -52,16 +57,21 @@ class SimulatedBody:
     missing: tuple[str, ...]
 
 
-def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: Array | None = None) -> SimulatedBody:
+def simulated_body(
+    model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: Array | None = None
+) -> SimulatedBody:
     """The body of a model.
 
-    mass_share: of all masses and inertias, for robots heavier than their files say. rotors_kg_m2: of every joint, shape
-    (J,), added to the inertia of the link that it turns, about every axis so that a simulator takes it for a body's;
-    for those that know no inertia of rotors. Raises InvalidInput for a model whose legs have joints that
-    slide, and for links with masses or inertias that no body has.
+    mass_share: of all masses and inertias, for robots heavier than their files say. rotors_kg_m2:
+    of every joint, shape (J,), added to the inertia of the link that it turns, about every axis so
+    that a simulator takes it for a body's; for those that know no inertia of rotors. Raises
+    InvalidInput for a model whose legs have joints that slide, and for links with masses or
+    inertias that no body has.
     """
     if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
-        raise InvalidInput(f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides")
+        raise InvalidInput(
+            f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides"
+        )
     root = deepcopy(model.tree)
     for unseen in ("visual", "transmission", "gazebo", "material"):
         for parent in list(root.iter()):
@@ -82,21 +92,35 @@ def simulated_body(model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: 
     turned = dict[str, str]()
     for joint in root.findall("joint"):
         turned[joint.get("name", "")] = joint.find("child").get("link", "")  # type: ignore[union-attr]
-    for name, rotor in zip(joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None):
+    for name, rotor in zip(
+        joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None
+    ):
         _add_rotor(links[turned[name]], float(rotor))
     return SimulatedBody(
-        urdf=ElementTree.tostring(root, encoding="unicode"), hulls=hulls, base=base, joints=joints,
-        feet=tuple(leg.foot for leg in model.legs), tips_m=np.array([_tip(model, leg) for leg in model.legs]),
+        urdf=ElementTree.tostring(root, encoding="unicode"),
+        hulls=hulls,
+        base=base,
+        joints=joints,
+        feet=tuple(leg.foot for leg in model.legs),
+        tips_m=np.array([_tip(model, leg) for leg in model.legs]),
         apart=_apart(model, set(links)),
         missing=missing,
-    )  # fmt: skip
+    )
 
 
 def _apart(model: RobotModel, links: set[str]) -> tuple[tuple[str, str], ...]:
-    """Pairs that never collide: the SRDF's; without one those of a leg with no more than one joint's link between."""
-    pairs = {(a, b) for a, b in (sorted(pair) for pair in model.disabled_pairs if len(pair) == 2 and pair <= links)}
+    """Pairs that never collide: the SRDF's; without one those of a leg with no more than one
+    joint's link between."""
+    pairs = {
+        (a, b)
+        for a, b in (
+            sorted(pair) for pair in model.disabled_pairs if len(pair) == 2 and pair <= links
+        )
+    }
     if not model.disabled_pairs:
-        place = {name: (mount.leg, mount.joint) for name, mount in model.mounts.items() if name in links}
+        place = {
+            name: (mount.leg, mount.joint) for name, mount in model.mounts.items() if name in links
+        }
         pairs |= {
             (a, b)
             for a, b in combinations(sorted(place), 2)
@@ -112,8 +136,11 @@ def _tip(model: RobotModel, leg: Leg) -> Array:
     return np.asarray(mount.rotation.T @ (leg.chain.tip_m - mount.origin_m))
 
 
-def _hulled(links: Mapping[str, Element], shapes: list[Shape]) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Put hulls in the place of meshes. Returns their files by name, and the meshes that are not to be had."""
+def _hulled(
+    links: Mapping[str, Element], shapes: list[Shape]
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Put hulls in the place of meshes. Returns their files by name, and the meshes that are not to
+    be had."""
     hulls, missing = dict[str, bytes](), dict[str, None]()
     for name, link in links.items():
         meshes = [shape for shape in shapes if shape.link == name and shape.kind == "mesh"]
@@ -153,15 +180,20 @@ def _hull(corners: Array) -> bytes:
     middle = corners.mean(axis=0)
     lines = ["v " + " ".join(f"{x:.9g}" for x in corner) for corner in corners]
     for a, b, c in ConvexHull(corners).simplices:
-        out = np.dot(np.cross(corners[b] - corners[a], corners[c] - corners[a]), corners[a] - middle) > 0.0
-        lines.append("f " + " ".join(str(corner + 1) for corner in ((a, b, c) if out else (a, c, b))))
+        out = (
+            np.dot(np.cross(corners[b] - corners[a], corners[c] - corners[a]), corners[a] - middle)
+            > 0.0
+        )
+        lines.append(
+            "f " + " ".join(str(corner + 1) for corner in ((a, b, c) if out else (a, c, b)))
+        )
     return ("\n".join(lines) + "\n").encode()
 
 
 def _shape_foot(link: Element, leg: Leg, model: RobotModel) -> None:
     """A foot that is a ball by what its link looks like alone collides, too."""
-    own = [shape for shape in model.shapes if shape.link == leg.foot]
-    if leg.radius_m <= 0.0 or any(shape.collides for shape in own):
+    shapes = [shape for shape in model.shapes if shape.link == leg.foot]
+    if leg.radius_m <= 0.0 or any(shape.collides for shape in shapes):
         return
     collision = SubElement(link, "collision")
     SubElement(collision, "origin", {"xyz": " ".join(f"{x:.12g}" for x in _tip(model, leg))})
@@ -169,9 +201,12 @@ def _shape_foot(link: Element, leg: Leg, model: RobotModel) -> None:
 
 
 def _check_weights(root: Element, model: RobotModel) -> None:
-    """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the robot then."""
+    """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the
+    robot then."""
     for link, why in body_doubts(root, model.legs, model.shapes, model.mounts):
-        raise InvalidInput(f"robot {model.name}: {link}: expected what a body can weigh, got: {why}")
+        raise InvalidInput(
+            f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
+        )
     total = sum(link_inertia(link)[0] for link in root.findall("link"))
     if abs(total - model.body.mass_kg) > SPECK * model.body.mass_kg:
         raise InvalidInput(
@@ -181,13 +216,14 @@ def _check_weights(root: Element, model: RobotModel) -> None:
 
 
 def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:
-    """Scale all masses, make inertias ones that bodies have, and give the root a speck of mass where it has less."""
+    """Scale all masses, make inertias ones that bodies have, and give the root a speck of mass
+    where it has less."""
     for link in links.values():
         if (mass := link.find("inertial/mass")) is not None and share != 1.0:
             mass.set("value", repr(share * float(mass.get("value", "0"))))
         if (inertia := link.find("inertial/inertia")) is not None:
-            given = share * _inertia(inertia)
-            _set_inertia(inertia, given + _rounded_off(given) * np.eye(3))
+            inertia_given = share * _inertia(inertia)
+            _set_inertia(inertia, inertia_given + _rounded_off(inertia_given) * np.eye(3))
     mass = links[base].find("inertial/mass")
     if mass is None or float(mass.get("value", "0")) < SPECK * mass_kg:
         for inertial in links[base].findall("inertial"):

@@ -51,11 +51,18 @@ class SimulatedWorld(LatchedWorld):
     ) -> None:
         super().__init__()
         servo = servo or robot.servo
-        self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
+        self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = (
+            robot,
+            servo,
+            rate_hz,
+            gravity_m_s2,
+        )
         self.model, self.imperfections = robot.source.legs(servo), imperfections
         last = len(robot.limbs) - 1
         if outside := set(imperfections.deaf) - set(range(last + 1)):
-            raise InvalidInput(f"imperfections.deaf: expected limbs from 0 to {last}, got {min(outside)}")
+            raise InvalidInput(
+                f"imperfections.deaf: expected limbs from 0 to {last}, got {min(outside)}"
+            )
         if contact is not None:
             contact.check_bears(robot.mass_kg * gravity_m_s2)
         self.contact = contact
@@ -77,31 +84,43 @@ class SimulatedWorld(LatchedWorld):
         contact = settings.contact
         if settings.setup is not None:
             if contact is not None:
-                raise InvalidInput("contact_stiffness_n_m: expected it in the set-up file or beside it, got both")
+                raise InvalidInput(
+                    "contact_stiffness_n_m: expected it in the set-up file or beside it, got both"
+                )
             contact = SimulationSetup.from_yaml(settings.setup).contact
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        asked = {} if contact is None else {"contact": contact}
+        options = {} if contact is None else {"contact": contact}
         return cls(
-            settings.robot, settings.servo, rate_hz=rate_hz, gravity_m_s2=settings.gravity_m_s2,
-            imperfections=settings.imperfections, actuators=settings.actuators, **asked,
-        )  # fmt: skip
+            settings.robot,
+            settings.servo,
+            rate_hz=rate_hz,
+            gravity_m_s2=settings.gravity_m_s2,
+            imperfections=settings.imperfections,
+            actuators=settings.actuators,
+            **options,
+        )
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
         self._sent = np.array(angles_rad, dtype=float)
         self._waiting = deque([self._sent] * self._late)
         self._felt = deque([np.zeros((len(self.robot.limbs), 3))] * self._felt_late)
-        return self._measured(self._placed(terrain, self._sent - self._offset, position_m, rotation))
+        return self._measured(
+            self._placed(terrain, self._sent - self._offset, position_m, rotation)
+        )
 
     def preload(self, targets_rad: Array) -> bool:
-        """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the beginning."""
+        """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the
+        beginning."""
         self._sent = np.clip(targets_rad, self.drives.lower_rad, self.drives.upper_rad)
         self._waiting = deque([self._sent] * self._late)
         return True
 
     def carry(self, wrench: Array) -> None:
-        """From now on the robot bears this beside its weight: a force on its body [N], as if at its centre of mass, and
-        a moment [Nm], in the world, shape (6,)."""
+        """From now on the robot bears this beside its weight: a force on its body [N], as if at its
+        centre of mass, and a moment [Nm], in the world, shape (6,)."""
         self._carried = read_only(wrench, (6,), "wrench")
 
     def step(self, targets_rad: Array) -> State:
@@ -121,7 +140,9 @@ class SimulatedWorld(LatchedWorld):
         return replace(state, angles_rad=read, forces_n=self._felt.popleft())
 
     @abstractmethod
-    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def _placed(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """The robot at rest in this pose over this terrain; the joints' true angles."""
 
     @abstractmethod

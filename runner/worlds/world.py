@@ -22,12 +22,12 @@ from ..safety.latch import StopLatch
 class State:
     """State of a world after a control period; J joints, N limbs.
 
-    time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
-    velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad, rates_rad_s, torques_nm: of the
-    joints, shape (J,). feet_m: centres of the feet, shape (N, 3). forces_n: contact forces on the feet, world frame,
-    mean over the period, shape (N, 3) [N]. bump_n: mean force of the terrain on anything but feet, and of
-    the robot's links on each other [N].
-    sent_rad: the targets that were really sent, after limits, shape (J,).
+    time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3,
+    3). velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad,
+    rates_rad_s, torques_nm: of the joints, shape (J,). feet_m: centres of the feet, shape (N, 3).
+    forces_n: contact forces on the feet, world frame, mean over the period, shape (N, 3) [N].
+    bump_n: mean force of the terrain on anything but feet, and of the robot's links on each other
+    [N]. sent_rad: the targets that were really sent, after limits, shape (J,).
     """
 
     time_s: float
@@ -54,8 +54,8 @@ WorldKind = Literal["simulation", "recording", "hardware"]
 class World(Protocol):
     """Three verbs, and what it can do. A context manager; ``reset`` may be called again.
 
-    kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed. latch: what it sends to the robot
-    goes through ``latch.sending()``; tripped, it sends nothing any more.
+    kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed. latch: what it
+    sends to the robot goes through ``latch.sending()``; tripped, it sends nothing any more.
     """
 
     kind: WorldKind
@@ -66,7 +66,9 @@ class World(Protocol):
     joints: tuple[str, ...]
     rate_hz: float
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
         ...
 
@@ -81,7 +83,10 @@ class World(Protocol):
     def __enter__(self) -> Self: ...
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None: ...
 
 
@@ -92,7 +97,8 @@ class Stoppable(Protocol):
     def hold(self) -> None:
         """Send nothing any more; the joints keep what they were told last.
 
-        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
+        Where an arming was interrupted, it makes sure that the torque is as it was before, or
+        raises HardwareFault.
         """
         ...
 
@@ -108,8 +114,8 @@ class Actuator(Stoppable, Protocol):
     armed: bool
 
     def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
-        on that was off before."""
+        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it
+        raises, leaves no torque on that was off before."""
         ...
 
 
@@ -132,6 +138,9 @@ class LatchedWorld(ABC):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()

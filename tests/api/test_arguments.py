@@ -1,4 +1,5 @@
-"""What a verb of the library is given and cannot use is one line that names the argument, before any work."""
+"""What a verb of the library is given and cannot use is one line that names the argument, before
+any work."""
 
 import inspect
 from typing import Any, get_type_hints
@@ -9,13 +10,36 @@ import pytest
 import stancekit
 
 VERBS = (
-    "draw", "evaluate", "explain", "export", "film", "fit", "heights", "label", "load", "plan", "robot", "run",
-    "sample", "save", "simulate", "solve", "terrain", "verify", "walk", "warp",
-)  # fmt: skip
+    "draw",
+    "evaluate",
+    "explain",
+    "export",
+    "film",
+    "fit",
+    "heights",
+    "label",
+    "load",
+    "plan",
+    "robot",
+    "run",
+    "sample",
+    "save",
+    "simulate",
+    "solve",
+    "terrain",
+    "verify",
+    "walk",
+    "warp",
+)
 BY_NAME = {
-    ("fit", "settings"), ("label", "further"), ("plan", "old"), ("solve", "old"), ("terrain", "meaning"),
-    ("walk", "task"), ("heights", "meaning"),
-}  # fmt: skip
+    ("fit", "settings"),
+    ("label", "further"),
+    ("plan", "old"),
+    ("solve", "old"),
+    ("terrain", "meaning"),
+    ("walk", "task"),
+    ("heights", "meaning"),
+}
 """Arguments that have names of their own, checked by who knows them."""
 
 
@@ -32,7 +56,11 @@ class Slippery:
 
 def wrong_arguments() -> list[tuple[str, str]]:
     """Every argument of every verb."""
-    found = [(verb, name) for verb in VERBS for name in inspect.signature(getattr(stancekit, verb)).parameters]
+    found = [
+        (verb, name)
+        for verb in VERBS
+        for name in inspect.signature(getattr(stancekit, verb)).parameters
+    ]
     return [(verb, name) for verb, name in found if (verb, name) not in BY_NAME]
 
 
@@ -44,22 +72,37 @@ def fine() -> dict[str, dict[str, Any]]:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
     return {
-        "sample": {"problems": "wall-3"}, "solve": {"problem": problem}, "plan": {"course": "stairs"},
-        "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)}, "verify": {"subject": problem},
-        "explain": {"subject": problem, "certificate": certificate}, "draw": {"subject": problem},
-        "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
-        "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
-        "save": {"thing": problem, "path": "a.json"}, "robot": {"source": "hexapod"}, "terrain": {"source": "ripple"},
-        "film": {"motion": walk, "out": "a.mp4"}, "export": {"subject": walk, "out": "w.csv"},
-        "heights": {"source": "hill"}, "warp": {"terrain": "hill"}, "simulate": {"motion": walk},
+        "sample": {"problems": "wall-3"},
+        "solve": {"problem": problem},
+        "plan": {"course": "stairs"},
+        "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)},
+        "verify": {"subject": problem},
+        "explain": {"subject": problem, "certificate": certificate},
+        "draw": {"subject": problem},
+        "label": {"problems": "wall-3", "folder": "data"},
+        "fit": {"dataset": "data"},
+        "evaluate": {"selector": "e.json", "dataset": "data"},
+        "load": {"path": "a"},
+        "save": {"thing": problem, "path": "a.json"},
+        "robot": {"source": "hexapod"},
+        "terrain": {"source": "ripple"},
+        "film": {"motion": walk, "out": "a.mp4"},
+        "export": {"subject": walk, "out": "w.csv"},
+        "heights": {"source": "hill"},
+        "warp": {"terrain": "hill"},
+        "simulate": {"motion": walk},
         "run": {"motion": walk},
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(("verb", "name"), wrong_arguments())
-def test_an_argument_of_another_type_is_one_line_with_its_name(verb, name, fine, tmp_path, monkeypatch):
+def test_an_argument_of_another_type_is_one_line_with_its_name(
+    verb, name, fine, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(stancekit.InvalidInput, match=rf"^{name}: expected .*, got .*Nothing") as caught:
+    with pytest.raises(
+        stancekit.InvalidInput, match=rf"^{name}: expected .*, got .*Nothing"
+    ) as caught:
         getattr(stancekit, verb)(**fine[verb] | {name: Nothing()})
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
@@ -70,11 +113,36 @@ def test_an_argument_of_another_type_is_one_line_with_its_name(verb, name, fine,
     [
         ("sample", ["wall-3", 1.5], {}, "count: expected an integer, got 1.5"),
         ("sample", ["wall-3", True], {}, "count: expected an integer, got True"),
-        ("sample", ["wall-3"], {"rng": -1}, "rng: expected a generator or a seed of 0 or more, got -1"),
-        ("sample", [Slippery], {}, "problems: expected text or something with sample(...), got the class Slippery"),
-        ("walk", ["ripple", "1,0"], {}, "goal_xy_m: expected an array, a sequence (a number each) or None, got '1,0'"),
-        ("walk", ["ripple", (1, 0)], {"adhesive": "LF"}, "adhesive: expected a sequence (text each), got 'LF'"),
-        ("walk", ["ripple", (1, 0)], {"adhesive": ["X"]}, "adhesive: expected some of LF, RF, LH, RH, got X"),
+        (
+            "sample",
+            ["wall-3"],
+            {"rng": -1},
+            "rng: expected a generator or a seed of 0 or more, got -1",
+        ),
+        (
+            "sample",
+            [Slippery],
+            {},
+            "problems: expected text or something with sample(...), got the class Slippery",
+        ),
+        (
+            "walk",
+            ["ripple", "1,0"],
+            {},
+            "goal_xy_m: expected an array, a sequence (a number each) or None, got '1,0'",
+        ),
+        (
+            "walk",
+            ["ripple", (1, 0)],
+            {"adhesive": "LF"},
+            "adhesive: expected a sequence (text each), got 'LF'",
+        ),
+        (
+            "walk",
+            ["ripple", (1, 0)],
+            {"adhesive": ["X"]},
+            "adhesive: expected some of LF, RF, LH, RH, got X",
+        ),
     ],
 )
 def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, Any], line: str):
@@ -86,12 +154,32 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
 @pytest.mark.parametrize(
     ("verb", "arguments", "options", "begins", "ends"),
     [
-        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it t", ", time_limit_s"),
-        ("solve", [], {"p": 1}, "stancekit.solve: missing a required argument: 'problem'; it takes problem, ", ""),
-        ("plan", ["walls"], {"friction": 1}, "stancekit.plan: got an unexpected keyword argument 'friction'; it t", ""),
+        (
+            "walk",
+            ["ripple"],
+            {},
+            "stancekit.walk: missing a required argument: 'goal_xy_m'; it t",
+            ", time_limit_s",
+        ),
+        (
+            "solve",
+            [],
+            {"p": 1},
+            "stancekit.solve: missing a required argument: 'problem'; it takes problem, ",
+            "",
+        ),
+        (
+            "plan",
+            ["walls"],
+            {"friction": 1},
+            "stancekit.plan: got an unexpected keyword argument 'friction'; it t",
+            "",
+        ),
     ],
 )
-def test_what_a_verb_takes_is_said(verb: str, arguments: list[Any], options: dict[str, Any], begins: str, ends: str):
+def test_what_a_verb_takes_is_said(
+    verb: str, arguments: list[Any], options: dict[str, Any], begins: str, ends: str
+):
     with pytest.raises(TypeError) as caught:
         getattr(stancekit, verb)(*arguments, **options)
     assert str(caught.value).startswith(begins)
@@ -99,9 +187,14 @@ def test_what_a_verb_takes_is_said(verb: str, arguments: list[Any], options: dic
 
 
 def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
-    with pytest.raises(stancekit.InvalidInput, match=r"none.urdf: expected a file, found nothing there$"):
+    with pytest.raises(
+        stancekit.InvalidInput, match=r"none.urdf: expected a file, found nothing there$"
+    ):
         stancekit.plan("walls", robot=tmp_path / "none.urdf")
-    with pytest.raises(stancekit.InvalidInput, match=r"^robot: expected none with a course that is laid out, got hexa"):
+    with pytest.raises(
+        stancekit.InvalidInput,
+        match=r"^robot: expected none with a course that is laid out, got hexa",
+    ):
         stancekit.plan(stancekit.sample("ground-3", rng=3)[0].course(), robot="hexapod")
     assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
 
@@ -130,7 +223,8 @@ def test_one_posture_problem_is_a_course_of_one_frame():
 
 def test_something_with_sample_is_labelled_by_the_name_of_its_class(tmp_path):
     one, two = (
-        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers) for workers in (1, 2)
+        stancekit.label(Slippery(), tmp_path / f"{workers}", rows=(3, 3), workers=workers)
+        for workers in (1, 2)
     )
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
     assert one.problem_class == "Slippery"

@@ -1,4 +1,5 @@
-"""One posture, planned as a course of one frame with the robot whose limbs stand: its joints are found and bent."""
+"""One posture, planned as a course of one frame with the robot whose limbs stand: its joints are
+found and bent."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ STRAIGHT = stancekit.WholeBodyLimits(torque_nm=10.0, steps=0)
 def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
     held = bent = 0
     for problem in stancekit.sample("wall-3", count=12, rng=2):
-        straight, answer = (stancekit.plan(problem, robot="hexapod", body=body) for body in (STRAIGHT, TORQUE))
+        straight, answer = (
+            stancekit.plan(problem, robot="hexapod", body=body) for body in (STRAIGHT, TORQUE)
+        )
         assert (answer.certificate is None) == (straight.certificate is None)
         held += straight.status.value == "feasible"
         if answer.status.value != "feasible":
@@ -35,9 +38,12 @@ def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
         assert answer.details["torque_nm"] <= 10.0
         order = [plan.problem.robot.limb_names.index(name) for name in problem.legs]
         posture = stancekit.Plan.of_posture(
-            problem, com_m=plan.com_m[0], rotation_rad=plan.rotation_rad[0], toes_m=plan.toes_m[order],
+            problem,
+            com_m=plan.com_m[0],
+            rotation_rad=plan.rotation_rad[0],
+            toes_m=plan.toes_m[order],
             forces_n=plan.forces_n[0, order],
-        )  # fmt: skip
+        )
         assert stancekit.verify(posture).accepted
     assert bent >= held + 3
 
@@ -46,7 +52,9 @@ def test_a_posture_of_some_legs_of_a_file_is_bent_saved_and_read(tmp_path: Path)
     looked = 0
     for problem in stancekit.sample("wall-3", robot=str(ANT), count=6, rng=0):
         answer = stancekit.plan(problem, robot=ANT)
-        assert answer.problem.legs == tuple(name for name in stancekit.robot(ANT).limb_names if name in problem.legs)
+        assert answer.problem.legs == tuple(
+            name for name in stancekit.robot(ANT).limb_names if name in problem.legs
+        )
         if answer.status.value != "feasible":
             continue
         stancekit.save(answer.solution, tmp_path / "plan.json")
@@ -70,7 +78,9 @@ def test_a_file_of_a_posture_takes_the_robot_too(tmp_path: Path) -> None:
 def test_another_robot_and_one_without_these_limbs_are_refused() -> None:
     problem = stancekit.sample("wall-3", rng=0)[0]
     ant = stancekit.robot(ANT)
-    wanted = f"robot: expected the default hexapod, whose limbs the posture is of, got {ant.identity}"
+    wanted = (
+        f"robot: expected the default hexapod, whose limbs the posture is of, got {ant.identity}"
+    )
     with pytest.raises(InvalidInput, match=f"^{re.escape(wanted)}$"):
         stancekit.plan(problem, robot=ant)
     other = stancekit.sample("wall-3", robot=str(ANT), rng=0)[0]

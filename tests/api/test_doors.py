@@ -1,4 +1,5 @@
-"""One question, one answer: a few of ``tests/doors.py`` at every door; ``benchmarks/doors.py`` asks all of them."""
+"""One question, one answer: a few of ``tests/doors.py`` at every door; ``benchmarks/doors.py`` asks
+all of them."""
 
 from __future__ import annotations
 
@@ -10,7 +11,16 @@ import pytest
 from tests.doors import DOORS, ask, differences, questions
 
 pytest.importorskip("pinocchio")
-FEW = ("flat-2-0.4", "gait-all", "slick-2-0.1", "dog-0.58", "dog-0.66", "weak-1", "wall-0", "ground-1")
+FEW = (
+    "flat-2-0.4",
+    "gait-all",
+    "slick-2-0.1",
+    "dog-0.58",
+    "dog-0.66",
+    "weak-1",
+    "wall-0",
+    "ground-1",
+)
 QUESTIONS = {question.name: question for question in questions()}
 
 
@@ -25,7 +35,9 @@ def test_there_are_forty_questions_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize("name", FEW)
-def test_every_door_says_the_same(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_door_says_the_same(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     question = QUESTIONS[name]
     replies = ask(question, tmp_path)

@@ -32,7 +32,9 @@ def test_problems_come_back_one_or_several(problems, tmp_path):
     stancekit.save(problems[0], tmp_path / "p.json")
     assert stancekit.load(tmp_path / "p.json").to_json() == problems[0].to_json()
     stancekit.save(problems, tmp_path / "p.jsonl")
-    assert [p.to_json() for p in stancekit.load(tmp_path / "p.jsonl", list)] == [p.to_json() for p in problems]
+    assert [p.to_json() for p in stancekit.load(tmp_path / "p.jsonl", list)] == [
+        p.to_json() for p in problems
+    ]
     (tmp_path / "array.json").write_text(json.dumps([p.to_json() for p in problems]))
     assert len(stancekit.load(tmp_path / "array.json")) == 9
 
@@ -54,7 +56,11 @@ def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(pla
     assert json.loads((tmp_path / "plan.json").read_text())["verified"]
     stancekit.save(plan.problem, tmp_path / "course.json")
     course = stancekit.load(tmp_path / "course.json", stancekit.Problem)
-    assert (course.name, course.frames, course.stances) == (plan.problem.name, 2, plan.problem.stances)
+    assert (course.name, course.frames, course.stances) == (
+        plan.problem.name,
+        2,
+        plan.problem.stances,
+    )
 
 
 def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):
@@ -106,34 +112,57 @@ def test_what_is_none_of_ours_is_one_line(name, content, words, tmp_path):
 
 def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
     stancekit.save(plan, tmp_path / "plan.json")
-    with pytest.raises(stancekit.InvalidInput, match=r"plan\.json: expected a Problem, got a Plan$"):
+    with pytest.raises(
+        stancekit.InvalidInput, match=r"plan\.json: expected a Problem, got a Plan$"
+    ):
         stancekit.load(tmp_path / "plan.json", stancekit.Problem)
-    with pytest.raises(stancekit.InvalidInput, match=r"^thing: expected a Problem, a Leap, .* got 3$"):
+    with pytest.raises(
+        stancekit.InvalidInput, match=r"^thing: expected a Problem, a Leap, .* got 3$"
+    ):
         stancekit.save(3, tmp_path / "x.json")
 
 
 def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
     certificate = stancekit.solve(problems[0]).certificate
-    for subject, answer, came in ((plan, certificate, "Plan with Certificate"), (problems[0], None, "Problem")):
+    for subject, answer, came in (
+        (plan, certificate, "Plan with Certificate"),
+        (problems[0], None, "Problem"),
+    ):
         with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
             stancekit.verify(subject, answer)
-    with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):
+    with pytest.raises(
+        stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"
+    ):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
 
 
 def test_a_posture_is_no_motion_and_has_no_file(tmp_path):
     posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
     for refuses, call in (
-        (r"\.json: expected the plan of a course, got that of", lambda: stancekit.save(posture, tmp_path / "a.json")),
-        ("^film: expected something that moves, got the plan of", lambda: stancekit.film(posture, tmp_path / "a.mp4")),
-        ("^posture: expected the plan of a course, got that of", lambda: stancekit.simulate(posture)),
-        ("expected no answer and no envelope with a Plan", lambda: stancekit.draw(posture, posture)),
+        (
+            r"\.json: expected the plan of a course, got that of",
+            lambda: stancekit.save(posture, tmp_path / "a.json"),
+        ),
+        (
+            "^film: expected something that moves, got the plan of",
+            lambda: stancekit.film(posture, tmp_path / "a.mp4"),
+        ),
+        (
+            "^posture: expected the plan of a course, got that of",
+            lambda: stancekit.simulate(posture),
+        ),
+        (
+            "expected no answer and no envelope with a Plan",
+            lambda: stancekit.draw(posture, posture),
+        ),
     ):
         with pytest.raises(stancekit.InvalidInput, match=refuses):
             call()
 
 
-def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_taken_with_a_warning(problems):
+def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_taken_with_a_warning(
+    problems,
+):
     answer = stancekit.solve(problems[0])
     certificate = answer.certificate
     assert certificate.problem is answer.problem is problems[0]
@@ -144,7 +173,10 @@ def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_tak
     with pytest.warns(DeprecationWarning, match=r"explain\(certificate\), which knows its problem"):
         assert stancekit.explain(problems[0], certificate) == stancekit.explain(certificate)
     read = stancekit.Certificate.from_json(certificate.to_json())
-    with pytest.raises(stancekit.InvalidInput, match=r"certificate: expected one that knows its problem, .* got none"):
+    with pytest.raises(
+        stancekit.InvalidInput,
+        match=r"certificate: expected one that knows its problem, .* got none",
+    ):
         stancekit.verify(read)
     assert stancekit.verify(read.of(problems[0])).accepted
     other = stancekit.sample("ground-3", rng=3)[0]

@@ -1,4 +1,5 @@
-"""What the front door says to legal but odd calls: numbers of NumPy, two forms at once, settings without a use."""
+"""What the front door says to legal but odd calls: numbers of NumPy, two forms at once, settings
+without a use."""
 
 from __future__ import annotations
 
@@ -44,7 +45,10 @@ def level() -> stancekit.HeightField:
 
 def test_integers_of_numpy_are_integers(tmp_path):
     two: Any = np.int64(2)
-    assert stancekit.solve(problem(), stancekit.Micp(intervals=two)).status is stancekit.Status.FEASIBLE
+    assert (
+        stancekit.solve(problem(), stancekit.Micp(intervals=two)).status
+        is stancekit.Status.FEASIBLE
+    )
     assert stancekit.plan("stairs", frames=two).solution.com_m.shape == (2, 3)
     rows = stancekit.label("wall-3", tmp_path / "rows", rows=(two, two), seed=two)
     assert len(rows) == 4
@@ -68,16 +72,25 @@ def test_settings_of_courses_are_refused_with_postures():
 
 def test_a_planner_of_another_kind_of_question_is_refused():
     refused("method: ", lambda: stancekit.solve(problem(), make_planner("two-stage", of="courses")))
-    refused("method: ", lambda: stancekit.plan("stairs", make_planner("exact", of="postures"), frames=2))
+    refused(
+        "method: ", lambda: stancekit.plan("stairs", make_planner("exact", of="postures"), frames=2)
+    )
     for name in ("nlp", "two-stage", "micp", "decoupled"):
-        assert stancekit.plan("stairs", make_planner(name, of="courses"), frames=2).status is stancekit.Status.FEASIBLE
+        assert (
+            stancekit.plan("stairs", make_planner(name, of="courses"), frames=2).status
+            is stancekit.Status.FEASIBLE
+        )
 
 
 def test_a_course_is_solved_for_its_contacts_alone():
     course = stancekit.load("stairs")
     answer = stancekit.solve(stancekit.plan("stairs", frames=2).problem, "two-stage")
     assert answer.status is stancekit.Status.FEASIBLE
-    assert (answer.report, answer.solution.joints_rad, len(answer.solution.com_m)) == (None, None, 2)
+    assert (answer.report, answer.solution.joints_rad, len(answer.solution.com_m)) == (
+        None,
+        None,
+        2,
+    )
     refused("method: expected one of ", lambda: stancekit.solve(course, "p1"))
 
 
@@ -87,8 +100,13 @@ def test_one_planner_answers_postures_and_courses():
     found = stancekit.plan("stairs", made, frames=2)
     assert found.status is stancekit.Status.FEASIBLE
     assert made.solve(found.problem).status is stancekit.Status.FEASIBLE
-    refused("method: expected one for postures, ", lambda: make_planner("decoupled").solve(problem()))
-    refused("gap: expected none of exact for postures", lambda: make_planner("exact", gap=0.5).solve(problem()))
+    refused(
+        "method: expected one for postures, ", lambda: make_planner("decoupled").solve(problem())
+    )
+    refused(
+        "gap: expected none of exact for postures",
+        lambda: make_planner("exact", gap=0.5).solve(problem()),
+    )
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -99,35 +117,53 @@ def test_old_arguments_are_taken_as_they_were_or_refused():
         return float(found.provenance.get("friction_share", 1.0))
 
     made = make_planner("two-stage", of="courses")
-    assert (share(made), share(made, reserve=False), share("two-stage", reserve=False)) == (0.8, 1.0, 1.0)
+    assert (share(made), share(made, reserve=False), share("two-stage", reserve=False)) == (
+        0.8,
+        1.0,
+        1.0,
+    )
     assert share("nlp", reserve=False) == 1.0
-    refused("reserve: ", lambda: stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False))
+    refused(
+        "reserve: ", lambda: stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False)
+    )
     refused("planner: expected text, ", lambda: stancekit.plan("stairs", frames=2, planner=3))
     refused("method: expected one of ", lambda: stancekit.plan("stairs", "p1", frames=2))
     refused("feasible: ", lambda: stancekit.label("wall-3", "rows", rows=3, feasible=3))
-    refused("start_yaw_rad: ", lambda: stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2))
+    refused(
+        "start_yaw_rad: ",
+        lambda: stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2),
+    )
     refused("time_limit_s: ", lambda: stancekit.walk(level(), (0.2, 0.0), time_limit_s=0.0))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_old_limits_stand_beside_new_ones(monkeypatch):
     seen = []
-    monkeypatch.setattr("stancekit.courses.plan_course", lambda *_, limits, **__: seen.append(limits))
+    monkeypatch.setattr(
+        "stancekit.courses.plan_course", lambda *_, limits, **__: seen.append(limits)
+    )
     stancekit.plan("stairs", frames=2, body=stancekit.WholeBodyLimits(share=0.5), torque_nm=8.0)
     assert seen == [stancekit.WholeBodyLimits(share=0.5, torque_nm=8.0)]
 
 
 def test_places_are_arrays_or_numbers_that_are_sound():
     over = stancekit.terrain(level())
-    found = stancekit.plan(over, start_xy_m=np.array([-0.3, 0.0]), goal_xy_m=np.array([0.3, 0.0]), frames=3)
+    found = stancekit.plan(
+        over, start_xy_m=np.array([-0.3, 0.0]), goal_xy_m=np.array([0.3, 0.0]), frames=3
+    )
     assert found.status is stancekit.Status.FEASIBLE
     for odd in ((1e300, 0.0), (0.0, 0.0, 0.0), (float("nan"), 0.0), np.array(["a", "b"])):
-        refused("start_xy_m: ", lambda odd=odd: stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0)))
+        refused(
+            "start_xy_m: ",
+            lambda odd=odd: stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0)),
+        )
         refused("goal_xy_m: ", lambda odd=odd: stancekit.walk(level(), odd))
     for count in (0, -1, 1001):
         refused(
             f"frames: expected 1 to 1000, got {count}",
-            lambda count=count: stancekit.plan(over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count),
+            lambda count=count: stancekit.plan(
+                over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count
+            ),
         )
 
 
@@ -138,21 +174,32 @@ def test_a_terrain_says_what_it_lacks(tmp_path):
     over = stancekit.terrain(level(), friction=0.8)
     slick = replace(over.pieces[0], patch=over.pieces[0].patch.with_friction(0.1))
     between: dict[str, Any] = {"start_xy_m": (-0.3, 0.0), "goal_xy_m": (0.3, 0.0), "frames": 2}
-    line = refused("", lambda: stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between))
+    line = refused(
+        "", lambda: stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between)
+    )
     assert "expected one friction of a terrain, got from 0.1 to 0.8" in line
-    assert "with footholds, got none" in refused("", lambda: stancekit.plan(replace(over, pieces=()), **between))
+    assert "with footholds, got none" in refused(
+        "", lambda: stancekit.plan(replace(over, pieces=()), **between)
+    )
     rough = stancekit.terrain(level(), friction=20.0)
     assert "friction: expected" in refused("", lambda: stancekit.plan(rough, **between))
     refused("unit_m: expected none with ", lambda: stancekit.terrain(level(), unit_m=2.0))
     refused("unit_m: expected none with ripple", lambda: stancekit.terrain("ripple", unit_m=2.0))
-    assert stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2  # as the command gives them
+    assert (
+        stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2
+    )  # as the command gives them
 
 
 def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
     limbs = stancekit.hexapod().limbs
-    four = stancekit.Robot(name="four", mass_kg=10.0, limbs=(limbs[0], limbs[2], limbs[3], limbs[5]))
+    four = stancekit.Robot(
+        name="four", mass_kg=10.0, limbs=(limbs[0], limbs[2], limbs[3], limbs[5])
+    )
     for law in ("ground-3", "wall-3"):
-        refused("robot: expected legs with half-spaces", lambda law=law: stancekit.sample(law, robot=four))
+        refused(
+            "robot: expected legs with half-spaces",
+            lambda law=law: stancekit.sample(law, robot=four),
+        )
 
 
 def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
@@ -167,7 +214,10 @@ def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
 @pytest.mark.parametrize("name", ["ramps:0.3:1", "stairs:0.1:7"])
 def test_a_plan_goes_over_a_ground_by_its_name_as_over_its_footholds(name: str) -> None:
     between: dict[str, Any] = {"start_xy_m": (1.2, 0.0), "goal_xy_m": (1.5, 0.0)}
-    found, same = stancekit.plan(name, **between), stancekit.plan(stancekit.terrain(name), **between)
+    found, same = (
+        stancekit.plan(name, **between),
+        stancekit.plan(stancekit.terrain(name), **between),
+    )
     assert found.solution is not None
     assert same.solution is not None
     np.testing.assert_array_equal(found.solution.toes_m, same.solution.toes_m)

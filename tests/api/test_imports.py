@@ -25,13 +25,17 @@ env.step(env.action_space.sample())
 
 def loaded_by(code: str) -> list[str]:
     """Those of the large packages that a fresh interpreter has loaded after it ran the code."""
-    code = f"import sys, stancekit\n{code}\nprint(*(name for name in {LARGE} if name in sys.modules))"
+    code = (
+        f"import sys, stancekit\n{code}\nprint(*(name for name in {LARGE} if name in sys.modules))"
+    )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     return ran.stdout.split()
 
 
-@pytest.mark.parametrize("code", ["", SOLVE, SOLVE + EXPLAIN, ENVIRONMENT], ids=["import", "solve", "explain", "env"])
+@pytest.mark.parametrize(
+    "code", ["", SOLVE, SOLVE + EXPLAIN, ENVIRONMENT], ids=["import", "solve", "explain", "env"]
+)
 def test_neither_the_import_nor_a_first_answer_loads_a_large_package(code: str) -> None:
     assert loaded_by(code) == []
 

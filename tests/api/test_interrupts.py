@@ -1,4 +1,5 @@
-"""Ctrl-C in the middle of a walk is a KeyboardInterrupt, which the solver's own code would swallow."""
+"""Ctrl-C in the middle of a walk is a KeyboardInterrupt, which the solver's own code would
+swallow."""
 
 import signal
 import threading

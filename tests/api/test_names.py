@@ -1,4 +1,5 @@
-"""What `import stancekit` gives: names that come when asked for, each with a docstring that is enough to use it."""
+"""What `import stancekit` gives: names that come when asked for, each with a docstring that is
+enough to use it."""
 
 import ast
 import doctest
@@ -15,9 +16,25 @@ import stancekit
 
 NAMES = sorted(name for name in dir(stancekit) if not name.startswith("_"))
 VERBS = (
-    "draw", "evaluate", "explain", "export", "film", "fit", "label", "load", "plan", "robot", "run", "sample", "save",
-    "simulate", "solve", "terrain", "verify", "walk",
-)  # fmt: skip
+    "draw",
+    "evaluate",
+    "explain",
+    "export",
+    "film",
+    "fit",
+    "label",
+    "load",
+    "plan",
+    "robot",
+    "run",
+    "sample",
+    "save",
+    "simulate",
+    "solve",
+    "terrain",
+    "verify",
+    "walk",
+)
 
 IMPORTED = """
 import json, sys
@@ -30,7 +47,9 @@ print(json.dumps([loaded, len(set(sys.modules) - before), len(names)]))
 
 
 def test_the_import_loads_nothing_that_takes_time():
-    done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True
+    )
     loaded, after_names, names = json.loads(done.stdout)
     others = {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names)
     assert (others, names > 20) == ({"stancekit"}, True)
@@ -41,7 +60,9 @@ def test_only_what_a_name_needs_is_loaded():
     script = "import stancekit, sys; stancekit.Problem, stancekit.solve, stancekit.plan\n" + (
         "print([name for name in ('torch', 'casadi', 'cvxpy', 'gymnasium', 'mujoco') if name in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "[]\n"
 
 

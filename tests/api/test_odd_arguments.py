@@ -1,4 +1,5 @@
-"""What the public classes and functions say to arguments of wrong types and absurd sizes: InvalidInput, or nothing."""
+"""What the public classes and functions say to arguments of wrong types and absurd sizes:
+InvalidInput, or nothing."""
 
 from __future__ import annotations
 
@@ -13,11 +14,54 @@ import stancekit
 from stancekit.planners.errors import InvalidInput
 
 ODD: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 2**31, 2**63, -(2**63), 10**400, 0.5, 1e308, -1e308, 5e-324, float("nan"), float("inf"), "",
-    "x", "x" * 3000, b"x", [], {}, (), [1, 2], (1, 2), ["x"], [None], [[]], {"a": 1}, {1, 2}, range(3), 1j, object(),
-    int, len, np.zeros(0), np.zeros(3), np.zeros((3, 3)), np.full(3, np.nan), np.full((4, 3), 1e308), np.array(["a"]),
-    np.array([None]), np.array(1.0), np.zeros((2, 2, 2)), [float("nan")] * 3, [[1.0], [1.0, 2.0]], iter([]), "\ud800",
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    1,
+    2**31,
+    2**63,
+    -(2**63),
+    10**400,
+    0.5,
+    1e308,
+    -1e308,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    "",
+    "x",
+    "x" * 3000,
+    b"x",
+    [],
+    {},
+    (),
+    [1, 2],
+    (1, 2),
+    ["x"],
+    [None],
+    [[]],
+    {"a": 1},
+    {1, 2},
+    range(3),
+    1j,
+    object(),
+    int,
+    len,
+    np.zeros(0),
+    np.zeros(3),
+    np.zeros((3, 3)),
+    np.full(3, np.nan),
+    np.full((4, 3), 1e308),
+    np.array(["a"]),
+    np.array([None]),
+    np.array(1.0),
+    np.zeros((2, 2, 2)),
+    [float("nan")] * 3,
+    [[1.0], [1.0, 2.0]],
+    iter([]),
+    "\ud800",
+)
 
 
 @cache
@@ -27,9 +71,13 @@ def sound() -> dict[str, Any]:
     x = np.linspace(-1.0, 1.0, 5)
     level = stancekit.HeightField(x_m=x, y_m=x, heights_m=np.zeros((5, 5)), name="level")
     return {
-        "Robot": robot, "Limb": robot.limbs[0], "Problem": problem, "Contact": problem.contacts[0],
-        "Patch": problem.contacts[0].patch, "HeightField": level,
-    }  # fmt: skip
+        "Robot": robot,
+        "Limb": robot.limbs[0],
+        "Problem": problem,
+        "Contact": problem.contacts[0],
+        "Patch": problem.contacts[0].patch,
+        "HeightField": level,
+    }
 
 
 def arguments(value: Any) -> dict[str, Any]:
@@ -39,9 +87,7 @@ def arguments(value: Any) -> dict[str, Any]:
     return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
 
 
-@pytest.mark.parametrize(
-    "name", ["Robot", "Limb", "Problem", "Contact", "Patch", "HeightField"]
-)
+@pytest.mark.parametrize("name", ["Robot", "Limb", "Problem", "Contact", "Patch", "HeightField"])
 def test_a_constructor_takes_what_it_can_be_or_says_what_is_wrong(name: str) -> None:
     value = sound()[name]
     whole = arguments(value)

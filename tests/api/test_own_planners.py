@@ -1,4 +1,5 @@
-"""A planner that is handed over as an object is believed as far as the verifier accepts what it has."""
+"""A planner that is handed over as an object is believed as far as the verifier accepts what it
+has."""
 
 from __future__ import annotations
 
@@ -103,7 +104,9 @@ def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
         assert report.answer is (answer.solution or answer.certificate)
     forged = replace(held, solution=replace(held.solution, forces_n=0.0 * held.solution.forces_n))
     assert not stancekit.verify(forged).accepted
-    with pytest.raises(stancekit.InvalidInput, match="expected an answer with a solution or a proof"):
+    with pytest.raises(
+        stancekit.InvalidInput, match="expected an answer with a solution or a proof"
+    ):
         stancekit.verify(Answer(status=Status.UNDECIDED, method="mine"))
 
 
@@ -137,7 +140,11 @@ def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp
     path = tmp_path / "kinds.py"
     path.write_text(ONE_KIND, encoding="utf-8")
     course = stancekit.load("stairs")
-    for name, kinds in (("Postures", "postures"), ("Courses", "courses"), ("Both", "postures courses")):
+    for name, kinds in (
+        ("Postures", "postures"),
+        ("Courses", "courses"),
+        ("Both", "postures courses"),
+    ):
         asked = f"{path}:{name}"
         for kind, ask in (
             ("postures", lambda asked=asked: stancekit.solve(held.problem, asked)),
@@ -153,7 +160,10 @@ def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp
 
 def test_a_planner_of_courses_in_the_group_of_before_works_and_says_so(held, monkeypatch):
     monkeypatch.setattr(methods._OLD_COURSE_PLANNERS, "_things", {"theirs": lambda _: Says(None)})
-    with pytest.warns(DeprecationWarning, match=r"theirs of stancekit\.course_planners, which answers courses alone"):
+    with pytest.warns(
+        DeprecationWarning,
+        match=r"theirs of stancekit\.course_planners, which answers courses alone",
+    ):
         assert stancekit.plan(stancekit.load("stairs"), "theirs").status is Status.UNDECIDED
     with pytest.raises(stancekit.InvalidInput, match=r"got theirs, which answers courses alone$"):
         stancekit.solve(held.problem, "theirs")

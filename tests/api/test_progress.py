@@ -1,4 +1,5 @@
-"""Long work in Python says how far it is in the log, and ends at limits that do not ask the clock."""
+"""Long work in Python says how far it is in the log, and ends at limits that do not ask the
+clock."""
 
 import logging
 
@@ -20,14 +21,20 @@ def test_plans_walks_and_labels_say_how_far_they_are(caplog, level, tmp_path):
     stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
     stancekit.label("wall-3", tmp_path / "rows", rows=4)
     said = [record.getMessage() for record in caplog.records]
-    beginnings = ("plan: contacts with 80 % of the friction: feasible", "plan: accepted", "walk: decoupled, feasible: ")
+    beginnings = (
+        "plan: contacts with 80 % of the friction: feasible",
+        "plan: accepted",
+        "walk: decoupled, feasible: ",
+    )
     for beginning in (*beginnings, "label: 1 of 1 shards, 4 rows of "):
         assert any(line.startswith(beginning) for line in said), said
 
 
 def test_a_walk_of_so_many_iterations_is_the_same_again(level):
     asked = {"duration_s": 2.0, "chart": "decoupled", "time_limit_s": 1e6}
-    walks = [stancekit.walk(level, (0.4, 0.0), total_iterations=most, **asked) for most in (2, 2, 60)]
+    walks = [
+        stancekit.walk(level, (0.4, 0.0), total_iterations=most, **asked) for most in (2, 2, 60)
+    ]
     counts = [walk.details["iterations"] for walk in walks]
     assert counts[0] == counts[1] < counts[2] <= 60 + 1
     again = stancekit.walk(level, (0.4, 0.0), total_iterations=60, **asked)
@@ -38,8 +45,13 @@ def test_a_walk_of_so_many_iterations_is_the_same_again(level):
 
 def test_limits_of_solves_are_settings_of_methods():
     problem = stancekit.sample("wall-3", rng=8)[0]
-    assert stancekit.solve(problem, stancekit.Exact(max_solves=50)).status is stancekit.Status.INFEASIBLE
-    outcome = stancekit.plan("tube", stancekit.Exact(gap=1e-6, max_solves=2), frames=4, time_limit_s=1e6)
+    assert (
+        stancekit.solve(problem, stancekit.Exact(max_solves=50)).status
+        is stancekit.Status.INFEASIBLE
+    )
+    outcome = stancekit.plan(
+        "tube", stancekit.Exact(gap=1e-6, max_solves=2), frames=4, time_limit_s=1e6
+    )
     assert outcome.message.endswith("met its limit (2 solves)")
     assert stancekit.plan("walls", stancekit.TwoStage(max_solves=40), frames=3).report.accepted
     with pytest.raises(InvalidInput, match=r"max_solves: expected a number in \[0"):

@@ -1,4 +1,5 @@
-"""A hundred wrong arguments, of the library and of environments: one line when they are given, and nothing later."""
+"""A hundred wrong arguments, of the library and of environments: one line when they are given, and
+nothing later."""
 
 from __future__ import annotations
 
@@ -216,14 +217,21 @@ def test_solve_refuses_what_its_method_has_no_use_for():
     for begins, options in SOLVE:
         refused(begins, lambda options=options: stancekit.solve(problem, **options))
     for method in ("exact", "lift", "nlp"):
-        refused("envelopes", lambda method=method: stancekit.solve(problem, method, envelopes=box()))
+        refused(
+            "envelopes", lambda method=method: stancekit.solve(problem, method, envelopes=box())
+        )
 
 
 def test_plan_refuses_what_its_planner_has_no_use_for():
     for begins, options in PLAN:
-        refused(begins, lambda options=options: stancekit.plan("stairs", **{"frames": 2, **options}))
+        refused(
+            begins, lambda options=options: stancekit.plan("stairs", **{"frames": 2, **options})
+        )
     for planner in ("exact", "nlp", "decoupled"):
-        refused("envelopes", lambda planner=planner: stancekit.plan("stairs", planner, frames=2, envelopes=box()))
+        refused(
+            "envelopes",
+            lambda planner=planner: stancekit.plan("stairs", planner, frames=2, envelopes=box()),
+        )
 
 
 def test_other_functions_refuse_at_the_call(tmp_path, monkeypatch):
@@ -256,7 +264,11 @@ def test_a_reset_refuses_what_it_does_not_know():
 
 
 def test_a_mapping_is_taken_as_files_take_it():
-    env = gym.make(SELECTION, problem="ground-3", weights={"agreement": 2.0, "projection": 0.0, "tightness": 0.0})
+    env = gym.make(
+        SELECTION,
+        problem="ground-3",
+        weights={"agreement": 2.0, "projection": 0.0, "tightness": 0.0},
+    )
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.repeat([-1.0, 1.0], 18).astype(np.float32))
     assert reward == 2.0 * info["p1_right"]

@@ -24,13 +24,27 @@ def plan() -> stancekit.Plan:
 @pytest.mark.parametrize(
     ("settings", "world", "policy", "line"),
     [
-        ({"friction_share": 0.5}, "ros", None, "friction_share: expected a simulated world with it, got ros"),
-        ({"blind": True}, "ros", None, "blind: expected a plan or a gait in a simulated world with it, got ros"),
-        ({"blind": True}, "mujoco", "lift",
-         "blind: expected a plan or a gait in a simulated world with it, got a policy"),
+        (
+            {"friction_share": 0.5},
+            "ros",
+            None,
+            "friction_share: expected a simulated world with it, got ros",
+        ),
+        (
+            {"blind": True},
+            "ros",
+            None,
+            "blind: expected a plan or a gait in a simulated world with it, got ros",
+        ),
+        (
+            {"blind": True},
+            "mujoco",
+            "lift",
+            "blind: expected a plan or a gait in a simulated world with it, got a policy",
+        ),
         ({}, "replay", "lift", "policy: expected a world that answers to what is done, got replay"),
     ],
-)  # fmt: skip
+)
 def test_settings_that_have_no_use_are_refused(
     plan: stancekit.Plan, settings: dict[str, Any], world: str, policy: str | None, line: str
 ) -> None:

@@ -1,6 +1,7 @@
 """The public names with their signatures, as text: a change of what users call is seen in a diff.
 
-``python tests/api/test_signatures.py`` writes ``signatures.txt`` anew; CHANGELOG.md says what took the place of what.
+``python tests/api/test_signatures.py`` writes ``signatures.txt`` anew; CHANGELOG.md says what took
+the place of what.
 """
 
 from __future__ import annotations
@@ -29,12 +30,17 @@ def signatures() -> Iterator[str]:
             yield f"{name}: {' | '.join(each.value for each in thing)}"
         else:
             yield f"{name}{'' if issubclass(thing, Exception) else inspect.signature(thing)}"
-            fields = {field.name for field in dataclasses.fields(thing)} if dataclasses.is_dataclass(thing) else set()
+            fields = (
+                {field.name for field in dataclasses.fields(thing)}
+                if dataclasses.is_dataclass(thing)
+                else set()
+            )
             yield from (f"{name}.{line}" for line in members(thing, fields))
 
 
 def members(thing: type, fields: set[str]) -> Iterator[str]:
-    """The public attributes and methods of a class that are its own, but for the fields of its constructor."""
+    """The public attributes and methods of a class that are its own, but for the fields of its
+    constructor."""
     for name, value in sorted(vars(thing).items()):
         if name.startswith("_") or name in fields:
             continue

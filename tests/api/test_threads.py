@@ -1,4 +1,5 @@
-"""Functions are what they look like: four threads at a time get, to the last bit, what one alone gets."""
+"""Functions are what they look like: four threads at a time get, to the last bit, what one alone
+gets."""
 
 from __future__ import annotations
 
@@ -19,9 +20,22 @@ THREADS, CALLS = 4, 50
 FEWER = {"plan": 3, "verify a plan": 3, "fit gmm": 6, "label": 15, "explain": 15}
 """Calls of each thread to functions that take long; ``benchmarks/threads.py`` has all of them."""
 NAMES = (
-    "sample", "solve", "plan", "verify", "verify a proof", "verify a plan", "explain", "explain a course", "label",
-    "evaluate", "load", "save", "fit quantile", "fit gmm", "sample by a file",
-)  # fmt: skip
+    "sample",
+    "solve",
+    "plan",
+    "verify",
+    "verify a proof",
+    "verify a plan",
+    "explain",
+    "explain a course",
+    "label",
+    "evaluate",
+    "load",
+    "save",
+    "fit quantile",
+    "fit gmm",
+    "sample by a file",
+)
 
 
 @pytest.fixture(autouse=True)

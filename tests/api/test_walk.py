@@ -17,7 +17,10 @@ def level() -> stancekit.HeightField:
 def test_a_walk_that_is_handed_over_is_the_one_of_its_arguments(level):
     asked = Walk.over(level, (0.2, 0.0), duration_s=2.0)
     how = {"chart": "decoupled", "total_iterations": 40, "time_limit_s": 1e6}
-    answer, same = stancekit.walk(asked, **how), stancekit.walk(level, (0.2, 0.0), duration_s=2.0, **how)
+    answer, same = (
+        stancekit.walk(asked, **how),
+        stancekit.walk(level, (0.2, 0.0), duration_s=2.0, **how),
+    )
     assert answer.problem is asked
     assert isinstance(same.problem, Walk)
     for name in vars(asked).keys() - {"robot"}:
@@ -27,11 +30,22 @@ def test_a_walk_that_is_handed_over_is_the_one_of_its_arguments(level):
 
 def test_nothing_goes_beside_a_walk_that_it_says_itself(level):
     asked = Walk.over(level, (0.2, 0.0), duration_s=2.0)
-    for name, value in (("goal_xy_m", (0.3, 0.0)), ("start_xy_m", (0.1, 0.0)), ("robot", "hexapod"), ("gait", "trot"),
-                        ("duration_s", 3.0), ("friction", 0.5), ("adhesive", ["LF"])):  # fmt: skip
-        with pytest.raises(InvalidInput, match=f"^{name}: expected none with a Walk, which has its own$"):
+    for name, value in (
+        ("goal_xy_m", (0.3, 0.0)),
+        ("start_xy_m", (0.1, 0.0)),
+        ("robot", "hexapod"),
+        ("gait", "trot"),
+        ("duration_s", 3.0),
+        ("friction", 0.5),
+        ("adhesive", ["LF"]),
+    ):
+        with pytest.raises(
+            InvalidInput, match=f"^{name}: expected none with a Walk, which has its own$"
+        ):
             stancekit.walk(asked, **{name: value})
-    with pytest.raises(TypeError, match=r"^stancekit\.walk: missing a required argument: 'goal_xy_m'; it "):
+    with pytest.raises(
+        TypeError, match=r"^stancekit\.walk: missing a required argument: 'goal_xy_m'; it "
+    ):
         stancekit.walk(level)
 
 

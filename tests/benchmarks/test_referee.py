@@ -1,4 +1,5 @@
-"""The referee: a box robot carries its weight, falls where it should, and every option does something."""
+"""The referee: a box robot carries its weight, falls where it should, and every option does
+something."""
 
 from __future__ import annotations
 
@@ -18,16 +19,7 @@ import pytest
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("mujoco")
-from benchmarks.referee import (
-    BrokenFile,
-    Push,
-    Row,
-    Wrong,
-    play,
-    pushed,
-    read,
-    read_settings,
-)
+from benchmarks.referee import BrokenFile, Push, Row, Wrong, play, pushed, read, read_settings
 from benchmarks.referee.feedback import shared
 from benchmarks.referee.ground import Surface
 from benchmarks.referee.simulation import prepared
@@ -64,7 +56,8 @@ def toes() -> np.ndarray:
 def plan(
     path: Path, com: list[list[float]], friction: float = 0.8, tilt_rad: float = 0.0, **changes: Any
 ) -> Path:
-    """A plan that stands on four feet at these centres of mass, as the package would write it; the ground leans."""
+    """A plan that stands on four feet at these centres of mass, as the package would write it; the
+    ground leans."""
     turn = np.array(
         [
             [np.cos(tilt_rad), 0.0, np.sin(tilt_rad)],

@@ -126,7 +126,8 @@ def test_the_settings_and_the_list_say_what_the_issue_fixes() -> None:
 
 
 def test_pushes_compare_what_is_said_with_the_worst_direction(pushes: ModuleType) -> None:
-    """Of three stances one is sound, one bears less than is said, and one was not pushed everywhere yet."""
+    """Of three stances one is sound, one bears less than is said, and one was not pushed everywhere
+    yet."""
     held = {"a:0": [30.0, 12.0] + [20.0] * 6, "b:1": [9.0] * 8, "c:2": [1.0] * 3}
     said = {"a:0": 10.0, "b:1": 12.0, "c:2": 10.0}
     lines = [
@@ -188,13 +189,24 @@ def test_the_table_of_layouts_has_first_what_adds_most_by_what_is_missing(script
     names = [each.message for each in layouts.ALTERNATIVES]
     hits = {("a", names[2]), ("b", names[2]), ("b", names[3]), ("c", names[4]), ("d", names[1])}
     found = [
-        {"entry": entry, "layout": name, "missing": "" if not name else "contacts" if entry == "d" else "body",
-         "accepted": (entry, name) in hits, "starved": False, "cpu_s": 2.0}
-        for entry in "abcd" for name in names
-    ]  # fmt: skip
+        {
+            "entry": entry,
+            "layout": name,
+            "missing": "" if not name else "contacts" if entry == "d" else "body",
+            "accepted": (entry, name) in hits,
+            "starved": False,
+            "cpu_s": 2.0,
+        }
+        for entry in "abcd"
+        for name in names
+    ]
     tables = layouts.table(found)
     body, contacts = tables["body"], tables["contacts"]
     assert [row["layout"] for row in body[:3]] == [names[2], names[4], names[3]]
-    assert [(row["accepted"], row["of"], row["adds"]) for row in body[:3]] == [(2, 3, 2), (1, 3, 1), (1, 3, 0)]
+    assert [(row["accepted"], row["of"], row["adds"]) for row in body[:3]] == [
+        (2, 3, 2),
+        (1, 3, 1),
+        (1, 3, 0),
+    ]
     assert [row["layout"] for row in contacts] == [names[1], *names[2:]]
     assert contacts[0]["adds"] == 1

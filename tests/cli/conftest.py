@@ -1,4 +1,5 @@
-"""What the tests of the command line share: the command itself, in this process, and small things to feed it."""
+"""What the tests of the command line share: the command itself, in this process, and small things
+to feed it."""
 
 from __future__ import annotations
 
@@ -54,8 +55,11 @@ def _no_time_passes_between_lines_of_long_work(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def stancekit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
-    """``stancekit("solve", file, "--json")`` in an empty folder and 80 columns; ``stdin`` takes bytes."""
+def stancekit(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Command:
+    """``stancekit("solve", file, "--json")`` in an empty folder and 80 columns; ``stdin`` takes
+    bytes."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
@@ -77,7 +81,8 @@ def stancekit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatc
 
 @pytest.fixture
 def refusal(stancekit: Command) -> Callable[..., str]:
-    """The one line that the command refuses its input with: exit code 2, and nothing on standard output."""
+    """The one line that the command refuses its input with: exit code 2, and nothing on standard
+    output."""
 
     def call(*arguments: object, stdin: bytes = b"") -> str:
         ran = stancekit(*arguments, stdin=stdin)
@@ -91,7 +96,8 @@ def refusal(stancekit: Command) -> Callable[..., str]:
 
 @pytest.fixture(scope="session")
 def sampled() -> dict[str, list[dict[str, Any]]]:
-    """Twelve problems of every distribution; of wall-3 the first is feasible, the second not, the sixth trivially."""
+    """Twelve problems of every distribution; of wall-3 the first is feasible, the second not, the
+    sixth trivially."""
     found = {}
     for name, source in DISTRIBUTIONS.items():
         rng = np.random.default_rng(1)
@@ -110,7 +116,11 @@ def write(tmp_path: Path) -> Callable[..., str]:
     """Write JSON lines (or one string, or bytes) into the folder of the test; returns the name."""
 
     def put(name: str, *items: Any) -> str:
-        text = items[0] if isinstance(items[0], str | bytes) else "".join(json.dumps(item) + "\n" for item in items)
+        text = (
+            items[0]
+            if isinstance(items[0], str | bytes)
+            else "".join(json.dumps(item) + "\n" for item in items)
+        )
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
         return name
 

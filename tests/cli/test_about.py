@@ -23,12 +23,17 @@ def test_it_says_what_is_missing_and_the_command_for_it(
     pace = BusPace(time_share=0.5, usual_s=0.001, worst_s=0.03)
     monkeypatch.setattr(bus_process, "bus_pace", lambda: pace)
     monkeypatch.setattr(computer, "extras", lambda: ["log"])
-    monkeypatch.setattr(computer, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None})
+    monkeypatch.setattr(
+        computer, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
+    )
     assert run(About()) == 0
     said = capsys.readouterr().out
     assert "log        pip install 'stancekit[log]'  (without mcap)" in said
     assert "CPU-s, 2.00 times the" in said
-    assert "emulated at 50% of its pace; answers in 1.0 ms, 30.0 at most, with a period of 20: does NOT keep up" in said
+    assert (
+        "emulated at 50% of its pace; answers in 1.0 ms, 30.0 at most, with a period of 20: does NOT keep up"
+        in said
+    )
 
 
 def test_with_json_it_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,4 +52,6 @@ def test_the_documentation_has_the_figure_that_computers_are_compared_with() -> 
 
 
 def test_the_issue_template_asks_for_it() -> None:
-    assert "stancekit about" in (ROOT / ".github" / "ISSUE_TEMPLATE" / "bug.yaml").read_text(encoding="utf-8")
+    assert "stancekit about" in (ROOT / ".github" / "ISSUE_TEMPLATE" / "bug.yaml").read_text(
+        encoding="utf-8"
+    )

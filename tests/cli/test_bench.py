@@ -1,4 +1,5 @@
-"""``stancekit bench``: one table and one picture a class, JSON lines, and one clear line for what is wrong."""
+"""``stancekit bench``: one table and one picture a class, JSON lines, and one clear line for what
+is wrong."""
 
 import json
 import sys
@@ -34,7 +35,9 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_writes_table_and_picture_and_prints_rows(
+    config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = config.parent / "out"
     assert run("--config", config, "--out", out, "--workers", 1, "--json") == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
@@ -52,10 +55,15 @@ def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, capsys: py
     assert "6 feasible and 6 infeasible scenes." in page
     assert "| train | 10 | 10 | 0 |" in page
     assert "|  | paper: GA | 77.8 | 97.7 | 67.1 | – | – |" in page
-    ranks = {cells[2].strip(): int(cells[1]) for cells in (line.split("|") for line in page.splitlines())
-             if len(cells) > 3 and cells[1].strip().isdigit()}  # fmt: skip
+    ranks = {
+        cells[2].strip(): int(cells[1])
+        for cells in (line.split("|") for line in page.splitlines())
+        if len(cells) > 3 and cells[1].strip().isdigit()
+    }
     best = sorted(rows, key=lambda row: -row["balanced"])
-    assert [name for name, _ in sorted(ranks.items(), key=lambda item: item[1])] == [row["selector"] for row in best]
+    assert [name for name, _ in sorted(ranks.items(), key=lambda item: item[1])] == [
+        row["selector"] for row in best
+    ]
     assert run("--config", config, "--out", out, "--workers", 1, "--quick") == 0
     printed = capsys.readouterr().out
     assert "quantile" in printed
@@ -63,7 +71,7 @@ def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, capsys: py
     assert max(len(line) for line in printed.splitlines() if "out" not in line) <= 80
 
 
-SUBMISSION = '''
+SUBMISSION = """
 import numpy as np
 import stancekit
 
@@ -78,7 +86,7 @@ class Middle:
 
 def middle(request):
     return Middle()
-'''
+"""
 
 
 def test_methods_of_a_file_stand_beside_ours_and_are_judged_anew_when_it_changes(

@@ -1,4 +1,5 @@
-"""Walks of other programs as tables: judged as the walks they were written of, and refused where they are none."""
+"""Walks of other programs as tables: judged as the walks they were written of, and refused where
+they are none."""
 
 from __future__ import annotations
 
@@ -19,24 +20,41 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 TIMES_S = 0.005 * np.arange(61)
 KEYS = {
-    "program": "standing", "robot": "anymal-boxes", "terrain": "level.npy", "spacing_m": 0.1, "friction": 0.5,
-    "start_xy_m": [0.0, 0.0], "goal_xy_m": [0.0, 0.0], "cpu_process_s": 2.5, "cpu_solver_s": 1.5,
-}  # fmt: skip
+    "program": "standing",
+    "robot": "anymal-boxes",
+    "terrain": "level.npy",
+    "spacing_m": 0.1,
+    "friction": 0.5,
+    "start_xy_m": [0.0, 0.0],
+    "goal_xy_m": [0.0, 0.0],
+    "cpu_process_s": 2.5,
+    "cpu_solver_s": 1.5,
+}
 
 
 def standing() -> Trajectory:
-    """ANYmal on level ground, a quarter of the weight on every foot, which are placed evenly about it."""
+    """ANYmal on level ground, a quarter of the weight on every foot, which are placed evenly about
+    it."""
     robot = anymal()
-    feet = np.array([foot.nominal_m for foot in robot.feet]) + robot.stand_height_m * np.array([0.0, 0.0, 1.0])
+    feet = np.array([foot.nominal_m for foot in robot.feet]) + robot.stand_height_m * np.array(
+        [0.0, 0.0, 1.0]
+    )
     force = np.array([0.0, 0.0, 0.25 * robot.weight_n])
     count = len(TIMES_S)
     return Trajectory(
-        times_s=TIMES_S, torso_m=np.tile([0.0, 0.0, robot.stand_height_m], (count, 1)),
-        rotation=np.tile(np.eye(3), (count, 1, 1)), feet_m=np.tile(feet, (count, 1, 1)),
-        forces_n=np.tile(force, (count, 4, 1)), contact=np.ones((count, 4), dtype=bool), robot=robot,
-        terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1), friction=0.5,
-        adhesive=np.zeros(4, dtype=bool), start_xy_m=np.zeros(2), goal_xy_m=np.zeros(2),
-    )  # fmt: skip
+        times_s=TIMES_S,
+        torso_m=np.tile([0.0, 0.0, robot.stand_height_m], (count, 1)),
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        feet_m=np.tile(feet, (count, 1, 1)),
+        forces_n=np.tile(force, (count, 4, 1)),
+        contact=np.ones((count, 4), dtype=bool),
+        robot=robot,
+        terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1),
+        friction=0.5,
+        adhesive=np.zeros(4, dtype=bool),
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.zeros(2),
+    )
 
 
 @pytest.fixture
@@ -70,13 +88,19 @@ def test_an_archive_says_the_same_and_a_foot_that_is_pushed_stands(folder):
     forces[:, 0] = 0.0
     np.savez(folder / "stands.npz", **arrays, forces_n=forces)
     walk = read_walk(folder / "stands.yaml")
-    assert walk.trajectory.contact.sum(axis=0).tolist() == [0, own.samples, own.samples, own.samples]
+    assert walk.trajectory.contact.sum(axis=0).tolist() == [
+        0,
+        own.samples,
+        own.samples,
+        own.samples,
+    ]
     refused = {group.name for group in check_trajectory(walk.trajectory).refused}
     assert "force_balance" in refused
 
 
 def test_a_forged_table_is_refused_by_the_check_not_believed(folder):
-    """A base that says it is 10 cm higher than its feet can reach, with everything else as it was."""
+    """A base that says it is 10 cm higher than its feet can reach, with everything else as it
+    was."""
     text = (folder / "stands.csv").read_text().splitlines()
     high = [",".join([*row.split(",")[:3], repr(0.9), *row.split(",")[4:]]) for row in text[1:]]
     (folder / "stands.csv").write_text("\n".join([text[0], *high]))
@@ -126,9 +150,18 @@ def test_keys_that_are_wrong_are_refused_in_one_line(folder, changed, message):
     [
         (lambda text: text.replace("base_x_m", "x"), r"stands\.csv: .* missing base_x_m$"),
         (lambda text: text.replace("t_s,", "t_s,more,", 1), r"stands\.csv: .* got more$"),
-        (lambda text: text.replace("\n0.005,", "\nnow,"), r"stands\.csv: expected 36 numbers in every row"),
-        (lambda text: text.replace("\n0.005,", "\n"), r"stands\.csv: expected 36 numbers in every row"),
-        (lambda text: text.replace(",1.0,0.0,0.0,0.0,", ",0.5,0.0,0.0,0.0,"), r"unit quaternions, got one of .* 0\.5"),
+        (
+            lambda text: text.replace("\n0.005,", "\nnow,"),
+            r"stands\.csv: expected 36 numbers in every row",
+        ),
+        (
+            lambda text: text.replace("\n0.005,", "\n"),
+            r"stands\.csv: expected 36 numbers in every row",
+        ),
+        (
+            lambda text: text.replace(",1.0,0.0,0.0,0.0,", ",0.5,0.0,0.0,0.0,"),
+            r"unit quaternions, got one of .* 0\.5",
+        ),
         (lambda text: text.replace(",1.0\n", ",0.5\n"), r"stands: expected 0 or 1 for every foot$"),
         (lambda text: "", r"stands\.csv: expected some text, the file is empty$"),
     ],

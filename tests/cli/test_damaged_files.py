@@ -1,4 +1,5 @@
-"""Damaged files, files that unfold, and names that are orders: exit code 2 and one line, or names as they are."""
+"""Damaged files, files that unfold, and names that are orders: exit code 2 and one line, or names
+as they are."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ from tests.damage.files import make_files
 
 QUICK = 12
 SLOW = ("servos", "ros", "replayed log")
-"""Where a file that is sound is run, which takes seconds; ``benchmarks/damaged_files.py`` has them."""
+"""Where a file that is sound is run, which takes seconds; ``benchmarks/damaged_files.py`` has
+them."""
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +52,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     os.chdir(here)
 
 
-@pytest.mark.parametrize("case", [case for case in cases() if case.name not in SLOW], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case", [case for case in cases() if case.name not in SLOW], ids=lambda case: case.name
+)
 def test_mutated_files_are_taken_for_what_they_are(folder: Path, case: Case) -> None:
     path = folder / case.file
-    whole, rng, codes = path.read_bytes(), np.random.default_rng(zlib.crc32(case.name.encode())), Counter[int]()
+    whole, rng, codes = (
+        path.read_bytes(),
+        np.random.default_rng(zlib.crc32(case.name.encode())),
+        Counter[int](),
+    )
     verb, doubts = parse(list(case.arguments)), 0
     try:
         for _ in range(QUICK):
@@ -81,14 +89,20 @@ BOMBS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "a deep plan": ("plan header", partial(bombs.deep_json, 700)),
     "deep problems": ("problems", partial(bombs.deep_json, 100_000)),
     "a wide envelope": ("envelope", lambda: b'{"legs": [' + b'"",' * 3_000_000 + b'""]}'),
-    "heights by the gigabyte": ("heights npz", partial(bombs.packed, "heights_m", 1200, honest=True)),
-    "heights that are more than they say": ("heights npz", partial(bombs.packed, "heights_m", 1200, honest=False)),
+    "heights by the gigabyte": (
+        "heights npz",
+        partial(bombs.packed, "heights_m", 1200, honest=True),
+    ),
+    "heights that are more than they say": (
+        "heights npz",
+        partial(bombs.packed, "heights_m", 1200, honest=False),
+    ),
     "a wide picture": ("heights png", bombs.wide_png),
     "entities": ("urdf", bombs.entities),
     "a deep robot of links": ("urdf", bombs.deep_xml),
     "a vast mesh": ("heights ply", bombs.vast_ply),
     "a vast terrain": ("mesh ply", bombs.vast_ply),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", BOMBS)
@@ -116,9 +130,12 @@ def test_a_toe_off_a_patch_of_many_corners_is_judged_at_once(folder: Path) -> No
     problem = bombs.many_corners(distribution("wall-3").sample(rng).to_json())
     toes = [np.mean(contact["vertices_m"], axis=0).tolist() for contact in problem["contacts"]]
     answer = {
-        "com_m": problem["com_nominal_m"], "rotation_rad": [0.0] * 3, "toes_m": np.add(toes, 0.01).tolist(),
-        "forces_n": np.zeros((3, 3)).tolist(), "status": "feasible",
-    }  # fmt: skip
+        "com_m": problem["com_nominal_m"],
+        "rotation_rad": [0.0] * 3,
+        "toes_m": np.add(toes, 0.01).tolist(),
+        "forces_n": np.zeros((3, 3)).tolist(),
+        "status": "feasible",
+    }
     (folder / "round.json").write_text(json.dumps(problem))
     (folder / "off.json").write_text(json.dumps(answer))
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -137,7 +154,7 @@ def test_a_foot_whose_name_is_a_list_is_refused(folder: Path) -> None:
     assert code == 2
     assert err == (
         "stancekit: error: list.yaml: feet[0].name: expected a valid string, got ['LF']\n"
-    )  # fmt: skip
+    )
 
 
 NAME = '[red]<b a="1">&\'$x$ :smile:'
@@ -149,7 +166,16 @@ def test_a_name_is_printed_as_it_is_and_orders_to_the_terminal_are_not(
     monkeypatch.setattr(console.out, "width", 200)
     spec = yaml.safe_load((folder / "course.yaml").read_text())
     (folder / "odd.yaml").write_text(yaml.safe_dump({**spec, "name": f"{NAME}\x1b[31m\x07"}))
-    arguments = ("plan", "odd.yaml", "--picture", "odd.svg", "--html", "odd.html", "--out", "odd.json")
+    arguments = (
+        "plan",
+        "odd.yaml",
+        "--picture",
+        "odd.svg",
+        "--html",
+        "odd.html",
+        "--out",
+        "odd.json",
+    )
     code, out, err = command(arguments)
     assert code == 0, err
     assert f"{NAME}?[31m" in out
@@ -162,27 +188,38 @@ def test_a_name_is_printed_as_it_is_and_orders_to_the_terminal_are_not(
 
 def test_a_robot_of_any_name_is_a_whole_urdf() -> None:
     limbs = tuple(
-        Limb(name=f"{NAME}{k}", shoulder_m=np.array([0.1 * k, 0.1, 0.0]), reach_m=0.3) for k in range(3)
-    )  # fmt: skip
+        Limb(name=f"{NAME}{k}", shoulder_m=np.array([0.1 * k, 0.1, 0.0]), reach_m=0.3)
+        for k in range(3)
+    )
     robot = Robot(name=NAME, mass_kg=3.0, limbs=limbs, drawn=Servo())
     tree = ET.fromstring(hexapod_urdf(robot))
     assert tree.attrib["name"] == NAME
-    movable = [joint.attrib["name"] for joint in tree.iter("joint") if joint.attrib["type"] == "revolute"]
+    movable = [
+        joint.attrib["name"] for joint in tree.iter("joint") if joint.attrib["type"] == "revolute"
+    ]
     assert tuple(movable) == joint_names(robot)
     links = {link.attrib["name"] for link in tree.iter("link")}
     assert {
-        end.attrib["link"] for joint in tree.iter("joint") for end in joint if end.tag in ("parent", "child")
+        end.attrib["link"]
+        for joint in tree.iter("joint")
+        for end in joint
+        if end.tag in ("parent", "child")
     } == links
 
 
-def test_a_mistake_of_the_program_is_neither_bad_input_nor_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_of_the_program_is_neither_bad_input_nor_a_refusal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def mistaken(_: Any) -> int:
         raise TypeError("unsupported operand")
 
     monkeypatch.setattr(Verify, "run", mistaken)
     code, out, err = command(("verify", "x"))
     assert (code, out) == (INTERNAL, "")
-    assert err == "stancekit: internal error: TypeError: unsupported operand; STANCEKIT_TRACE=1 shows where\n"
+    assert (
+        err
+        == "stancekit: internal error: TypeError: unsupported operand; STANCEKIT_TRACE=1 shows where\n"
+    )
     monkeypatch.setenv("STANCEKIT_TRACE", "1")
     with pytest.raises(TypeError):
         command(("verify", "x"))

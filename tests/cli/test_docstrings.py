@@ -1,4 +1,5 @@
-"""Commands leave SciPy's docstrings as they are and NumPy's modules alone; a user's own process is not touched."""
+"""Commands leave SciPy's docstrings as they are and NumPy's modules alone; a user's own process is
+not touched."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ print(loaded, missing, hasattr(xp, "_nothing"), *computed)
 
 
 def said(line: str) -> str:
-    return subprocess.run([sys.executable, "-c", ASKED.format(line)], capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", ASKED.format(line)], capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_a_command_reads_no_docstrings_of_scipy_and_computes_the_same() -> None:
@@ -42,6 +45,9 @@ def test_who_imports_the_package_has_scipys_own_help() -> None:
 
 
 def test_a_command_loads_only_the_modules_of_numpy_that_it_asks_for() -> None:
-    """SciPy's copy of NumPy has all that was there; what was not is still there for whoever asks NumPy."""
-    found = subprocess.run([sys.executable, "-c", COPIED], capture_output=True, text=True, check=True).stdout
+    """SciPy's copy of NumPy has all that was there; what was not is still there for whoever asks
+    NumPy."""
+    found = subprocess.run(
+        [sys.executable, "-c", COPIED], capture_output=True, text=True, check=True
+    ).stdout
     assert found == "[] [] False 2.0 [1.] True\n"

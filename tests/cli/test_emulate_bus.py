@@ -1,4 +1,5 @@
-"""``stancekit emulate bus``: servos as the calibration file has them, faults by lines, one line for bad input."""
+"""``stancekit emulate bus``: servos as the calibration file has them, faults by lines, one line for
+bad input."""
 
 from __future__ import annotations
 

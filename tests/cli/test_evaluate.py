@@ -13,7 +13,9 @@ SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")
 
 
 def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes):
-    ran = stancekit("evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "scp", "--json")
+    ran = stancekit(
+        "evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "scp", "--json"
+    )
     assert (ran.code, ran.err) == (0, "")
     assert [record["selector"] for record in ran.records] == ["heuristic", "lift"]
     for record in ran.records:
@@ -31,10 +33,14 @@ def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
 
     data = Dataset.open(labelled)
     file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))
-    solved = stancekit("solve", file, "--method", "two-stage", "--envelope", envelopes, "--json").records
+    solved = stancekit(
+        "solve", file, "--method", "two-stage", "--envelope", envelopes, "--json"
+    ).records
     projected = ("--projection", "scp", "--no-lift", "--json")
     (row,) = stancekit("evaluate", labelled, "--envelope", envelopes, *projected).records
-    assert row["project_scp"] == sum(record["status"] == "feasible" for record in solved) / len(solved)
+    assert row["project_scp"] == sum(record["status"] == "feasible" for record in solved) / len(
+        solved
+    )
 
 
 def test_a_projection_named_twice_counts_once(stancekit, labelled):
@@ -45,15 +51,28 @@ def test_a_projection_named_twice_counts_once(stancekit, labelled):
 
 def some_scores():
     ways = ("fix-p", "fix-f", "fix-toes", "scp", "nlp")
-    names = ("gmm-printed", "lift", "none", "[red]brackets", "a name that is far too long for any table of the world")
+    names = (
+        "gmm-printed",
+        "lift",
+        "none",
+        "[red]brackets",
+        "a name that is far too long for any table of the world",
+    )
     for name, hits in zip(names, (187, 300, 0, 5, 150), strict=True):
         share = Share(hits=hits, of=300)
-        yield Score(selector=name, p1_feasible=share, p1_infeasible=share, projected=dict.fromkeys(ways, share))
+        yield Score(
+            selector=name,
+            p1_feasible=share,
+            p1_infeasible=share,
+            projected=dict.fromkeys(ways, share),
+        )
 
 
 @pytest.mark.parametrize("columns", [40, 80, 120, 200])
 @pytest.mark.parametrize("problem_class", [*TABLE_I, "another class"])
-def test_the_table_loses_nothing_in_any_terminal(columns, problem_class, stancekit, capsys, monkeypatch):
+def test_the_table_loses_nothing_in_any_terminal(
+    columns, problem_class, stancekit, capsys, monkeypatch
+):
     monkeypatch.setenv("COLUMNS", str(columns))
     out.print(score_table(problem_class, list(some_scores())))
     said = capsys.readouterr().out
@@ -87,14 +106,19 @@ def test_the_usual_table_fits_into_80_columns(stancekit, labelled, envelopes):
 
 def test_a_share_of_nothing_is_a_dash():
     nothing = Share(hits=0, of=0)
-    table = score_table("wall-3", [Score(selector="x", p1_feasible=nothing, p1_infeasible=nothing, projected={})])
+    table = score_table(
+        "wall-3", [Score(selector="x", p1_feasible=nothing, p1_infeasible=nothing, projected={})]
+    )
     assert [next(iter(column.cells)) for column in list(table.columns)[1:]] == ["    –", "    –"]
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--no-lift",), "--envelope, --selector: expected one or more files to compare, or the lift, got none"),
+        (
+            ("--no-lift",),
+            "--envelope, --selector: expected one or more files to compare, or the lift, got none",
+        ),
         (("--projection",), "--projection: expected one or more projections, got none"),
         (("--envelope", "none.json"), "none.json: expected a file, found nothing there"),
         (("--workers", "0"), "workers: expected 1 or more, got 0"),
@@ -116,22 +140,42 @@ def test_a_data_set_of_nothing_but_trivial_rows_is_refused(refusal, stancekit):
     draw = ("--natural", "--feasible", "1", "--infeasible", "0", "--seed", "6", "--workers", "1")
     (summary,) = stancekit("label", "wall-3", "data", *draw, "--json").records
     assert summary["rows"]["trivial"] == 1
-    assert refusal("evaluate", "data") == "data: expected feasible or not trivially infeasible rows, got none"
+    assert (
+        refusal("evaluate", "data")
+        == "data: expected feasible or not trivially infeasible rows, got none"
+    )
     assert refusal("evaluate", "none") == "none: expected the folder of a data set, found nothing"
 
 
-def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(stancekit, refusal, labelled):
+def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(
+    stancekit, refusal, labelled
+):
     stancekit("fit", labelled, "--method", "quantile", "--part", "train", "--out", "q.json")
     told = f"q.json: expected rows that it was not trained on, got these rows: {labelled}; fit it to --part train "
     told += "and evaluate it on --part test, or label with another seed"
     for part in ("all", "train"):
         assert refusal("evaluate", labelled, "--envelope", "q.json", "--part", part) == told
-    ran = stancekit("evaluate", labelled, "--envelope", "q.json", "--part", "test", "--no-lift", "--json")
+    ran = stancekit(
+        "evaluate", labelled, "--envelope", "q.json", "--part", "test", "--no-lift", "--json"
+    )
     assert (ran.code, len(ran.records)) == (0, 1)
 
 
-def test_a_selector_that_ships_goes_by_its_name_and_is_refused_for_another_class(stancekit, refusal, labelled):
-    ran = stancekit("evaluate", labelled, "--selector", "neural-wall-3", "--projection", "fix-p", "--no-lift", "--json")
-    assert [(row["selector"], row["p1_feasible_of"]) for row in ran.records] == [("neural-wall-3", 8)]
+def test_a_selector_that_ships_goes_by_its_name_and_is_refused_for_another_class(
+    stancekit, refusal, labelled
+):
+    ran = stancekit(
+        "evaluate",
+        labelled,
+        "--selector",
+        "neural-wall-3",
+        "--projection",
+        "fix-p",
+        "--no-lift",
+        "--json",
+    )
+    assert [(row["selector"], row["p1_feasible_of"]) for row in ran.records] == [
+        ("neural-wall-3", 8)
+    ]
     told = "neural-ground-3: expected envelopes learned for wall-3, got some learned for ground-3"
     assert refusal("evaluate", labelled, "--selector", "neural-ground-3") == told

@@ -1,4 +1,5 @@
-"""``stancekit export``: writes below the folder that is given, reads back, and says what is wrong in one line."""
+"""``stancekit export``: writes below the folder that is given, reads back, and says what is wrong
+in one line."""
 
 import json
 from pathlib import Path
@@ -17,14 +18,21 @@ def run(*arguments: object) -> int:
     return ended.value.code
 
 
-def test_an_export_is_read_back_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_export_is_read_back_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("minari")
     pytest.importorskip("h5py")
-    label(LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4), tmp_path / "set")
+    label(
+        LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4), tmp_path / "set"
+    )
     assert run(tmp_path / "set", "--out", tmp_path / "out", "--json") == 0
     record = json.loads(capsys.readouterr().out)
     assert (record["episodes"], record["read_back"], record["agreement"]) == (4, 4, 1.0)
-    assert (record["dataset_id"], record["root"]) == ("stancekit/wall-3/expert-v0", str(tmp_path / "out"))
+    assert (record["dataset_id"], record["root"]) == (
+        "stancekit/wall-3/expert-v0",
+        str(tmp_path / "out"),
+    )
     assert run(tmp_path / "set", "--out", tmp_path / "out") == 2
     assert capsys.readouterr().err == (
         f"stancekit: error: {tmp_path}/out: expected a new or empty folder, found files in it\n"
@@ -33,7 +41,9 @@ def test_an_export_is_read_back_and_told(tmp_path: Path, capsys: pytest.CaptureF
     assert "4 episodes of stancekit/wall-3/expert-v0" in capsys.readouterr().out
 
 
-def test_a_folder_without_a_data_set_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_a_data_set_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(tmp_path / "none", "--to", "minari", "--out", tmp_path / "out") == 2
     assert capsys.readouterr().err == (
         f"stancekit: error: {tmp_path}/none: expected the folder of a data set, found nothing\n"

@@ -170,7 +170,9 @@ def test_a_distribution_is_drawn_labelled_learned_and_compared(mine, stancekit, 
         assert [a["friction"] / b["friction"] for a, b in rows] == pytest.approx([0.9] * 3)
     quota = ("--feasible", 6, "--infeasible", 6, "--shard-size", 6)
     for workers in (1, 2):
-        ran = stancekit("label", f"{mine}:Slippery", f"data{workers}", *quota, "--workers", workers, "--json")
+        ran = stancekit(
+            "label", f"{mine}:Slippery", f"data{workers}", *quota, "--workers", workers, "--json"
+        )
         assert (ran.code, ran.records[0]["rows"]["feasible"]) == (0, 6)
     one, two = (Dataset.open(tmp_path / f"data{workers}") for workers in (1, 2))
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
@@ -182,7 +184,9 @@ def test_a_distribution_is_drawn_labelled_learned_and_compared(mine, stancekit, 
     assert (row["selector"], row["p1_feasible_of"], row["p1_infeasible_of"]) == ("e", 6, 6)
 
 
-def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(stancekit, write, tmp_path):
+def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(
+    stancekit, write, tmp_path
+):
     write("ice.yaml", "terrain: wall\nlegs: [RF, RR, LM]\nfriction: [0.0, 0.05]\n")
     for record in stancekit("sample", "ice.yaml", "--count", 4).records:
         assert all(0.0 <= contact["friction"] <= 0.05 for contact in record["contacts"])
@@ -198,7 +202,10 @@ def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(stancek
             "d.yaml: terrain: expected ground, wall, or a terrain's file or name, got 'moon'",
         ),
         ("terrain: wall\nlegs: [XX]\nfriction: [0, 1]\n", "d.yaml: leg: expected one of LF, LM"),
-        ("terrain: wall\nlegs: [RF]\nfriction: [2, 1]\n", "d.yaml: friction: expected 0 ≤ low ≤ high, got 2 and 1"),
+        (
+            "terrain: wall\nlegs: [RF]\nfriction: [2, 1]\n",
+            "d.yaml: friction: expected 0 ≤ low ≤ high, got 2 and 1",
+        ),
         ("terrain: wall\nlegs: [RF]\nfriction: [0, 1]\nice: 1\n", "d.yaml: ice: "),
     ],
 )
@@ -209,16 +216,26 @@ def test_a_wrong_distribution_in_yaml_is_one_line(text, words, refusal, write):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_selector_is_compared_beside_the_others(workers, mine, stancekit, labelled):
     ran = stancekit(
-        "evaluate", labelled, "--selector", f"{mine}:Widest", "--no-lift", "--projection", "scp", "--workers", workers,
+        "evaluate",
+        labelled,
+        "--selector",
+        f"{mine}:Widest",
+        "--no-lift",
+        "--projection",
+        "scp",
+        "--workers",
+        workers,
         "--json",
-    )  # fmt: skip
+    )
     (row,) = ran.records
     assert (row["selector"], row["p1_feasible_of"]) == ("Widest", 8)
     assert row["p1_feasible"] == 1.0  # P1 over the whole domain admits whatever is feasible
 
 
 def test_a_method_of_fitting_writes_what_its_file_says(mine, stancekit, labelled, tmp_path):
-    (record,) = stancekit("fit", labelled, "--method", f"{mine}:around", "--out", "e.json", "--json").records
+    (record,) = stancekit(
+        "fit", labelled, "--method", f"{mine}:around", "--out", "e.json", "--json"
+    ).records
     assert record["provenance"] == {"method": "around"}
     rows, (box,) = Dataset.open(labelled), read_envelopes(tmp_path / "e.json").envelopes
     np.testing.assert_allclose(box.low, rows.points.min(axis=0))
@@ -231,17 +248,27 @@ def test_a_planner_of_postures_answers_through_the_verifier(mine, stancekit, wri
     found = [line["status"] for line in ran.records]
     assert found.count("feasible") > 2
     assert found.count("undecided") > 2
-    assert all(theirs == "feasible" for ours, theirs in zip(found, exact, strict=True) if ours == "feasible")
+    assert all(
+        theirs == "feasible"
+        for ours, theirs in zip(found, exact, strict=True)
+        if ours == "feasible"
+    )
     checked = stancekit("verify", problems, "a.jsonl", "--json").records
-    assert [line["verdict"] for line in checked] == [{"feasible": "accepted"}.get(ours, "unclaimed") for ours in found]
+    assert [line["verdict"] for line in checked] == [
+        {"feasible": "accepted"}.get(ours, "unclaimed") for ours in found
+    ]
 
 
 def test_a_planner_that_only_claims_decides_nothing(mine, stancekit, write, sampled):
-    ran = stancekit("solve", write("p.json", sampled["wall-3"][0]), "--method", f"{mine}:Boaster", "--json")
+    ran = stancekit(
+        "solve", write("p.json", sampled["wall-3"][0]), "--method", f"{mine}:Boaster", "--json"
+    )
     assert (ran.records[0]["status"], ran.records[0]["claim"]) == ("undecided", "feasible")
 
 
-def test_a_projection_is_named_wherever_one_is_and_verified(mine, stancekit, labelled, write, sampled):
+def test_a_projection_is_named_wherever_one_is_and_verified(
+    mine, stancekit, labelled, write, sampled
+):
     (row,) = stancekit("evaluate", labelled, "--projection", f"{mine}:onward", "--json").records
     (known,) = stancekit("evaluate", labelled, "--projection", "scp", "--json").records
     assert row[f"project_{mine}:onward"] >= known["project_scp"] > 0.9
@@ -258,7 +285,9 @@ def test_a_projection_is_named_wherever_one_is_and_verified(mine, stancekit, lab
 
 
 def test_a_planner_of_courses_answers_through_the_verifier(mine, stancekit):
-    ran = stancekit("plan", "walls", "--frames", 3, "--planner", f"{mine}:bare", "--out", "climb.json", "--json")
+    ran = stancekit(
+        "plan", "walls", "--frames", 3, "--planner", f"{mine}:bare", "--out", "climb.json", "--json"
+    )
     (record,) = ran.records
     assert (ran.code, record["status"], record["verdict"]["accepted"]) == (0, "feasible", True)
     assert record["bound"] is None  # nobody has proved one
@@ -297,19 +326,41 @@ def test_a_random_terrain_is_drawn_by_difficulty_and_seed(mine, stancekit):
 
 
 def test_a_course_names_no_file_that_would_be_run(mine, refusal, write):
-    course = write("c.yaml", yaml.safe_dump({**family_keys("gaps:0.1"), "terrain": {
-        "kind": "family", "family": f"{mine}:halves", "level": 0.5}}))  # fmt: skip
-    assert refusal("plan", course).startswith("c.yaml: terrain.family: expected one of stairs, stones, ")
+    course = write(
+        "c.yaml",
+        yaml.safe_dump(
+            {
+                **family_keys("gaps:0.1"),
+                "terrain": {"kind": "family", "family": f"{mine}:halves", "level": 0.5},
+            }
+        ),
+    )
+    assert refusal("plan", course).startswith(
+        "c.yaml: terrain.family: expected one of stairs, stones, "
+    )
 
 
-def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labelled, tmp_path, monkeypatch):
+def test_an_installed_package_is_found_by_its_entry_points(
+    mine, stancekit, labelled, tmp_path, monkeypatch
+):
     site = tmp_path / "site"
     (site / "wide-0.1.dist-info").mkdir(parents=True)
     (site / "wide.py").write_text(MINE)
-    (site / "wide-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: wide\nVersion: 0.1\n")
-    groups = {"distributions": "Slippery", "selectors": "Widest", "methods": "around", "planners": "Centres",
-              "course_planners": "bare", "projections": "onward", "families": "halves", "height_families": "rolling",
-              "terrains": "bump", "charts": "Sheared"}  # fmt: skip
+    (site / "wide-0.1.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: wide\nVersion: 0.1\n"
+    )
+    groups = {
+        "distributions": "Slippery",
+        "selectors": "Widest",
+        "methods": "around",
+        "planners": "Centres",
+        "course_planners": "bare",
+        "projections": "onward",
+        "families": "halves",
+        "height_families": "rolling",
+        "terrains": "bump",
+        "charts": "Sheared",
+    }
     lines = [f"[stancekit.{group}]\nour-{group} = wide:{name}\n" for group, name in groups.items()]
     (site / "wide-0.1.dist-info" / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(site)
@@ -319,10 +370,23 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
     ours = ("--no-lift", "--projection", "our-projections", "--json")
     (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", *ours).records
     assert row["selector"] == "our-selectors"
-    assert library.solve(library.sample("ground-3", rng=3)[0], "our-planners").method == "our-planners"
+    assert (
+        library.solve(library.sample("ground-3", rng=3)[0], "our-planners").method == "our-planners"
+    )
     assert "our-methods" in stancekit("fit", "--help").out
     assert stancekit("plan", "our-families:0.2:1", "--frames", 2).code == 0
-    raw = ("--goal", "0.1,0.1", "--duration-s", "2", "--raw", "--chart", "our-charts", "--out", "walk.json", "--json")
+    raw = (
+        "--goal",
+        "0.1,0.1",
+        "--duration-s",
+        "2",
+        "--raw",
+        "--chart",
+        "our-charts",
+        "--out",
+        "walk.json",
+        "--json",
+    )
     for terrain in ("our-terrains", "our-height_families:0.3:1"):
         (answer,) = stancekit("gait", terrain, *raw).records
         assert answer["attempts"][0]["chart"] == "our-charts"
@@ -337,11 +401,26 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
             "distribution: expected one of ground-3, wall-3, wall-5, "
             "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'",
         ),
-        (("sample", "mine.py:Nobody"), "mine.py: expected 'Nobody' in it, found no such name; it defines Slippery, "),
-        (("sample", "mine.py:around"), "distribution mine.py:around: expected something with sample(rng), or a class "),
-        (("solve", "p.json", "--method", "luck"), "--method: expected one of exact, p1, lift, two-stage, nlp, micp, "),
-        (("plan", "walls", "--planner", "luck"), "--planner: expected one of two-stage, micp, nlp, decoupled, exact, "),
-        (("plan", "walls", "--planner", "none.py:A"), "none.py: expected a file, found nothing there"),
+        (
+            ("sample", "mine.py:Nobody"),
+            "mine.py: expected 'Nobody' in it, found no such name; it defines Slippery, ",
+        ),
+        (
+            ("sample", "mine.py:around"),
+            "distribution mine.py:around: expected something with sample(rng), or a class ",
+        ),
+        (
+            ("solve", "p.json", "--method", "luck"),
+            "--method: expected one of exact, p1, lift, two-stage, nlp, micp, ",
+        ),
+        (
+            ("plan", "walls", "--planner", "luck"),
+            "--planner: expected one of two-stage, micp, nlp, decoupled, exact, ",
+        ),
+        (
+            ("plan", "walls", "--planner", "none.py:A"),
+            "none.py: expected a file, found nothing there",
+        ),
     ],
 )
 def test_what_is_not_there_is_one_line(arguments, words, mine, refusal, write, problem):
@@ -395,23 +474,55 @@ def scattered(level, rng):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("evaluate", "data", "--selector", "own.py:Bare"), "selector own.py:Bare: expected (action, state), got a n"),
-        (("evaluate", "data", "--selector", "own.py:Short"), "selector own.py:Short: action: expected shape (36,), al"),
-        (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
-        (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
-        (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
-        (("plan", "walls", "--planner", "own.py:plans"), "planner own.py:plans: expected something to call with Plann"),
-        (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected a function "),
-        (("plan", "own.py:scattered:0.5"), "family own.py:scattered: expected a Terrain, a list of patches or a "),
-        (("plan", "own.py:plans:0.5"), "family own.py:plans: expected a Family, or a function of a level and a gener"),
+        (
+            ("evaluate", "data", "--selector", "own.py:Bare"),
+            "selector own.py:Bare: expected (action, state), got a n",
+        ),
+        (
+            ("evaluate", "data", "--selector", "own.py:Short"),
+            "selector own.py:Short: action: expected shape (36,), al",
+        ),
+        (
+            ("evaluate", "data", "--selector", "own.py:Wants"),
+            "selector own.py:Wants: expected something with predict(",
+        ),
+        (
+            ("sample", "own.py:Wants"),
+            "distribution own.py:Wants: expected something with sample(rng), or a class of ",
+        ),
+        (
+            ("solve", "p.json", "--method", "own.py:plans"),
+            "method own.py:plans: expected something to call with Plann",
+        ),
+        (
+            ("plan", "walls", "--planner", "own.py:plans"),
+            "planner own.py:plans: expected something to call with Plann",
+        ),
+        (
+            ("fit", "data", "--method", "own.py:plans", "--out", "e.json"),
+            "method own.py:plans: expected a function ",
+        ),
+        (
+            ("plan", "own.py:scattered:0.5"),
+            "family own.py:scattered: expected a Terrain, a list of patches or a ",
+        ),
+        (
+            ("plan", "own.py:plans:0.5"),
+            "family own.py:plans: expected a Family, or a function of a level and a gener",
+        ),
         (
             ("warp", "own.py:scattered:0.5:1"),
             "family own.py:scattered: expected a Terrain, a list of patches or a function of x and y, got 3",
         ),
-        (("warp", "own.py:plans"), "terrain own.py:plans: expected a height field, a Formula, or a function of x and "),
+        (
+            ("warp", "own.py:plans"),
+            "terrain own.py:plans: expected a height field, a Formula, or a function of x and ",
+        ),
     ],
 )
-def test_what_a_file_of_ones_own_does_wrong_is_one_line(arguments, words, refusal, write, problem, labelled):
+def test_what_a_file_of_ones_own_does_wrong_is_one_line(
+    arguments, words, refusal, write, problem, labelled
+):
     write("p.json", json.dumps(problem))
     write("own.py", FAULTY)
     given = [labelled if word == "data" else word for word in arguments]
@@ -421,22 +532,55 @@ def test_what_a_file_of_ones_own_does_wrong_is_one_line(arguments, words, refusa
 def test_what_a_file_of_ones_own_raises_is_one_line_with_its_place(stancekit, write, tmp_path):
     ran = stancekit("sample", write("own.py", FAULTY) + ":Scenes")
     where = f"{tmp_path / 'own.py'} line 7"
-    line = f"stancekit: failed: {where}: RuntimeError: no scene today; STANCEKIT_TRACE=1 shows more\n"
+    line = (
+        f"stancekit: failed: {where}: RuntimeError: no scene today; STANCEKIT_TRACE=1 shows more\n"
+    )
     assert (ran.code, ran.err) == (1, line)
 
 
 def test_a_selector_that_takes_the_observation_alone_is_enough(stancekit, write, labelled):
     write("own.py", FAULTY)
-    ran = stancekit("evaluate", labelled, "--selector", "own.py:Plain", "--no-lift", "--projection", "scp", "--json")
+    ran = stancekit(
+        "evaluate",
+        labelled,
+        "--selector",
+        "own.py:Plain",
+        "--no-lift",
+        "--projection",
+        "scp",
+        "--json",
+    )
     assert ran.records[0]["p1_feasible"] == 1.0
 
 
 def test_modes_are_learned_from_labelled_terrains_and_planned_with(stancekit):
     for name in ("ground-3", "wall-3"):
-        assert stancekit("label", name, name, "--feasible", 120, "--infeasible", 1, "--shard-size", 121).code == 0
-    fitted = stancekit("fit", "ground-3", "wall-3", "--method", "modes", "--share", 0, "--out", "modes.json", "--json")
-    assert (fitted.code, fitted.records[0]["modes"], fitted.records[0]["problem_class"]) == (0, 2, "ground+wall")
-    ran = stancekit("plan", "ground-to-wall", "--envelope", "modes.json", "--out", "climb.json", "--json")
+        assert (
+            stancekit(
+                "label", name, name, "--feasible", 120, "--infeasible", 1, "--shard-size", 121
+            ).code
+            == 0
+        )
+    fitted = stancekit(
+        "fit",
+        "ground-3",
+        "wall-3",
+        "--method",
+        "modes",
+        "--share",
+        0,
+        "--out",
+        "modes.json",
+        "--json",
+    )
+    assert (fitted.code, fitted.records[0]["modes"], fitted.records[0]["problem_class"]) == (
+        0,
+        2,
+        "ground+wall",
+    )
+    ran = stancekit(
+        "plan", "ground-to-wall", "--envelope", "modes.json", "--out", "climb.json", "--json"
+    )
     assert (ran.code, ran.records[0]["status"]) == (0, "feasible")
     assert set(ran.records[0]["plan"]["modes"]) == {0, 1}
     assert stancekit("verify", "climb.json").code == 0
@@ -445,4 +589,7 @@ def test_modes_are_learned_from_labelled_terrains_and_planned_with(stancekit):
 def test_modes_want_a_data_set_a_terrain(refusal, labelled):
     asked = ("fit", labelled, "--method", "modes", "--out", "m.json")
     assert refusal(*asked) == "data sets: expected two or more, one a mode, got 1"
-    assert refusal("fit", labelled, labelled, "--method", "gmm", "--out", "m.json") == "data sets: expected one, got 2"
+    assert (
+        refusal("fit", labelled, labelled, "--method", "gmm", "--out", "m.json")
+        == "data sets: expected one, got 2"
+    )

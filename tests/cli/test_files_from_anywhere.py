@@ -1,4 +1,5 @@
-"""Files that killed the process, or were taken for what they are not: each one line, and the right value."""
+"""Files that killed the process, or were taken for what they are not: each one line, and the right
+value."""
 
 from __future__ import annotations
 
@@ -35,9 +36,15 @@ def with_mesh(path: Path, link: str, mesh: str) -> Path:
     shape += shape.replace("collision", "visual")
     whole = re.sub(
         rf'(<link name="{link}">)(.*?)(</link>)',
-        lambda found: found[1] + re.sub(r"<(collision|visual)>.*?</\1>", "", found[2], flags=re.S) + shape + found[3],
-        text, flags=re.S,
-    )  # fmt: skip
+        lambda found: (
+            found[1]
+            + re.sub(r"<(collision|visual)>.*?</\1>", "", found[2], flags=re.S)
+            + shape
+            + found[3]
+        ),
+        text,
+        flags=re.S,
+    )
     assert mesh in whole
     path.write_text(whole)
     return path
@@ -239,5 +246,7 @@ def test_a_broken_mesh_that_is_only_seen_is_a_doubt_where_it_is_drawn(tmp_path: 
         answers.append([each for each in json.loads(out)["doubts"] if "cut.ply" in each])
     assert answers[0] == []  # it is no body, and nothing is drawn
     assert len(answers[1]) == 1
-    assert answers[1][0].startswith(f"link {_base()}: not in the picture, mesh 'cut.ply': expected a mesh")
+    assert answers[1][0].startswith(
+        f"link {_base()}: not in the picture, mesh 'cut.ply': expected a mesh"
+    )
     assert "\n" not in answers[1][0]

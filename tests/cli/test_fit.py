@@ -1,4 +1,5 @@
-"""`stancekit fit`: envelopes from a data set by every method that needs no network, with where they come from."""
+"""`stancekit fit`: envelopes from a data set by every method that needs no network, with where they
+come from."""
 
 import json
 import os
@@ -7,22 +8,41 @@ import pytest
 
 from stancekit.planners.formats.answer_file import read_envelopes
 
-QUICK = {"heuristic": (), "quantile": ("--share", "0.1"), "gmm": ("--steps", "2"), "gmm-printed": ()}
+QUICK = {
+    "heuristic": (),
+    "quantile": ("--share", "0.1"),
+    "gmm": ("--steps", "2"),
+    "gmm-printed": (),
+}
 
 
 @pytest.mark.parametrize("method", sorted(QUICK))
-def test_a_method_writes_a_file_that_can_be_used(method, stancekit, labelled, write, sampled, tmp_path):
-    ran = stancekit("fit", labelled, "--method", method, *QUICK[method], "--out", "e.json", "--json")
+def test_a_method_writes_a_file_that_can_be_used(
+    method, stancekit, labelled, write, sampled, tmp_path
+):
+    ran = stancekit(
+        "fit", labelled, "--method", method, *QUICK[method], "--out", "e.json", "--json"
+    )
     assert (ran.code, ran.err) == (0, "")
     (record,) = ran.records
-    assert (record["out"], record["method"], record["problem_class"]) == ("e.json", method, "wall-3")
+    assert (record["out"], record["method"], record["problem_class"]) == (
+        "e.json",
+        method,
+        "wall-3",
+    )
     assert (record["envelopes"], len(record["mean_width"])) == (1, 1)
     assert 0.0 < record["mean_width"][0] < 2.0
     envelopes = read_envelopes(tmp_path / "e.json")
     assert (envelopes.problem_class, envelopes.legs) == ("wall-3", ("RF", "RR", "LM"))
     assert envelopes.provenance == record["provenance"]
     solved = stancekit(
-        "solve", write("p.json", sampled["wall-3"][0]), "--method", "p1", "--envelope", "e.json", "--json"
+        "solve",
+        write("p.json", sampled["wall-3"][0]),
+        "--method",
+        "p1",
+        "--envelope",
+        "e.json",
+        "--json",
     )
     assert "margin" in solved.records[0]["details"]
 
@@ -36,7 +56,9 @@ def test_people_are_told_in_one_line(stancekit, labelled):
 
 def test_the_same_data_and_seed_give_the_same_envelopes(stancekit, labelled, tmp_path):
     for name in ("a.json", "b.json"):
-        assert stancekit("fit", labelled, "--steps", "2", "--clusters", "2", "--out", name).code == 0
+        assert (
+            stancekit("fit", labelled, "--steps", "2", "--clusters", "2", "--out", name).code == 0
+        )
     first, second = (json.loads((tmp_path / name).read_text()) for name in ("a.json", "b.json"))
     assert len(first["envelopes"]) == 2
     assert first == second
@@ -74,19 +96,36 @@ def test_what_is_no_data_set_is_told(refusal, tmp_path, write):
     (tmp_path / "empty").mkdir()
     (tmp_path / "other").mkdir()
     write("other/header.json", {"format": "stancekit/posture/1"})
-    assert refusal("fit", "none", "--out", "e.json") == "none: expected the folder of a data set, found nothing"
-    assert refusal("fit", write("f", "{}"), "--out", "e.json") == "f: expected the folder of a data set, found a file"
+    assert (
+        refusal("fit", "none", "--out", "e.json")
+        == "none: expected the folder of a data set, found nothing"
+    )
+    assert (
+        refusal("fit", write("f", "{}"), "--out", "e.json")
+        == "f: expected the folder of a data set, found a file"
+    )
     said = refusal("fit", "empty", "--out", "e.json")
     assert said == "empty/header.json: expected the header of a data set, found nothing"
     said = refusal("fit", "other", "--out", "e.json")
-    assert said == "other/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/posture/1'"
+    assert (
+        said
+        == "other/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/posture/1'"
+    )
 
 
 def test_a_data_set_that_lacks_a_label_is_refused(refusal, stancekit):
-    assert stancekit("label", "wall-3", "data", "--feasible", "0", "--infeasible", "2", "--workers", "1").code == 0
+    assert (
+        stancekit(
+            "label", "wall-3", "data", "--feasible", "0", "--infeasible", "2", "--workers", "1"
+        ).code
+        == 0
+    )
     for method in ("quantile", "gmm"):
         said = refusal("fit", "data", "--method", method, "--out", "e.json")
-        assert said == "data set: expected two or more rows of each label, got 0 feasible and 2 infeasible"
+        assert (
+            said
+            == "data set: expected two or more rows of each label, got 0 feasible and 2 infeasible"
+        )
 
 
 def test_an_unfinished_data_set_is_refused(refusal, stancekit, labelled, tmp_path):

@@ -1,5 +1,5 @@
-"""Planners of one's own that lie, change what they are given, return anything, raise or print: one line at most, and
-nothing comes out of them as an answer that the verifier did not accept."""
+"""Planners of one's own that lie, change what they are given, return anything, raise or print: one
+line at most, and nothing comes out of them as an answer that the verifier did not accept."""
 
 from __future__ import annotations
 
@@ -169,10 +169,18 @@ def garbage(tmp_path: Path) -> str:
 @pytest.mark.parametrize(
     "name", ["Dreams", "GivesUp", "MakesEasier", "MakesHarder", "WritesArrays", "Tolerant", "Late"]
 )
-def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(name, liars, stancekit, write, sampled):
+def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(
+    name, liars, stancekit, write, sampled
+):
     problems = [Problem.from_json(item) for item in sampled["wall-3"][:6]]
-    ran = stancekit("solve", write("p.jsonl", *sampled["wall-3"][:6]), "--method", f"{liars}:{name}", "--certificate",
-                    "--json")  # fmt: skip
+    ran = stancekit(
+        "solve",
+        write("p.jsonl", *sampled["wall-3"][:6]),
+        "--method",
+        f"{liars}:{name}",
+        "--certificate",
+        "--json",
+    )
     assert (ran.code, ran.err, len(ran.records)) == (0, "", 6)
     truth = [library.solve(problem).status.value for problem in problems]
     assert {"feasible", "infeasible"} <= set(truth)
@@ -191,7 +199,9 @@ def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(
 
 
 def test_a_planner_that_changes_its_course_plans_for_none_that_was_asked_for(liars, stancekit):
-    ran = stancekit("plan", "icy-walls", "--frames", 3, "--planner", f"{liars}:EasierCourse", "--json")
+    ran = stancekit(
+        "plan", "icy-walls", "--frames", 3, "--planner", f"{liars}:EasierCourse", "--json"
+    )
     assert (ran.code, ran.records[0]["status"]) == (1, "undecided")
     assert ran.records[0]["message"].startswith("plan refused: rejected: ")
 
@@ -246,11 +256,15 @@ def test_a_planner_that_is_none_is_one_line(name, said, garbage, stancekit, writ
     ],
 )
 def test_a_planner_of_courses_that_is_none_is_one_line(name, said, garbage, refusal):
-    assert refusal("plan", *SHORT, "--planner", f"{garbage}:{name}").startswith(f"planner {garbage}:{name}: {said}")
+    assert refusal("plan", *SHORT, "--planner", f"{garbage}:{name}").startswith(
+        f"planner {garbage}:{name}: {said}"
+    )
 
 
 def test_what_a_planner_prints_is_no_result(garbage, stancekit, write, problem):
-    ran = stancekit("solve", write("p.json", json.dumps(problem)), "--method", f"{garbage}:Prints", "--json")
+    ran = stancekit(
+        "solve", write("p.json", json.dumps(problem)), "--method", f"{garbage}:Prints", "--json"
+    )
     assert [line["status"] for line in ran.records] == ["undecided"]
     assert ran.err == '{"status": "feasible"}\n'
 
@@ -262,7 +276,9 @@ def test_a_file_that_ends_the_program_is_one_line(refusal, write, problem, tmp_p
 
 
 @pytest.mark.parametrize(("said", "claim"), [("", "feasible"), ("optimal", "optimal")])
-def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(monkeypatch, problem, said, claim):
+def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(
+    monkeypatch, problem, said, claim
+):
     class Boaster:
         def __init__(self, options):
             pass

@@ -28,7 +28,8 @@ ACCEPTED = "accepted: all 44 groups within their limits"
 
 @pytest.fixture
 def gait(stancekit, tmp_path):
-    """``gait("ripple", "--goal", "1,1")`` in a folder that holds a gentle plain: code, standard output and error."""
+    """``gait("ripple", "--goal", "1,1")`` in a folder that holds a gentle plain: code, standard
+    output and error."""
     x = 0.05 * (np.arange(81) - 40.0)
     np.save(tmp_path / "plain.npy", 0.1 * x[:, None] + 0.0 * x)
 
@@ -41,7 +42,8 @@ def gait(stancekit, tmp_path):
 
 @pytest.fixture(scope="module")
 def short():
-    """What an accepted walk's command printed as JSON, and the file that it wrote, in the folder of the test."""
+    """What an accepted walk's command printed as JSON, and the file that it wrote, in the folder of
+    the test."""
     kept = {}
 
     def get(gait):
@@ -88,7 +90,9 @@ def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, stancekit, tmp_pat
     ran = stancekit("verify", "walk.json", "--robot", "dog.urdf")
     said = "walk.json: expected a walk of the robot quadruped as its file is, got one of quadruped with "
     assert (ran.code, ran.err.count("\n")) == (2, 1)
-    assert ran.err.startswith(f"stancekit: error: {said}numbers of its own: model.digest: expected ")
+    assert ran.err.startswith(
+        f"stancekit: error: {said}numbers of its own: model.digest: expected "
+    )
     os.remove("dog.urdf")
     walk = read_trajectory("walk.json").trajectory
     whole = pin.buildModelFromXML(walk.robot.model.urdf, pin.JointModelFreeFlyer())
@@ -140,7 +144,10 @@ def test_seeds_are_tried_from_their_own_guesses_and_the_smoothest_walk_is_kept(g
     assert code == 0
     assert [one["attempt"] for one in record["attempts"]] == ["decoupled", "decoupled, seed 8"]
     assert record["attempts"][0]["violations"][0] != record["attempts"][1]["violations"][0]
-    peaks = [check_file("walk.json").figures["peak_acceleration_g"], record["figures"]["peak_acceleration_g"]]
+    peaks = [
+        check_file("walk.json").figures["peak_acceleration_g"],
+        record["figures"]["peak_acceleration_g"],
+    ]
     assert peaks[0] == peaks[1]
 
 
@@ -150,11 +157,16 @@ def test_the_second_phase_lowers_the_peak_and_raw_leaves_it_out(gait):
     assert code == 0
     assert smooth["phases"]["smooth"]["solves"] > 0
     assert smooth["peak_g"]["after"] < smooth["peak_g"]["before"]
-    assert smooth["cpu_seconds"] == pytest.approx(sum(one["cpu_seconds"] for one in smooth["phases"].values()))
+    assert smooth["cpu_seconds"] == pytest.approx(
+        sum(one["cpu_seconds"] for one in smooth["phases"].values())
+    )
     _, out, _ = gait(*LIVELY, "--json", "--raw")
     (raw,) = json.loads(out)["attempts"]
     assert (raw["phases"]["smooth"]["solves"], raw["phases"]["densify"]["solves"]) == (0, 0)
-    assert raw["peak_g"] == {"before": smooth["peak_g"]["before"], "after": smooth["peak_g"]["before"]}
+    assert raw["peak_g"] == {
+        "before": smooth["peak_g"]["before"],
+        "after": smooth["peak_g"]["before"],
+    }
 
 
 def test_the_robot_faces_where_it_is_told(gait):
@@ -188,12 +200,14 @@ def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
     assert all(os.path.getsize(name) > 1000 for name in files)
 
 
-# ------------------------------------------------------------------------------------------------- interrupted
+# -------------------------------------------------------------------------------------------------
+# interrupted
 
 
 @pytest.fixture
 def watched(monkeypatch):
-    """``watched(then)``: from now on ``then(number, phase)`` is called at every iteration; what was seen so far."""
+    """``watched(then)``: from now on ``then(number, phase)`` is called at every iteration; what was
+    seen so far."""
     seen = []
 
     def call(then=lambda *at: None):
@@ -214,10 +228,15 @@ def watched(monkeypatch):
 
 
 def test_an_interrupted_run_keeps_its_point_and_goes_on_from_there(gait, watched):
-    seen = watched(lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT) if iteration == 2 else None)
+    seen = watched(
+        lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT) if iteration == 2 else None
+    )
     code, out, err = gait(*SHORT, "--out", "walk.json")
     assert (code, out) == (130, "")
-    assert err == "walk.partial.npz: kept; the same command goes on from there\nstancekit: interrupted\n"
+    assert (
+        err
+        == "walk.partial.npz: kept; the same command goes on from there\nstancekit: interrupted\n"
+    )
     assert sorted(os.listdir()) == ["plain.npy", "walk.partial.npz"]
     last = seen[-1][2]
     watched()
@@ -257,7 +276,10 @@ def test_attempts_that_were_done_before_are_not_done_again(gait, watched):
     code, out, _ = gait(*LIVELY, "--seeds", "2", "--out", "walk.json", "--json")
     first, second = json.loads(out)["attempts"]
     assert code == 0
-    assert (first["phases"]["feasible"]["iterations"], first["phases"]["smooth"]["solves"]) == (0, 0)
+    assert (first["phases"]["feasible"]["iterations"], first["phases"]["smooth"]["solves"]) == (
+        0,
+        0,
+    )
     assert second["attempt"] == "decoupled, seed 1"
 
 
@@ -276,7 +298,8 @@ def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):
     assert code == (0 if record["verified"] else 1)
 
 
-# --------------------------------------------------------------------------------------------------- bad input
+# ---------------------------------------------------------------------------------------------------
+# bad input
 
 
 @pytest.mark.parametrize(
@@ -288,27 +311,69 @@ def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):
         (("ripple", "--goal", "1,nan"), "--goal: expected finite numbers"),
         (("ripple", "--goal", "9,9"), "--goal: expected torso and feet over the terrain, "),
         (("pit", "--goal", "1.3,0"), "--goal: expected ground to stand on, got a wall of 79°"),
-        (("pit", "--goal", "2.2,0", "--start", "1.3,0"), "--start: expected ground to stand on, got a wall of 79°"),
+        (
+            ("pit", "--goal", "2.2,0", "--start", "1.3,0"),
+            "--start: expected ground to stand on, got a wall of 79°",
+        ),
         (
             ("ripple", "--goal", "1,1", "--heading", "north"),
             "--heading: expected an angle in rad, or goal, got 'north'",
         ),
-        (("ripple", "--goal", "1,1", "--heading", "nan"), "--heading: expected finite numbers, got nan"),
-        (("ripple", "--goal", "1,1", "--total-s", "0"), "--total-s: expected a number above 0, got 0"),
-        (("ripple", "--goal", "1,1", "--heights-m", "1"), "--heights-m: expected 2 numbers with commas between them"),
-        (("ripple", "--goal", "1,1", "--robot", "table"), "--robot: expected anymal, anymal-boxes, hexapod, a1, "),
-        (("ripple", "--goal", "1,1", "--adhesive", "LF,QQ"), "--adhesive: expected some of LF, RF, LH, RH, got "),
+        (
+            ("ripple", "--goal", "1,1", "--heading", "nan"),
+            "--heading: expected finite numbers, got nan",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--total-s", "0"),
+            "--total-s: expected a number above 0, got 0",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--heights-m", "1"),
+            "--heights-m: expected 2 numbers with commas between them",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--robot", "table"),
+            "--robot: expected anymal, anymal-boxes, hexapod, a1, ",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--adhesive", "LF,QQ"),
+            "--adhesive: expected some of LF, RF, LH, RH, got ",
+        ),
         (("ripple", "--goal", "1,1", "--seeds", "0"), "--seeds: expected 1 to 1000, got 0"),
         (("ripple", "--goal", "1,1", "--seed", "-1"), "--seed: expected 0 or more, got -1"),
-        (("ripple", "--goal", "1,1", "--max-iterations", "0"), "--max-iterations: expected 1 or more, got 0"),
-        (("ripple", "--goal", "1,1", "--duration-s", "0"), "--duration-s: expected a number in (0, 120], got 0"),
-        (("ripple", "--goal", "1,1", "--friction", "-1"), "--friction: expected a number in (0, 10], got -1"),
+        (
+            ("ripple", "--goal", "1,1", "--max-iterations", "0"),
+            "--max-iterations: expected 1 or more, got 0",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--duration-s", "0"),
+            "--duration-s: expected a number in (0, 120], got 0",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--friction", "-1"),
+            "--friction: expected a number in (0, 10], got -1",
+        ),
         (("ripple", "--goal", "1,1", "--out", "walk"), "walk: expected a name that ends in .json"),
-        (("ripple", "--goal", "1,1", "--out", "none/walk.json"), "none/walk.json: expected an existing folder none"),
-        (("ripple", "--goal", "1,1", "--unverified"), "--unverified: expected --out with it, got none"),
-        (("ripple", "--goal", "1,1", "--picture", "a.gif"), "a.gif: expected a name that ends in .png, .pdf, .svg"),
-        (("ripple", "--goal", "1,1", "--video", "a.avi"), "a.avi: expected a name that ends in .mp4, got .avi"),
-        (("ripple", "--goal", "1,1", "--html", "a.txt"), "a.txt: expected a name that ends in .html, got .txt"),
+        (
+            ("ripple", "--goal", "1,1", "--out", "none/walk.json"),
+            "none/walk.json: expected an existing folder none",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--unverified"),
+            "--unverified: expected --out with it, got none",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--picture", "a.gif"),
+            "a.gif: expected a name that ends in .png, .pdf, .svg",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--video", "a.avi"),
+            "a.avi: expected a name that ends in .mp4, got .avi",
+        ),
+        (
+            ("ripple", "--goal", "1,1", "--html", "a.txt"),
+            "a.txt: expected a name that ends in .html, got .txt",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(gait, arguments, message):
@@ -351,18 +416,39 @@ def files(gait, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("hole.npy", "--goal", "1,0"), "hole.npy: expected a height everywhere, got holes at 81 of 6561"),
-        (("hole.csv", "--goal", "1,0"), "hole.csv: expected a height everywhere, got holes at 1 of 16 grid points"),
+        (
+            ("hole.npy", "--goal", "1,0"),
+            "hole.npy: expected a height everywhere, got holes at 81 of 6561",
+        ),
+        (
+            ("hole.csv", "--goal", "1,0"),
+            "hole.csv: expected a height everywhere, got holes at 1 of 16 grid points",
+        ),
         (("row.npy", "--goal", "1,0"), "row.npy: x_m: expected 4 or more grid lines, got 1"),
         (
             ("step.npy", "--goal", "1,0"),
             "step.npy: finer than its spline can hold: between grid points it swings 60 mm",
         ),
-        (("block.npy", "--goal=-1,0"), "--start: expected ground that all feet reach, got heights from 0.00 to 1.4"),
-        (("block.npy", "--start=-1,0", "--goal", "0,0"), "--goal: expected ground that all feet reach, got heights"),
-        (("ripple", "--goal", "1,0", "--robot", "cart.yaml"), "cart.yaml: cart.urdf: expected links with mass"),
-        (("ripple", "--goal", "0.1,0", "--duration-s", "0.5"), "--duration-s: expected 1.3 s or more for one cycle"),
-        (("ripple", "--goal", "1,0", "--gait", "tripod"), "--gait: expected one for 4 feet, got tripod"),
+        (
+            ("block.npy", "--goal=-1,0"),
+            "--start: expected ground that all feet reach, got heights from 0.00 to 1.4",
+        ),
+        (
+            ("block.npy", "--start=-1,0", "--goal", "0,0"),
+            "--goal: expected ground that all feet reach, got heights",
+        ),
+        (
+            ("ripple", "--goal", "1,0", "--robot", "cart.yaml"),
+            "cart.yaml: cart.urdf: expected links with mass",
+        ),
+        (
+            ("ripple", "--goal", "0.1,0", "--duration-s", "0.5"),
+            "--duration-s: expected 1.3 s or more for one cycle",
+        ),
+        (
+            ("ripple", "--goal", "1,0", "--gait", "tripod"),
+            "--gait: expected one for 4 feet, got tripod",
+        ),
     ],
 )
 def test_terrains_robots_and_walks_that_cannot_be_are_one_line(gait, files, arguments, message):
@@ -375,7 +461,9 @@ def test_terrains_robots_and_walks_that_cannot_be_are_one_line(gait, files, argu
 
 
 def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_work(gait):
-    code, _, err = gait("pit", "--goal", "2.2,0", "--chart", "ambient", "--raw", "--max-iterations", "1")
+    code, _, err = gait(
+        "pit", "--goal", "2.2,0", "--chart", "ambient", "--raw", "--max-iterations", "1"
+    )
     assert code == 1
     assert err == (
         "pit is 79° at its steepest on the way, and friction 0.75 holds on 37°: there may be no walk. The search "

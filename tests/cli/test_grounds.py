@@ -1,4 +1,5 @@
-"""A ground is named alike for every command: one table, one line for an old name, one line for a bad one."""
+"""A ground is named alike for every command: one table, one line for an old name, one line for a
+bad one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """A command parses, calls `api/` and prints: what it imports from below, and why it may.
 
-Types under TYPE_CHECKING, errors, and the checks of numbers, names and files in ``planners.files`` are free. What else
-a file imports is listed here with its reason; a file that imports more fails, and one that no longer needs to, too.
+Types under TYPE_CHECKING, errors, and the checks of numbers, names and files in ``planners.files``
+are free. What else a file imports is listed here with its reason; a file that imports more fails,
+and one that no longer needs to, too.
 """
 
 from __future__ import annotations
@@ -26,29 +27,59 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "about": {TOOL: ("runner.computer",)},
     "bench_against": {TOOL: ("learners.evaluation",)},
     "bench_envelopes": {
-        TOOL: ("learners.data.executors", "learners.evaluation", "learners.evaluation.evaluate",
-               "learners.evaluation.experiment"),
+        TOOL: (
+            "learners.data.executors",
+            "learners.evaluation",
+            "learners.evaluation.evaluate",
+            "learners.evaluation.experiment",
+        ),
         DRAWS: ("views.comparison", "views.sheet"),
     },
     "bench_gait": {
-        TOOL: ("learners.evaluation", "learners.evaluation.gait_bench", "learners.evaluation.gait_figures"),
+        TOOL: (
+            "learners.evaluation",
+            "learners.evaluation.gait_bench",
+            "learners.evaluation.gait_figures",
+        )
     },
     "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
     "bench_room": {
-        TOOL: ("learners.evaluation", "learners.evaluation.env_room", "learners.evaluation.room"),
+        TOOL: ("learners.evaluation", "learners.evaluation.env_room", "learners.evaluation.room")
     },
     "bench_scenes": {
-        TOOL: ("learners.evaluation", "planners.formats.plan_file"), DRAWS: ("views.plans", "views.sheet"),
+        TOOL: ("learners.evaluation", "planners.formats.plan_file"),
+        DRAWS: ("views.plans", "views.sheet"),
     },
     "between": {
-        CHOICES: ("planners.terrain.import_options", "planners.problem.course_file", "planners.terrain.reference"),
-        LATER: ("planners.problem.alternatives", "planners.problem.course_between", "planners.problem.file_terrain",
-                "planners.robot.reach_file", "planners.robot.robot_file", "planners.terrain.footholds"),
+        CHOICES: (
+            "planners.terrain.import_options",
+            "planners.problem.course_file",
+            "planners.terrain.reference",
+        ),
+        LATER: (
+            "planners.problem.alternatives",
+            "planners.problem.course_between",
+            "planners.problem.file_terrain",
+            "planners.robot.reach_file",
+            "planners.robot.robot_file",
+            "planners.terrain.footholds",
+        ),
     },
-    "demo": {TOOL: ("planners.robot.urdf_reader", "planners.terrain.facets", "runner.worlds.mujoco", "views.page")},
+    "demo": {
+        TOOL: (
+            "planners.robot.urdf_reader",
+            "planners.terrain.facets",
+            "runner.worlds.mujoco",
+            "views.page",
+        )
+    },
     "emulate_bus": {
-        TOOL: ("runner.emulators.servo_bus", "runner.emulators.start", "runner.worlds.dynamixel.calibration"),
+        TOOL: (
+            "runner.emulators.servo_bus",
+            "runner.emulators.start",
+            "runner.worlds.dynamixel.calibration",
+        )
     },
     "emulate_rosbridge": {TOOL: ("runner.emulators.rosbridge", "runner.emulators.start")},
     "evaluate": {
@@ -59,8 +90,14 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
         TOOL: ("planners.verify.trajectory_limits",),
-        DRAWS: ("planners.gait.charts.pushforward", "views.gait_plot", "views.gaits", "views.page", "views.sheet",
-                "views.video"),
+        DRAWS: (
+            "planners.gait.charts.pushforward",
+            "views.gait_plot",
+            "views.gaits",
+            "views.page",
+            "views.sheet",
+            "views.video",
+        ),
     },
     "leap_plan": {
         CHOICES: ("planners.answer.answer", "planners.leap.finder", "planners.leap.rule"),
@@ -68,65 +105,106 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: ("views.leaps", "views.page", "views.sheet", "views.video"),
     },
     "main": {TOOL: ("planners.plugins",)},
-    "options": {CHOICES: ("planners.search.methods",), DRAWS: ("views.film", "views.page", "views.sheet")},
+    "options": {
+        CHOICES: ("planners.search.methods",),
+        DRAWS: ("views.film", "views.page", "views.sheet"),
+    },
     "picture": {
         LATER: ("planners.formats.answer_file", "planners.search.methods", "planners.verify"),
         DRAWS: ("views.postures", "views.sheet"),
     },
     "plan": {
         CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.answer"),
-        LATER: ("planners.answer.report", "planners.equilibrium.programs", "planners.formats.answer_file",
-                "planners.formats.leap_file", "planners.formats.plan_file", "planners.formats.proof_file",
-                "planners.projection.whole_body_limits"),
+        LATER: (
+            "planners.answer.report",
+            "planners.equilibrium.programs",
+            "planners.formats.answer_file",
+            "planners.formats.leap_file",
+            "planners.formats.plan_file",
+            "planners.formats.proof_file",
+            "planners.projection.whole_body_limits",
+        ),
         DRAWS: ("views.page", "views.plans", "views.sheet", "views.video"),
     },
     "plan_table": {LATER: ("planners.verify",)},
     "play": {
-        CHOICES: ("planners.problem.course_file", "planners.terrain.families",
-                  "planners.terrain.import_options", "planners.terrain.reference"),
-        TOOL: ("views.playground.between_scenario", "views.playground.fixed_scenario",
-               "views.playground.keys_scenario", "views.playground.serving", "views.playground.walk_scenario"),
+        CHOICES: (
+            "planners.problem.course_file",
+            "planners.terrain.families",
+            "planners.terrain.import_options",
+            "planners.terrain.reference",
+        ),
+        TOOL: (
+            "views.playground.between_scenario",
+            "views.playground.fixed_scenario",
+            "views.playground.keys_scenario",
+            "views.playground.serving",
+            "views.playground.walk_scenario",
+        ),
     },
     "proposers": {TOOL: ("envs.distributions.postures", "learners.proposers.training")},
     "replay": {TOOL: ("runner.log",), DRAWS: ("views.sheet", "views.tracking_plot")},
     "robot": {
-        TOOL: ("planners.robot.catalogue", "planners.robot.robot_file", "planners.robot.robot_model",
-               "planners.robot.workspace_cache"),
+        TOOL: (
+            "planners.robot.catalogue",
+            "planners.robot.robot_file",
+            "planners.robot.robot_model",
+            "planners.robot.workspace_cache",
+        ),
         DRAWS: ("planners.robot.meshes", "views.links", "views.robot_picture", "views.sheet"),
     },
     "run": {
-        LATER: ("planners.problem", "planners.robot.actuators", "runner.acceptance",
-                "planners.motion.plan_motion", "runner.control.loop_settings", "runner.report", "runner.settings",
-                "runner.worlds"),
+        LATER: (
+            "planners.problem",
+            "planners.robot.actuators",
+            "runner.acceptance",
+            "planners.motion.plan_motion",
+            "runner.control.loop_settings",
+            "runner.report",
+            "runner.settings",
+            "runner.worlds",
+        ),
         TOOL: ("runner.log", "runner.safety.estop"),
         DRAWS: ("views.sheet", "views.tracking_plot"),
     },
     "run_film": {LATER: ("runner.acceptance",)},
     "simulate": {
-        LATER: ("planners.formats.plan_file", "planners.motion.plan_motion", "runner.acceptance", "runner.settings",
-                "runner.worlds"),
+        LATER: (
+            "planners.formats.plan_file",
+            "planners.motion.plan_motion",
+            "runner.acceptance",
+            "runner.settings",
+            "runner.worlds",
+        ),
         DRAWS: ("views.executions", "views.sheet"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},
     "stops": {TOOL: ("runner.safety.estop", "runner.safety.stop_topic")},
     "terrain": {DRAWS: ("views.footholds", "views.page", "views.sheet")},
     "terrain_options": {
-        LATER: ("planners.robot.robot_file", "planners.terrain.footholds", "planners.terrain.import_options"),
+        LATER: (
+            "planners.robot.robot_file",
+            "planners.terrain.footholds",
+            "planners.terrain.import_options",
+        )
     },
     "train": {TOOL: ("learners.training.reinforce", "learners.training.train_config")},
     "verify": {CHOICES: ("envs.data.pools",)},
     "warp": {DRAWS: ("views.maps", "views.sheet")},
-}  # fmt: skip
+}
 """By file and reason: the modules that are imported."""
 
 
 def imported(path: Path) -> set[str]:
-    """The modules from below `api/` that a file imports when it runs, without those that are free."""
+    """The modules from below `api/` that a file imports when it runs, without those that are
+    free."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     typed = {
         id(inside)
         for node in ast.walk(tree)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        if isinstance(node, ast.If)
+        and isinstance(node.test, ast.Name)
+        and node.test.id == "TYPE_CHECKING"
         for inside in ast.walk(node)
     }
     found = set[str]()
@@ -134,9 +212,17 @@ def imported(path: Path) -> set[str]:
         if id(node) in typed:
             continue
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
-        found |= {name.removeprefix("stancekit.") for name in names if name.startswith("stancekit.")}
-    return {name for name in found if name.split(".")[0] in BELOW and not f"{name}.".startswith(FREE)}
+        names += (
+            [node.module]
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level
+            else []
+        )
+        found |= {
+            name.removeprefix("stancekit.") for name in names if name.startswith("stancekit.")
+        }
+    return {
+        name for name in found if name.split(".")[0] in BELOW and not f"{name}.".startswith(FREE)
+    }
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)

@@ -16,7 +16,18 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data import labelling
 from stancekit.learners.data.shards import LabellingFailed
 
-SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")
+SAME = (
+    "--feasible",
+    "8",
+    "--infeasible",
+    "8",
+    "--shard-size",
+    "4",
+    "--seed",
+    "2",
+    "--workers",
+    "1",
+)
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "label", "wall-3"]
 
 
@@ -68,7 +79,9 @@ def test_a_run_goes_on_where_it_was_stopped(stancekit, started, labelled):
 def test_killed_at_any_moment_nothing_is_lost_and_nothing_double(stancekit, labelled, tmp_path):
     folder, counts = tmp_path / "data", []
     for stop_at in (0, 1, 3):
-        run = subprocess.Popen([*COMMAND, str(folder), *SAME], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        run = subprocess.Popen(
+            [*COMMAND, str(folder), *SAME], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
         while not (begun := begun_with(folder, stop_at)) and run.poll() is None:
             time.sleep(0.005)
         assert begun or begun_with(folder, stop_at)
@@ -85,7 +98,11 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_double(stancekit, labe
 
 def test_two_runs_in_one_folder_make_one_data_set(labelled, tmp_path):
     runs = [
-        subprocess.Popen([*COMMAND, str(tmp_path / "data"), *SAME], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        subprocess.Popen(
+            [*COMMAND, str(tmp_path / "data"), *SAME],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
         for _ in range(2)
     ]
     for run in runs:
@@ -123,11 +140,20 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, "
-         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"),
-        (("wall-3", "data", "--feasible", "-1"), "--feasible: expected an integer of at least 0, got -1"),
+        (
+            ("ice-3", "data"),
+            "distribution: expected one of ground-3, wall-3, wall-5, "
+            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'",
+        ),
+        (
+            ("wall-3", "data", "--feasible", "-1"),
+            "--feasible: expected an integer of at least 0, got -1",
+        ),
         (("wall-3", "data", "--seed", "-1"), "--seed: expected an integer of at least 0, got -1"),
-        (("wall-3", "data", "--shard-size", "0"), "--shard-size: expected an integer of at least 1, got 0"),
+        (
+            ("wall-3", "data", "--shard-size", "0"),
+            "--shard-size: expected an integer of at least 1, got 0",
+        ),
         (("wall-3", "data", "--workers", "0"), "--workers: expected 1 or more, got 0"),
         (
             ("wall-3", "data", "--feasible", "0", "--infeasible", "0"),
@@ -141,7 +167,10 @@ def test_bad_input_is_one_line_and_makes_nothing(arguments, message, refusal, tm
 
 
 def test_a_file_is_no_folder(refusal, write):
-    assert refusal("label", "wall-3", write("data", "{}")) == "data: expected a folder or room for one, got File exists"
+    assert (
+        refusal("label", "wall-3", write("data", "{}"))
+        == "data: expected a folder or room for one, got File exists"
+    )
 
 
 @pytest.mark.parametrize(
@@ -161,11 +190,16 @@ def test_the_folder_of_another_plan_is_left_alone(change, message, refusal, star
 
 def test_a_damaged_shard_is_named(refusal, started):
     (started / "shard-00001.parquet").write_bytes(b"PAR1")
-    assert refusal("label", "wall-3", "data", *SAME).startswith("data/shard-00001.parquet: expected a whole Parquet")
+    assert refusal("label", "wall-3", "data", *SAME).startswith(
+        "data/shard-00001.parquet: expected a whole Parquet"
+    )
     header = json.loads((started / "header.json").read_text())
     (started / "header.json").write_text(json.dumps(header | {"format": "stancekit/dataset/9"}))
     said = refusal("label", "wall-3", "data", *SAME)
-    assert said == "data/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/9'"
+    assert (
+        said
+        == "data/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/9'"
+    )
 
 
 FEW = ("--scenes", "2", "--tries", "random=3,finder=1", "--shard-size", "4", "--workers", "1")
@@ -197,7 +231,9 @@ def test_a_damaged_shard_of_tries_is_one_line(stancekit, tmp_path):
     for command in (("verify", "tries"), ("label", "leap-few", "tries", *FEW)):
         ran = stancekit(*command)
         assert ran.code == 2
-        assert ran.err.startswith("stancekit: error: tries/shard-00001.parquet: expected a whole Parquet file, got ")
+        assert ran.err.startswith(
+            "stancekit: error: tries/shard-00001.parquet: expected a whole Parquet file, got "
+        )
         assert len(ran.err.splitlines()) == 1
 
 
@@ -210,13 +246,21 @@ def test_a_damaged_shard_of_tries_is_one_line(stancekit, tmp_path):
         (("leap", "--infeasible", "0"), "--infeasible: expected none with leaps of leap, got 0"),
         (("leap", "--robot", "anymal"), "--robot: expected none with leaps of leap, got anymal"),
         (("leap", "--natural"), "--natural: expected none with leaps of leap, got True"),
-        (("leap", "--tries", "random"), "--tries: expected counts by planner, as random=8,finder=4, got 'random'"),
-        (("leap", "--tries", "luck=2"), "--tries: expected a count for some of random, rule, farkas, finder, noise"),
+        (
+            ("leap", "--tries", "random"),
+            "--tries: expected counts by planner, as random=8,finder=4, got 'random'",
+        ),
+        (
+            ("leap", "--tries", "luck=2"),
+            "--tries: expected a count for some of random, rule, farkas, finder, noise",
+        ),
         (("wall-3", "--scenes", "3"), "--scenes: expected none with postures, got 3"),
         (("wall-3", "--tries", "random=3"), "--tries: expected none with postures, got random=3"),
     ],
 )
-def test_what_leaps_or_postures_have_no_use_for_is_refused_by_name(stancekit, tmp_path, command, message):
+def test_what_leaps_or_postures_have_no_use_for_is_refused_by_name(
+    stancekit, tmp_path, command, message
+):
     name, *options = command
     ran = stancekit("label", name, "tries", *options, "--workers", "1")
     assert ran.code == 2

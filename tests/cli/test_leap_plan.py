@@ -23,7 +23,11 @@ def drawn(tmp_path):
 
 def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
     ran = stancekit("plan", drawn("leap-given", 0), "--out", "leap.json", "--json")
-    assert (ran.code, ran.records[0]["status"], ran.records[0]["verdict"]["accepted"]) == (0, "feasible", True)
+    assert (ran.code, ran.records[0]["status"], ran.records[0]["verdict"]["accepted"]) == (
+        0,
+        "feasible",
+        True,
+    )
     again = stancekit("verify", "leap.json")
     assert (again.code, "accepted" in again.out) == (0, True)
     with open("leap.json") as file:
@@ -37,19 +41,29 @@ def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
     with open("forged.json", "w") as file:
         json.dump(forged, file)
     refused = stancekit("verify", "forged.json")
-    assert (refused.code, "plan.choice: expected whole numbers, got [0.5," in refused.err) == (2, True)
+    assert (refused.code, "plan.choice: expected whole numbers, got [0.5," in refused.err) == (
+        2,
+        True,
+    )
 
 
 def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
     ran = next(
-        ran for seed in range(20)
-        if (ran := stancekit("plan", drawn("leap-few", seed), "--proof", "none.json", "--json")).records[0]["status"]
+        ran
+        for seed in range(20)
+        if (
+            ran := stancekit("plan", drawn("leap-few", seed), "--proof", "none.json", "--json")
+        ).records[0]["status"]
         == "infeasible"
-    )  # fmt: skip
+    )
     assert ran.code == 1
     assert "needed" in ran.records[0]["message"]
     again = stancekit("verify", "none.json", "--explain")
-    assert (again.code, "refuted at all leaves" in again.out, "needed" in again.out) == (0, True, True)
+    assert (again.code, "refuted at all leaves" in again.out, "needed" in again.out) == (
+        0,
+        True,
+        True,
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,10 +75,7 @@ def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
         (["--up", "y"], "--up: expected none with a leap, got y"),
         (["--solver", "scip"], "--solver: expected none with a leap, got scip"),
         (["--max-solves", "3"], "--max-solves: expected none with a leap, got 3"),
-        (
-            ["--planner", "exact"],
-            f"--planner: expected one of {ORDERS} with a leap, got exact",
-        ),
+        (["--planner", "exact"], f"--planner: expected one of {ORDERS} with a leap, got exact"),
         (["--out", "leap.npz"], "leap.npz: expected a file whose name ends with .json"),
     ],
 )
@@ -76,7 +87,10 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"timings_s": [[0.3]]}, "leap leap-0: timings_s[0]: expected 3 durations, one per phase, got 1"),
+        (
+            {"timings_s": [[0.3]]},
+            "leap leap-0: timings_s[0]: expected 3 durations, one per phase, got 1",
+        ),
         (
             {"duration_s": 2.0},
             "timings_s[0]: expected durations that add up to duration_s, 2 s, got 0.96 s",
@@ -86,7 +100,10 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
             {"robot": {"name": "a", "mass_kg": "x", "limbs": []}},
             "bad.json: robot.mass_kg: expected a valid number, got 'x'",
         ),
-        ({"footholds": []}, "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand"),
+        (
+            {"footholds": []},
+            "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand",
+        ),
         (
             {"distribution": "none"},
             "distribution: expected one of leap-base, leap-hard, leap-long, leap, leap-few, leap-given",
@@ -106,13 +123,25 @@ def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, mes
 
 def test_a_question_alone_is_nothing_to_verify(stancekit, drawn):
     ran = stancekit("verify", drawn("leap", 0))
-    assert (ran.code, "expected a leap with a plan or a certificate, got the question alone" in ran.err) == (2, True)
+    assert (
+        ran.code,
+        "expected a leap with a plan or a certificate, got the question alone" in ran.err,
+    ) == (2, True)
 
 
 def test_a_leap_is_drawn_by_its_name(stancekit):
-    ran = stancekit("plan", "leap-given:0", "--picture", "leap.png", "--html", "leap.html", "--json")
-    assert (ran.code, ran.records[0]["leap"], ran.records[0]["status"]) == (0, "leap-given-0", "feasible")
+    ran = stancekit(
+        "plan", "leap-given:0", "--picture", "leap.png", "--html", "leap.html", "--json"
+    )
+    assert (ran.code, ran.records[0]["leap"], ran.records[0]["status"]) == (
+        0,
+        "leap-given-0",
+        "feasible",
+    )
     with open("leap.png", "rb") as file:
         assert file.read(4) == b"\x89PNG"
     wrong = stancekit("plan", "leap-given:x")
-    assert (wrong.code, "expected CLASS:SEED as leap-given:7" in " ".join(wrong.err.split())) == (2, True)
+    assert (wrong.code, "expected CLASS:SEED as leap-given:7" in " ".join(wrong.err.split())) == (
+        2,
+        True,
+    )

@@ -1,4 +1,5 @@
-"""Room for learning and learned scores of leaps at the command line: bench room, fit of tries, plan --policy."""
+"""Room for learning and learned scores of leaps at the command line: bench room, fit of tries, plan
+--policy."""
 
 import json
 from pathlib import Path
@@ -29,7 +30,18 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
     label = "label leap-base tries --scenes 4 --tries random=2,rule=3 --seed 8 --workers 1"
     stancekit(*label.split())
     Path("few.yaml").write_text("epochs: 2\n")
-    said = stancekit(*["fit", "tries", "--method", "additive", "--config", "few.yaml", "--out", "scores.safetensors"])
+    said = stancekit(
+        *[
+            "fit",
+            "tries",
+            "--method",
+            "additive",
+            "--config",
+            "few.yaml",
+            "--out",
+            "scores.safetensors",
+        ]
+    )
     assert "scores for leap-base from" in said.out
     plan = "plan leap-base:1 --policy scores.safetensors --planner rule --json"
     assert json.loads(stancekit(*plan.split()).out)["planner"] == "rule"
@@ -51,10 +63,19 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
         ("bench room --oracle-solves 0 --out room", "--oracle-solves: expected 1"),
         ("bench room --environment Cart-v1 --out room", "--environment: expected one of"),
         ("bench room --method greedy --out room", "--method: expected one of"),
-        ("plan leap-base:0 --policy neural-wall-3", "neural-wall-3: expected a file, or one of set-leap-hard, found"),
-        ("plan walls --frames 2 --policy scores.safetensors", "--policy: expected a leap with it, got walls"),
+        (
+            "plan leap-base:0 --policy neural-wall-3",
+            "neural-wall-3: expected a file, or one of set-leap-hard, found",
+        ),
+        (
+            "plan walls --frames 2 --policy scores.safetensors",
+            "--policy: expected a leap with it, got walls",
+        ),
         ("plan leap-base:0 --policy none.safetensors", "none.safetensors"),
-        ("fit a b --method set --out scores.safetensors", "expected one folder of tries with set, got 2"),
+        (
+            "fit a b --method set --out scores.safetensors",
+            "expected one folder of tries with set, got 2",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(given, line, refusal):

@@ -21,9 +21,23 @@ from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.search.methods import PLANNERS
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
-WITH_SUBCOMMANDS = {"bench": ("envelopes", "planner", "scenes", "gait"), "emulate": ("bus", "rosbridge")}
+WITH_SUBCOMMANDS = {
+    "bench": ("envelopes", "planner", "scenes", "gait"),
+    "emulate": ("bus", "rosbridge"),
+}
 PLANS = ["plan", "verify", "simulate", "run", "gait"]
-HEAVY = ("cvxpy", "clarabel", "casadi", "scipy", "sklearn", "torch", "gymnasium", "matplotlib", "pyarrow", "joblib")
+HEAVY = (
+    "cvxpy",
+    "clarabel",
+    "casadi",
+    "scipy",
+    "sklearn",
+    "torch",
+    "gymnasium",
+    "matplotlib",
+    "pyarrow",
+    "joblib",
+)
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
@@ -35,7 +49,9 @@ def test_help_shows_a_session_and_every_verb(arguments, stancekit):
     assert session == ["sample", "solve", "label", "label", "fit", "evaluate", "picture", *PLANS]
     listed = re.findall(r"^  (\w+) +[A-Z]", ran.out, re.MULTILINE)
     assert listed == list(verbs())
-    assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(listed)
+    assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(
+        listed
+    )
 
 
 def test_long_work_says_every_ten_seconds_where_it_is_without_a_terminal(capsys, monkeypatch):
@@ -92,7 +108,10 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
 def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):
     looked_at = 0
     for verb in verbs():
-        rows = [line.rstrip() for line in stancekit(verb, "--help").out.partition("\n options")[2].splitlines()]
+        rows = [
+            line.rstrip()
+            for line in stancekit(verb, "--help").out.partition("\n options")[2].splitlines()
+        ]
         begun = [len(row) - len(row.lstrip()) for row in rows]
         for row, following, left, right in zip(rows, rows[1:], begun, begun[1:], strict=False):
             if left == right > 2:  # both are further lines of one option's text
@@ -114,10 +133,15 @@ def test_help_lists_the_names_that_there_are(registry):
 
 
 def test_the_session_of_the_help_is_one_that_runs(stancekit, write, tmp_path):
-    small = {"label": ("--feasible", "4", "--infeasible", "4", "--workers", "1"), "fit": ("--steps", "1")}
+    small = {
+        "label": ("--feasible", "4", "--infeasible", "4", "--workers", "1"),
+        "fit": ("--steps", "1"),
+    }
     small |= {"plan": ("--frames", "2"), "simulate": ("--pace", "4"), "run": ("--pace", "4")}
     (tmp_path / "data").mkdir()
-    lines = [line.split()[1:] for line in stancekit().out.splitlines() if line.startswith("  stancekit ")]
+    lines = [
+        line.split()[1:] for line in stancekit().out.splitlines() if line.startswith("  stancekit ")
+    ]
     assert len(lines) == 7 + len(PLANS)
     for words in lines:
         target = words[words.index(">") + 1] if ">" in words else None
@@ -140,19 +164,34 @@ def test_the_version_is_one_line(option, stancekit):
     [
         (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
         (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
-        (("sample", "wall-3", "--speed", "3"), "--speed: no such option; perhaps --seed; see stancekit sample --help"),
+        (
+            ("sample", "wall-3", "--speed", "3"),
+            "--speed: no such option; perhaps --seed; see stancekit sample --help",
+        ),
         (
             ("plan", "walls", "--frames", "3", "--frames=4"),
             "--frames: expected once, got it 2 times; see stancekit plan --help",
         ),
-        (("sample", "wall-3", "wall-5"), "wall-5: expected no further argument here; see stancekit sample --help"),
+        (
+            ("sample", "wall-3", "wall-5"),
+            "wall-5: expected no further argument here; see stancekit sample --help",
+        ),
         (
             ("sample", "wall-3", "--seed", "x"),
             "--seed: expected an integer, got 'x'; see stancekit sample --help",
         ),
-        (("plan", "walls", "--frames", "x"), "--frames: expected an integer, got 'x'; see stancekit plan --help"),
-        (("plan", "walls", "--torque-nm", "x"), "--torque-nm: expected a number, got 'x'; see stancekit plan --help"),
-        (("plan", "walls", "--frames"), "--frames: expected a value after it, got none; see stancekit plan --help"),
+        (
+            ("plan", "walls", "--frames", "x"),
+            "--frames: expected an integer, got 'x'; see stancekit plan --help",
+        ),
+        (
+            ("plan", "walls", "--torque-nm", "x"),
+            "--torque-nm: expected a number, got 'x'; see stancekit plan --help",
+        ),
+        (
+            ("plan", "walls", "--frames"),
+            "--frames: expected a value after it, got none; see stancekit plan --help",
+        ),
         (
             ("gait", "ripple", "--goal", "1,0", "--gait", "trott"),
             "--gait: expected one of bound, gallop, pace, tripod, trot, walk, got 'trott'; see stancekit gait --help",
@@ -184,12 +223,18 @@ def test_a_terminal_without_boxes_is_told_the_same():
     ("error", "code", "message"),
     [
         (PlanningFailed("no plan\nat all"), 1, "stancekit: failed: no plan at all"),
-        (OSError(28, "No space left on device"), 1, "stancekit: failed: OSError: [Errno 28] No space left on device"),
+        (
+            OSError(28, "No space left on device"),
+            1,
+            "stancekit: failed: OSError: [Errno 28] No space left on device",
+        ),
         (MemoryError("40 GiB"), 1, "stancekit: failed: MemoryError: 40 GiB"),
         (KeyboardInterrupt(), 130, "stancekit: interrupted"),
     ],
 )
-def test_what_fails_on_purpose_is_one_line_and_an_exit_code(error, code, message, stancekit, monkeypatch):
+def test_what_fails_on_purpose_is_one_line_and_an_exit_code(
+    error, code, message, stancekit, monkeypatch
+):
     def fail(_):
         raise error
 
@@ -201,8 +246,13 @@ def test_what_fails_on_purpose_is_one_line_and_an_exit_code(error, code, message
 
 def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
     file = write("p.jsonl", *(200 * sampled["wall-3"][:1]))
-    for verb in (["sample", "wall-3", "--count", "2000"], ["solve", str(tmp_path / file), "--json"]):
-        run = subprocess.Popen([*COMMAND, *verb], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    for verb in (
+        ["sample", "wall-3", "--count", "2000"],
+        ["solve", str(tmp_path / file), "--json"],
+    ):
+        run = subprocess.Popen(
+            [*COMMAND, *verb], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         assert run.stdout is not None
         assert json.loads(run.stdout.readline())
         run.stdout.close()
@@ -213,8 +263,14 @@ def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
 def test_with_json_nothing_else_is_on_standard_output(write, sampled, tmp_path):
     file = write("p.jsonl", sampled["wall-3"][0], {"mass_kg": 1.0}, sampled["wall-3"][1])
     command = [*COMMAND, "solve", str(tmp_path / file), "--json"]
-    run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
-    assert [json.loads(line)["status"] for line in run.stdout.splitlines()] == ["feasible", "invalid", "infeasible"]
+    run = subprocess.run(
+        command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+    )
+    assert [json.loads(line)["status"] for line in run.stdout.splitlines()] == [
+        "feasible",
+        "invalid",
+        "infeasible",
+    ]
     assert run.stderr.count("\n") == 1
     assert run.returncode == 2
 
@@ -237,7 +293,8 @@ def test_drawing_postures_of_the_default_robot_takes_nothing_that_is_slow_to_imp
 
 
 def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
-    """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of them."""
+    """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of
+    them."""
     slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (

@@ -1,4 +1,5 @@
-"""Every extra that is missing: the commands that need it name it in one line, with the command that installs it."""
+"""Every extra that is missing: the commands that need it name it in one line, with the command that
+installs it."""
 
 import subprocess
 import sys
@@ -24,33 +25,60 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "rl": (
         ("torch", "stable_baselines3", "safetensors"),
-        ("train task.yaml", "proposers wall-3 --out net.safetensors", "fit rows --method neural --out nn.safetensors"),
+        (
+            "train task.yaml",
+            "proposers wall-3 --out net.safetensors",
+            "fit rows --method neural --out nn.safetensors",
+        ),
     ),
     "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
     "datasets": (
         ("pyarrow", "minari"),
-        ("label wall-3 new --feasible 1 --infeasible 1", "fit rows --out e.json", "export rows --out minari"),
+        (
+            "label wall-3 new --feasible 1 --infeasible 1",
+            "fit rows --out e.json",
+            "export rows --out minari",
+        ),
     ),
     "kin": (
         ("pinocchio",),
-        ("robot ant.urdf", "plan stairs --robot ant.urdf", "gait ripple --goal 1,0 --robot ant.urdf",
-         "sample wall-3 --robot ant.urdf", "simulate climb.json", "demo"),
+        (
+            "robot ant.urdf",
+            "plan stairs --robot ant.urdf",
+            "gait ripple --goal 1,0 --robot ant.urdf",
+            "sample wall-3 --robot ant.urdf",
+            "simulate climb.json",
+            "demo",
+        ),
     ),
     "bullet": (("pybullet",), ("simulate climb.json --world bullet",)),
     "mujoco": (("mujoco",), ("simulate climb.json", "demo")),
     "terrain": (
         ("trimesh", "shapely", "pypcd4"),
-        ("terrain stones.obj", "plan stones.obj --start 0,0 --goal 1,0",
-         "terrain cloud.pcd", "sample terrain-3 --terrain stones.obj"),
+        (
+            "terrain stones.obj",
+            "plan stones.obj --start 0,0 --goal 1,0",
+            "terrain cloud.pcd",
+            "sample terrain-3 --terrain stones.obj",
+        ),
     ),
-    "viz": (("viser",), ("play walls --no-browser --port 0", "plan stairs --html page.html", "demo")),
-    "film": (("imageio_ffmpeg",), ("plan stairs --video film.mp4", "simulate climb.json --video film.mp4")),
+    "viz": (
+        ("viser",),
+        ("play walls --no-browser --port 0", "plan stairs --html page.html", "demo"),
+    ),
+    "film": (
+        ("imageio_ffmpeg",),
+        ("plan stairs --video film.mp4", "simulate climb.json --video film.mp4"),
+    ),
     "robots": ((), ("robot go1", "plan stairs --robot go1", "gait ripple --goal 1,0 --robot go1")),
     "dynamixel": (("dynamixel_sdk",), ("run climb.json --world dynamixel --setup servos.yaml",)),
     "ros": (("roslibpy",), ("run climb.json --world ros --setup ros.yaml",)),
-    "log": (("mcap",), ("run climb.json --log run.mcap", "replay run.mcap", "export climb.json --to foxglove")),
+    "log": (
+        ("mcap",),
+        ("run climb.json --log run.mcap", "replay run.mcap", "export climb.json --to foxglove"),
+    ),
     "rerun": (("rerun",), ("export climb.json --to rerun",)),
-}  # fmt: skip
+}
 """By extra: the modules that are hidden, and commands that need one of them."""
 CLOUD = """# .PCD v0.7
 VERSION 0.7
@@ -109,16 +137,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_extra_has_its_commands() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
     assert set(CASES) | LIBRARY == set(extras) - TOOLS
 
 
 @pytest.mark.parametrize("extra", CASES)
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(extra: str, folder: Path) -> None:
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(
+    extra: str, folder: Path
+) -> None:
     hidden, lines = CASES[extra]
     code = HIDDEN.format(hidden=set(hidden) or "()")
     ran = subprocess.run(
-        [sys.executable, "-c", code, *lines], cwd=folder, capture_output=True, text=True, check=False, timeout=600
+        [sys.executable, "-c", code, *lines],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
     )
     ends = [line for line in ran.stderr.splitlines() if line.startswith(("stancekit: ", "code "))]
     assert len(ends) == 2 * len(lines), ran.stderr

@@ -1,4 +1,5 @@
-"""One verdict: the command, Python and the runner say the same of one file, and name the groups that were checked."""
+"""One verdict: the command, Python and the runner say the same of one file, and name the groups
+that were checked."""
 
 from __future__ import annotations
 
@@ -23,19 +24,34 @@ from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl
 
 walk, plan = cache(crawl), cache(stances.honest_plan)
-FORGED_WALKS = ("skating", "weight missing", "dragged", "facing elsewhere", "starting in motion", "sucking")
+FORGED_WALKS = (
+    "skating",
+    "weight missing",
+    "dragged",
+    "facing elsewhere",
+    "starting in motion",
+    "sucking",
+)
 FORGED_PLANS = ("weight missing", "a toe moved", "a limb that moves carries", "the body tilted")
 
 
 @cache
 def walks_of() -> dict[str, Trajectory]:
-    forged = {name: walks.KINDS[name](walk(), 2.0, np.random.default_rng(2)) for name in FORGED_WALKS}
-    return {"honest": walk(), "open": replace(walk(), heading_rad=None, still=(False, False)), **forged}
+    forged = {
+        name: walks.KINDS[name](walk(), 2.0, np.random.default_rng(2)) for name in FORGED_WALKS
+    }
+    return {
+        "honest": walk(),
+        "open": replace(walk(), heading_rad=None, still=(False, False)),
+        **forged,
+    }
 
 
 @cache
 def plans_of() -> dict[str, Plan]:
-    forged = {name: stances.PLANS[name](plan(), 3.0, np.random.default_rng(3)) for name in FORGED_PLANS}
+    forged = {
+        name: stances.PLANS[name](plan(), 3.0, np.random.default_rng(3)) for name in FORGED_PLANS
+    }
     return {"honest": plan(), **forged}
 
 
@@ -50,21 +66,34 @@ def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     assert (ran.code == 0) == message["accepted"] == python.accepted == written.accepted
     assert message["accepted"] == (name in ("honest", "open"))
     assert message["message"] == python.message == written.message
-    assert message["digest"] == python.digest == written.digest == read_trajectory(path).verdict["digest"]
+    assert (
+        message["digest"]
+        == python.digest
+        == written.digest
+        == read_trajectory(path).verdict["digest"]
+    )
     assert sorted(message["checked"] + message["not_checked"]) == sorted(GROUPS)
     assert stancekit("verify", path).out.splitlines()[0] == f"{path}: {written.message}"
 
 
-def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(stancekit, tmp_path: Path) -> None:
+def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(
+    stancekit, tmp_path: Path
+) -> None:
     path, trajectory = tmp_path / "walk.json", walks_of()["open"]
     report = check_trajectory(trajectory)
     assert report.unchecked == ("heading", "rest", "rest_acceleration", *WHOLE_BODY)
     names = ", ".join(("heading", "rest", "rest_acceleration", *WHOLE_BODY[:-1]))
-    assert report.message.startswith(f"accepted as far as checked: {names} and {WHOLE_BODY[-1]} are not; 36 groups")
-    assert report.message.endswith("; cannot be executed: heading, rest, rest_acceleration are not checked")
+    assert report.message.startswith(
+        f"accepted as far as checked: {names} and {WHOLE_BODY[-1]} are not; 36 groups"
+    )
+    assert report.message.endswith(
+        "; cannot be executed: heading, rest, rest_acceleration are not checked"
+    )
     write_trajectory(path, trajectory, report)
     assert stancekit("verify", path, "--json").records[0]["not_checked"] == list(report.unchecked)
-    with pytest.raises(InvalidInput, match="this one cannot: heading, rest, rest_acceleration are not checked"):
+    with pytest.raises(
+        InvalidInput, match="this one cannot: heading, rest, rest_acceleration are not checked"
+    ):
         AcceptedGait.from_file(path)
 
 
@@ -76,13 +105,23 @@ def test_a_plan_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     ran = stancekit("verify", path, "--json")
     (record,) = ran.records
     message, python = record["report"], library.verify(library.load(path))
-    assert (ran.code == 0) == message["accepted"] == python.accepted == written.accepted == (name == "honest")
+    assert (
+        (ran.code == 0)
+        == message["accepted"]
+        == python.accepted
+        == written.accepted
+        == (name == "honest")
+    )
     assert record["verdict"] == ("accepted" if message["accepted"] else "refused")
     assert message["digest"] == python.digest == written.digest
     assert message["checked"] == list(python.checked) == list(written.checked)
     assert [group["group"] for group in message["groups"]] == list(PLAN_GROUPS)
     if name == "honest":
-        assert Accepted.from_file(path).digest == check_plan(made).digest  # of contacts; joints it asks of its world
+        assert (
+            Accepted.from_file(path).digest == check_plan(made).digest
+        )  # of contacts; joints it asks of its world
     else:
-        with pytest.raises(InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"):
+        with pytest.raises(
+            InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"
+        ):
             Accepted.from_file(path)

@@ -1,4 +1,5 @@
-"""Learning for a robot's file and a terrain's, every step a command; what is of another robot is refused in a line."""
+"""Learning for a robot's file and a terrain's, every step a command; what is of another robot is
+refused in a line."""
 
 from __future__ import annotations
 
@@ -18,10 +19,18 @@ from tests.planners.robot.small_urdfs import quadruped
 pytest.importorskip("pinocchio")
 pytest.importorskip("trimesh")
 
-PLACES = [(0.31 * i, 0.31 * j, 0.02 * ((3 * i + 5 * j) % 4)) for i in range(-4, 4) for j in range(-4, 4)]
+PLACES = [
+    (0.31 * i, 0.31 * j, 0.02 * ((3 * i + 5 * j) % 4)) for i in range(-4, 4) for j in range(-4, 4)
+]
 TILES = "".join(
-    [f"v {x} {y} {z}\nv {x + 0.3} {y} {z}\nv {x + 0.3} {y + 0.3} {z}\nv {x} {y + 0.3} {z}\n" for x, y, z in PLACES]
-    + [f"f {4 * k + 1} {4 * k + 2} {4 * k + 3}\nf {4 * k + 1} {4 * k + 3} {4 * k + 4}\n" for k in range(len(PLACES))]
+    [
+        f"v {x} {y} {z}\nv {x + 0.3} {y} {z}\nv {x + 0.3} {y + 0.3} {z}\nv {x} {y + 0.3} {z}\n"
+        for x, y, z in PLACES
+    ]
+    + [
+        f"f {4 * k + 1} {4 * k + 2} {4 * k + 3}\nf {4 * k + 1} {4 * k + 3} {4 * k + 4}\n"
+        for k in range(len(PLACES))
+    ]
 )
 
 
@@ -45,18 +54,34 @@ def rows(folder: Path, stancekit: Callable, files: list[str]) -> Path:
     made, here = folder / "rows", Path("rows")
     if not made.exists():
         ran = stancekit(
-            "label", "terrain-4", made, *files, "--feasible", 12, "--infeasible", 4, "--workers", 1, "--shard-size", 8
+            "label",
+            "terrain-4",
+            made,
+            *files,
+            "--feasible",
+            12,
+            "--infeasible",
+            4,
+            "--workers",
+            1,
+            "--shard-size",
+            8,
         )
         assert ran.code == 0, ran.err
-        assert "infeasible: of these inner sets and a level body, which proves nothing of the robot" in " ".join(
-            ran.out.split()
+        assert (
+            "infeasible: of these inner sets and a level body, which proves nothing of the robot"
+            in " ".join(ran.out.split())
         )
     shutil.copytree(made, here)
     return here
 
 
-def test_problems_of_a_robots_file_are_sampled_solved_and_verified(stancekit: Callable, files: list[str]) -> None:
-    ran = stancekit("sample", "terrain-3", *files, "--count", 4, "--out", "problems.jsonl", "--json")
+def test_problems_of_a_robots_file_are_sampled_solved_and_verified(
+    stancekit: Callable, files: list[str]
+) -> None:
+    ran = stancekit(
+        "sample", "terrain-3", *files, "--count", 4, "--out", "problems.jsonl", "--json"
+    )
     assert ran.code == 0
     assert ran.records[0]["problem_class"].startswith("terrain-3-of-quadruped-")
     assert stancekit("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl").code == 0
@@ -79,9 +104,19 @@ def test_a_data_set_names_its_robot_and_its_rows_are_proved(rows: Path, folder: 
 
 
 def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
-    rows: Path, stancekit: Callable, refusal: Callable, files: list[str], labelled: Path, envelopes: Path
+    rows: Path,
+    stancekit: Callable,
+    refusal: Callable,
+    files: list[str],
+    labelled: Path,
+    envelopes: Path,
 ) -> None:
-    assert stancekit("fit", rows, *files, "--part", "train", "--method", "heuristic", "--out", "mine.json").code == 0
+    assert (
+        stancekit(
+            "fit", rows, *files, "--part", "train", "--method", "heuristic", "--out", "mine.json"
+        ).code
+        == 0
+    )
     learned = read_envelopes("mine.json")
     dataset = Dataset.open(rows)
     assert (learned.robot, learned.problem_class) == (dataset.robot, dataset.problem_class)
@@ -89,11 +124,15 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     ran = stancekit("evaluate", rows, *files, *held)
     assert ran.code == 0
     mine, lift = ran.records
-    assert mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 1
+    assert (
+        mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 1
+    )
     assert lift["p1_feasible"] == 1.0
     assert mine["p1_feasible"] > 0.5
     assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "seen.json").code == 0
-    assert "seen.json: expected rows that it was not trained on" in refusal("evaluate", rows, "--envelope", "seen.json")
+    assert "seen.json: expected rows that it was not trained on" in refusal(
+        "evaluate", rows, "--envelope", "seen.json"
+    )
     assert refusal("evaluate", labelled, "--envelope", "mine.json") == (
         f"mine.json: expected envelopes learned for wall-3, got some learned for {dataset.problem_class}"
     )
@@ -129,11 +168,18 @@ def test_envelopes_of_another_robot_are_refused_where_problems_are_solved(
     assert f"robot: expected {mine} for an envelope learned for {learned}, got {heavy}" in ran.err
 
 
-def test_robots_and_terrains_that_will_not_do_are_one_line(folder: Path, refusal: Callable, files: list[str]) -> None:
+def test_robots_and_terrains_that_will_not_do_are_one_line(
+    folder: Path, refusal: Callable, files: list[str]
+) -> None:
     message = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
-    assert refusal("label", "ground-5", "out", "--robot", folder / "dog.urdf") == f"ground-5: {message}"
+    assert (
+        refusal("label", "ground-5", "out", "--robot", folder / "dog.urdf")
+        == f"ground-5: {message}"
+    )
     (folder / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 0 1\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
-    message = refusal("sample", "terrain-3", "--robot", folder / "dog.urdf", "--terrain", folder / "wall.obj")
+    message = refusal(
+        "sample", "terrain-3", "--robot", folder / "dog.urdf", "--terrain", folder / "wall.obj"
+    )
     assert message == "wall.obj: expected footholds, got none: 1 m² steep"
     assert refusal("sample", "terrain-3", "--robot", folder / "dog.urdf") == (
         "terrain-3: expected a terrain's file, got none"

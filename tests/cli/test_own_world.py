@@ -1,4 +1,5 @@
-"""A world of one's own, in one file outside the package: named on the command line, it is run like those here."""
+"""A world of one's own, in one file outside the package: named on the command line, it is run like
+those here."""
 
 from __future__ import annotations
 
@@ -91,7 +92,17 @@ def test_a_world_of_ones_own_is_run_by_its_file_and_name(folder, stancekit):
     (folder / "mine.py").write_text(
         SERVOS.replace('    name = "servos"\n', '    name, kind = "servos", "simulation"\n')
     )
-    ran = stancekit("run", "plan.json", "--world", "mine.py:Servos", "--pace", "2", "--log", "run.mcap", "--json")
+    ran = stancekit(
+        "run",
+        "plan.json",
+        "--world",
+        "mine.py:Servos",
+        "--pace",
+        "2",
+        "--log",
+        "run.mcap",
+        "--json",
+    )
     assert (ran.code, ran.err) == (0, "")
     (report,) = ran.records
     assert (report["world"], report["succeeded"], report["dry"]) == ("servos", True, False)
@@ -104,9 +115,15 @@ def test_a_world_of_ones_own_is_run_by_its_file_and_name(folder, stancekit):
 def test_a_world_of_an_installed_package_is_run_by_its_entry_point(folder, stancekit, monkeypatch):
     site = folder / "site"
     (site / "servos-0.1.dist-info").mkdir(parents=True)
-    (site / "servos.py").write_text(SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"'))
-    (site / "servos-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: servos\nVersion: 0.1\n")
-    (site / "servos-0.1.dist-info" / "entry_points.txt").write_text("[stancekit.worlds]\nbench = servos:Servos\n")
+    (site / "servos.py").write_text(
+        SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
+    )
+    (site / "servos-0.1.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: servos\nVersion: 0.1\n"
+    )
+    (site / "servos-0.1.dist-info" / "entry_points.txt").write_text(
+        "[stancekit.worlds]\nbench = servos:Servos\n"
+    )
     monkeypatch.syspath_prepend(site)
     ran = stancekit("run", "plan.json", "--world", "bench", "--pace", "2", "--json")
     assert (ran.code, ran.records[0]["world"], ran.records[0]["succeeded"]) == (0, "servos", True)
@@ -117,25 +134,39 @@ def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(fol
     path.write_text(SERVOS)
     ran = stancekit("run", "plan.json", "--world", "mine.py:Servos")
     assert ran.code == 2
-    assert ran.err.startswith("stancekit: error: world mine.py:Servos: expected a world (kind, make, reset, ")
+    assert ran.err.startswith(
+        "stancekit: error: world mine.py:Servos: expected a world (kind, make, reset, "
+    )
     assert "of hardware torque, hold and relax, too" in ran.err
     path = folder / "robot.py"
     path.write_text(SERVOS + ARMED)
     for options, dry in (((), True), (("--arm",), False)):
-        ran = stancekit("run", "plan.json", "--world", "robot.py:Servos", "--pace", "2", "--json", *options)
+        ran = stancekit(
+            "run", "plan.json", "--world", "robot.py:Servos", "--pace", "2", "--json", *options
+        )
         (report,) = ran.records
         assert (ran.code, report["succeeded"], report["dry"]) == (0, True, dry), report["message"]
     for verb, said in (
-        (("run", "plan.json", "--friction-share", "0.5"), "--friction-share: expected a simulated world with it"),
-        (("simulate", "plan.json"), "--world: expected a simulation, got robot.py:Servos, which is hardware"),
+        (
+            ("run", "plan.json", "--friction-share", "0.5"),
+            "--friction-share: expected a simulated world with it",
+        ),
+        (
+            ("simulate", "plan.json"),
+            "--world: expected a simulation, got robot.py:Servos, which is hardware",
+        ),
     ):
         ran = stancekit(*verb, "--world", "robot.py:Servos")
         assert (ran.code, ran.err.count("\n")) == (2, 1)
         assert ran.err.startswith(f"stancekit: error: {said}")
 
 
-def test_hardware_that_calls_itself_a_simulation_is_armed_and_its_limits_are_checked(folder, stancekit):
-    (folder / "sly.py").write_text(SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"') + ARMED)
+def test_hardware_that_calls_itself_a_simulation_is_armed_and_its_limits_are_checked(
+    folder, stancekit
+):
+    (folder / "sly.py").write_text(
+        SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"') + ARMED
+    )
     ran = stancekit("simulate", "plan.json", "--world", "sly.py:Servos")
     assert (ran.code, ran.err.count("\n")) == (2, 1)
     assert "check_limits: expected True but in a simulation, got False in world servos" in ran.err
@@ -147,10 +178,15 @@ def test_a_world_without_a_latch_and_one_that_raises_are_one_line(folder, stance
     simulated = SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
     (folder / "open.py").write_text(simulated.replace("super().__init__()", "self.latch = None"))
     ran = stancekit("run", "plan.json", "--world", "open.py:Servos")
-    assert (ran.code, ran.err) == (2, "stancekit: error: world servos: latch: expected a StopLatch, got None\n")
+    assert (ran.code, ran.err) == (
+        2,
+        "stancekit: error: world servos: latch: expected a StopLatch, got None\n",
+    )
     for error in ("ValueError('mine')", "BrokenPipeError('mine')", "SystemExit(0)"):
         name = error[:3].lower() + ".py"
-        (folder / name).write_text(simulated.replace("self.angles = np.array(targets_rad)", f"raise {error}"))
+        (folder / name).write_text(
+            simulated.replace("self.angles = np.array(targets_rad)", f"raise {error}")
+        )
         ran = stancekit("run", "plan.json", "--world", f"{name}:Servos", "--json")
         assert (ran.code, ran.out, ran.err.count("\n")) == (1, "", 1)
         assert f"{name} line " in ran.err
@@ -169,7 +205,12 @@ def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(fo
     )
     ran = stancekit("simulate", "plan.json", "--world", "moon.py:Weak", "--json")
     (said,) = ran.records
-    assert (ran.code, said["world"], said["torque_limit_nm"], said["succeeded"]) == (1, "weak", 1.0, False)
+    assert (ran.code, said["world"], said["torque_limit_nm"], said["succeeded"]) == (
+        1,
+        "weak",
+        1.0,
+        False,
+    )
     assert json.dumps(said, allow_nan=False)
 
 
@@ -180,7 +221,10 @@ def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(fo
         ("mine.py:Mine", "mine.py: expected 'Mine' in it, found no such name; it defines "),
         ("mine.py:Bench", "world mine.py:Bench: expected a world (kind, make, "),
         ("mine.py", "--world: expected FILE.py:NAME, got no name after mine.py"),
-        ("gazebo", "--world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'"),
+        (
+            "gazebo",
+            "--world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
+        ),
     ],
 )
 def test_a_world_that_there_is_not_is_one_line(name, said, folder, stancekit):

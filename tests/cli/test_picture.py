@@ -16,7 +16,9 @@ def file(sampled, write):
 def test_every_format_is_written(suffix, file, stancekit, tmp_path):
     ran = stancekit("picture", file, "--out", f"a{suffix}", "--json")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.records == [{"where": "p.jsonl line 1", "out": f"a{suffix}", "method": "exact", "status": "feasible"}]
+    assert ran.records == [
+        {"where": "p.jsonl line 1", "out": f"a{suffix}", "method": "exact", "status": "feasible"}
+    ]
     assert (tmp_path / f"a{suffix}").read_bytes().startswith(MAGIC[suffix])
     assert sorted(os.listdir(tmp_path)) == sorted([f"a{suffix}", file])
 
@@ -39,13 +41,17 @@ def test_people_are_told_what_was_drawn(options, words, file, stancekit):
 
 def test_an_envelope_changes_the_picture(file, envelopes, stancekit, tmp_path):
     stancekit("picture", file, "--out", "a.png", "--method", "none")
-    ran = stancekit("picture", file, "--out", "b.png", "--method", "none", "--envelope", envelopes, "--json")
+    ran = stancekit(
+        "picture", file, "--out", "b.png", "--method", "none", "--envelope", envelopes, "--json"
+    )
     assert ran.records[0]["status"] is None
     assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
 
 
 def test_the_problem_may_come_from_standard_input(file, stancekit, tmp_path):
-    ran = stancekit("picture", "-", "--out", "a.png", "--json", stdin=(tmp_path / file).read_bytes())
+    ran = stancekit(
+        "picture", "-", "--out", "a.png", "--json", stdin=(tmp_path / file).read_bytes()
+    )
     assert (ran.code, ran.records[0]["where"]) == (0, "- line 1")
 
 
@@ -58,7 +64,10 @@ def test_the_problem_may_come_from_standard_input(file, stancekit, tmp_path):
         (("--out", "folder.png"), "folder.png: cannot be written: Is a directory"),
         (("--out", "a.png", "--index", "99"), "--index: expected 0 to 2 for p.jsonl, got 99"),
         (("--out", "a.png", "--index", "-1"), "--index: expected 0 to 2 for p.jsonl, got -1"),
-        (("--out", "a.png", "--index", "2"), "p.jsonl line 3: mass_kg: expected a number above 0, got -1"),
+        (
+            ("--out", "a.png", "--index", "2"),
+            "p.jsonl line 3: mass_kg: expected a number above 0, got -1",
+        ),
         (("--out", "a.png", "--envelope", "none"), "none: expected a file, found nothing there"),
     ],
 )
@@ -69,10 +78,19 @@ def test_bad_input_is_one_line(options, message, file, refusal, tmp_path):
 
 
 def test_a_file_that_is_none_is_told(refusal):
-    assert refusal("picture", "none", "--out", "a.png") == "none: expected a file, found nothing there"
+    assert (
+        refusal("picture", "none", "--out", "a.png") == "none: expected a file, found nothing there"
+    )
 
 
 def test_an_envelope_of_another_class_is_refused(sampled, write, envelopes, refusal):
-    said = refusal("picture", write("g.json", sampled["ground-3"][0]), "--out", "a.png", "--envelope", envelopes)
+    said = refusal(
+        "picture",
+        write("g.json", sampled["ground-3"][0]),
+        "--out",
+        "a.png",
+        "--envelope",
+        envelopes,
+    )
     assert said.startswith("g.json: contacts[0].normal: expected one within ")
     assert "learned for wall-3" in said

@@ -27,13 +27,16 @@ from stancekit.views.page import check_page
 
 @pytest.fixture
 def plan(capsys, monkeypatch, tmp_path):
-    """``plan("walls", "--json")`` in an empty folder and 80 columns: exit code, standard output, standard error."""
+    """``plan("walls", "--json")`` in an empty folder and 80 columns: exit code, standard output,
+    standard error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
 
     def call(*arguments):
         config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
-        verb = tyro.cli(PlanCourse, prog="stancekit plan", args=[str(a) for a in arguments], config=config)
+        verb = tyro.cli(
+            PlanCourse, prog="stancekit plan", args=[str(a) for a in arguments], config=config
+        )
         capsys.readouterr()
         code = run(verb)
         said = capsys.readouterr()
@@ -73,13 +76,19 @@ def test_a_plan_keeps_a_reserve_of_friction_unless_told_not_to(plan):
 
 
 def test_json_is_one_object_with_everything(plan):
-    code, out, err = plan("stairs", "--frames", 3, "--json", "--no-reserve", "--projection", "fix-toes")
+    code, out, err = plan(
+        "stairs", "--frames", 3, "--json", "--no-reserve", "--projection", "fix-toes"
+    )
     assert (code, err, out.count("\n")) == (0, "", 1)
     record = json.loads(out)
     assert (record["course"], record["frames"], record["status"]) == ("stairs", 3, "feasible")
     assert record["bound"] <= record["objective"] + 1e-7
     assert record["verdict"]["accepted"] is True
-    assert {group["group"] for group in record["verdict"]["groups"]} >= {"friction", "toe_step", "progress"}
+    assert {group["group"] for group in record["verdict"]["groups"]} >= {
+        "friction",
+        "toe_step",
+        "progress",
+    }
     assert [len(row) for row in record["plan"]["com_m"]] == [3, 3, 3]
     assert len(record["plan"]["forces_n"][0]) == 6
     assert min(record["compile_s"], record["seconds"], record["solver_seconds"]) >= 0.0
@@ -91,12 +100,16 @@ def test_no_plan_is_exit_code_1_and_says_why(status, plan, monkeypatch, tmp_path
 
     class Refusing:
         name = "two-stage"
-        __module__ = "stancekit.planners"  # or its word would count as far as the verifier accepts it
+        __module__ = (
+            "stancekit.planners"  # or its word would count as far as the verifier accepts it
+        )
 
         def solve(self, course):
             return Answer(status=status, method=self.name, problem=course, message=why)
 
-    monkeypatch.setattr("stancekit.planners.search.methods.make_planner", lambda *_, **__: Refusing())
+    monkeypatch.setattr(
+        "stancekit.planners.search.methods.make_planner", lambda *_, **__: Refusing()
+    )
     code, out, err = plan("walls", "--out", "climb.json")
     assert code == 1
     assert err == f"stancekit: no plan: walls: {why}\n"
@@ -120,11 +133,17 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
     ("arguments", "message"),
     [
         (("walls", "--frames", 0), "walls: frames: expected 1 to 1000 key frames, got 0"),
-        (("walls", "--time-limit-s", 0), "--time-limit-s: expected a number above 0, up to 1e+06, got 0"),
+        (
+            ("walls", "--time-limit-s", 0),
+            "--time-limit-s: expected a number above 0, up to 1e+06, got 0",
+        ),
         (("walls", "--out", "a.txt"), "a.txt: expected a plan's name to end in .json, got .txt"),
         (("walls", "--out", "a.npz"), "a.npz: expected a plan's name to end in .json, got .npz"),
         (("walls", "--out", "none/a.json"), "none/a.json: expected an existing folder none"),
-        (("walls", "--picture", "a.gif"), "a.gif: expected a name that ends in .png, .pdf, .svg, got .gif"),
+        (
+            ("walls", "--picture", "a.gif"),
+            "a.gif: expected a name that ends in .png, .pdf, .svg, got .gif",
+        ),
         (("walls", "--video", "a.avi"), "a.avi: expected a name that ends in .mp4, got .avi"),
         (("walls", "--html", "a.txt"), "a.txt: expected a name that ends in .html, got .txt"),
         (
@@ -136,17 +155,26 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
             "--out: expected another file than --proof, got a.json for both",
         ),
         (("walls", "--envelope", "none"), "none: expected a file, found nothing there"),
-        (("walls", "--relaxation", "envelope"), "--relaxation: expected --envelope FILE with envelope, got none"),
+        (
+            ("walls", "--relaxation", "envelope"),
+            "--relaxation: expected --envelope FILE with envelope, got none",
+        ),
         (
             ("walls", "--relaxation", "foo"),
             "--relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'foo'",
         ),
-        (("walls", "--planner", "nlp", "--solver", "scip"), "--solver: expected --planner micp with it, got nlp"),
+        (
+            ("walls", "--planner", "nlp", "--solver", "scip"),
+            "--solver: expected --planner micp with it, got nlp",
+        ),
         (
             ("walls", "--planner", "exact", "--projection", "fix-p"),
             "--projection: expected --planner two-stage or micp with it, got exact",
         ),
-        (("walls", "--planner", "micp", "--intervals", 128), "--intervals: expected 64 or less, got 128"),
+        (
+            ("walls", "--planner", "micp", "--intervals", 128),
+            "--intervals: expected 64 or less, got 128",
+        ),
         (
             ("walls", "--wrench", "down"),
             "--wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got 'down'",
@@ -156,7 +184,10 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
             "--wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
             "got (0.0, 1.0)",
         ),
-        (("walls", "--wrench", "0,0,inf"), "--wrench: expected finite numbers, got [0.0, 0.0, inf]"),
+        (
+            ("walls", "--wrench", "0,0,inf"),
+            "--wrench: expected finite numbers, got [0.0, 0.0, inf]",
+        ),
         (
             ("walls", "--wrench", "0,0,-99999"),
             "--wrench: expected a force of at most 9810 N, 100 times the weight and beyond any posture, "
@@ -224,7 +255,9 @@ def test_planning_from_a_cold_start_loads_no_heavy_library_that_it_does_not_need
         "assert code == 0 and not heavy, heavy\n"
     )
     began = children_s()
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert children_s() - began < 8.0
     assert check_file(tmp_path / "a.json", joints=False).accepted
@@ -252,7 +285,9 @@ def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, c
     assert not (tmp_path / "none.json").exists()
 
 
-def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_half_of_it_is_ice(plan, tmp_path):
+def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_half_of_it_is_ice(
+    plan, tmp_path
+):
     walls = resources.files("stancekit.configs.courses") / "icy-walls.yaml"
     slippery = {**yaml.safe_load(walls.read_text()), "name": "ice"}
     slippery["terrain"]["friction"] = 0.15
@@ -303,11 +338,16 @@ def test_the_papers_own_gait_is_planned_and_judged_and_not_run(stancekit):
     assert " ".join(planned.out.split()).count(said) == 1
     verified = stancekit("verify", "gall.json")
     assert verified.code == 0
-    assert verified.out.startswith(f"gall.json: accepted: {said}; joints: checked; torque: checked; bodies: checked")
+    assert verified.out.startswith(
+        f"gall.json: accepted: {said}; joints: checked; torque: checked; bodies: checked"
+    )
     for verb in ("run", "simulate"):
         refused = stancekit(verb, "gall.json")
         assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-        assert "expected a plan that can be executed, this one cannot: nobody carries between frames" in refused.err
+        assert (
+            "expected a plan that can be executed, this one cannot: nobody carries between frames"
+            in refused.err
+        )
 
 
 @pytest.mark.parametrize("limit", ["nan", "-1", "soon"])
@@ -320,5 +360,7 @@ def test_a_time_limit_that_is_none_is_refused_in_one_line(stancekit, limit):
 def test_what_there_is_when_the_time_ends_is_said_in_one_line(stancekit):
     ended = stancekit("plan", "walls", "--time-limit-s", "1e-6", "--json")
     assert (ended.code, ended.records[0]["status"]) == (1, "undecided")
-    assert ended.records[0]["message"] == "the time limit ended before the search for contacts began"
+    assert (
+        ended.records[0]["message"] == "the time limit ended before the search for contacts began"
+    )
     assert ended.err == f"stancekit: no plan: walls: {ended.records[0]['message']}\n"

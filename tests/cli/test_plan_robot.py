@@ -1,4 +1,5 @@
-"""`stancekit plan` and `verify` on a robot's own legs: one verdict, and what a file does not say is told."""
+"""`stancekit plan` and `verify` on a robot's own legs: one verdict, and what a file does not say is
+told."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ terrain: {{kind: flat, friction: 0.7}}
 
 @pytest.fixture
 def call(capsys, monkeypatch, tmp_path):
-    """``call("verify", "plan.json")`` in a folder with a course and its robot: exit code, output, errors."""
+    """``call("verify", "plan.json")`` in a folder with a course and its robot: exit code, output,
+    errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     Path("dog.urdf").write_text(quadruped())
@@ -65,7 +67,9 @@ def plan(tmp_path_factory):
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
     with contextlib.redirect_stdout(io.StringIO()):
-        assert run(parse(["plan", str(folder / "flat.yaml"), "--out", str(folder / "plan.json")])) == 0
+        assert (
+            run(parse(["plan", str(folder / "flat.yaml"), "--out", str(folder / "plan.json")])) == 0
+        )
     return (folder / "plan.json").read_text()
 
 
@@ -86,7 +90,8 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
 
 
 @pytest.mark.parametrize(
-    ("height_m", "code", "status"), [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.64, 1, "infeasible")]
+    ("height_m", "code", "status"),
+    [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.64, 1, "infeasible")],
 )
 def test_plans_are_in_inner_sets_and_proofs_over_outer_ones(call, height_m, code, status):
     Path("step.yaml").write_text(HEIGHTS.format(height_m))
@@ -104,7 +109,11 @@ def test_numbers_for_programs_have_the_joints(call):
     record = json.loads(out)
     assert code == 0
     assert np.array(record["plan"]["joints_rad"]).shape == (3, 12)
-    assert record["verdict"]["joints"]["verdict"] == record["verdict"]["torque"]["verdict"] == "checked"
+    assert (
+        record["verdict"]["joints"]["verdict"]
+        == record["verdict"]["torque"]["verdict"]
+        == "checked"
+    )
     assert record["verdict"]["joints"]["error_m"] < 1e-6
 
 
@@ -129,7 +138,10 @@ def test_a_torque_limit_that_the_file_does_not_say_is_not_checked(call):
     code, out, _ = call("plan", "flat.yaml", "--out", "plan.json")
     assert code == 0
     assert "joints: checked; torque: NOT CHECKED (joints LF_HAA, " in out
-    assert "verifier: accepted as far as checked: torque, bodies and motion are not; no constraint is " in out
+    assert (
+        "verifier: accepted as far as checked: torque, bodies and motion are not; no constraint is "
+        in out
+    )
     assert out.count("torque: NOT CHECKED") == 1
     assert out.count("RH_KFE: no torque limit or no velocity limit") == 1  # why it cannot be run
     code, out, _ = call("verify", "plan.json")
@@ -148,7 +160,10 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
         "legs or numbers of its own\n"
     )
     code, out, err = call("verify", "flat.yaml", "--robot", "cat.urdf")
-    assert (code, err) == (2, "stancekit: error: --robot: expected a plan or a gait with it, got flat.yaml\n")
+    assert (code, err) == (
+        2,
+        "stancekit: error: --robot: expected a plan or a gait with it, got flat.yaml\n",
+    )
 
 
 @pytest.mark.parametrize(
@@ -157,7 +172,10 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
         (("frames: 3", "frames: 4"), ""),  # how many there are is the plan's
         (("friction: 0.7", "friction: 0.6"), "terrain[0].friction: expected 0.6, got 0.7"),
         (("0.0, 0.45]", "0.0, 0.46]"), "com_nominal_m[1][2]: expected "),
-        (("start_m: [0.0", "start_m: [0.02"), "terrain[0].vertices_m[0][0]: expected -0.58, got -0.6"),
+        (
+            ("start_m: [0.0", "start_m: [0.02"),
+            "terrain[0].vertices_m[0][0]: expected -0.58, got -0.6",
+        ),
         (("dog.urdf", "cat.urdf"), "robot.model.digest: expected "),
     ],
 )
@@ -210,15 +228,22 @@ def test_a_climb_is_planned_within_the_torque_that_is_asked_for_and_verified_wit
 
 
 def test_a_climb_that_asks_too_much_of_its_joints_is_undecided_in_both_commands(call):
-    code, out, _ = call("plan", "walls", "--frames", 2, "--torque-nm", 1, "--json", "--out", "plan.json")
+    code, out, _ = call(
+        "plan", "walls", "--frames", 2, "--torque-nm", 1, "--json", "--out", "plan.json"
+    )
     assert code == 1
     record = json.loads(out)
     assert record["status"] == "undecided"
-    assert re.match(r"torque: frame \d, limb \w\w: [\d.]+ Nm in a joint, where \w\w_\w+ has 1", record["message"])
+    assert re.match(
+        r"torque: frame \d, limb \w\w: [\d.]+ Nm in a joint, where \w\w_\w+ has 1",
+        record["message"],
+    )
     assert record["details"]["torque_nm"] < record["details"]["torque_nm_before"]
     code, out, _ = call("verify", "plan.json")
     assert code == 1
-    assert re.search(r"torque: failed \(frame \d, limb \w\w: [\d.]+ Nm in a joint, where \w\w_\w+ has 1\)", out)
+    assert re.search(
+        r"torque: failed \(frame \d, limb \w\w: [\d.]+ Nm in a joint, where \w\w_\w+ has 1\)", out
+    )
 
 
 def test_torques_that_make_no_sense_are_refused(call):

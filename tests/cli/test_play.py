@@ -1,4 +1,5 @@
-"""The playground's verb: what it begins with, and what it says where it cannot; pages are tested with views."""
+"""The playground's verb: what it begins with, and what it says where it cannot; pages are tested
+with views."""
 
 from __future__ import annotations
 
@@ -23,9 +24,11 @@ COMMAND = [sys.executable, "-m", "stancekit.cli.main", "play"]
 
 def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
     served = subprocess.Popen(
-        [*COMMAND, "walls", "--frames", "2", "--port", "0", "--no-browser"], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [*COMMAND, "walls", "--frames", "2", "--port", "0", "--no-browser"],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     assert served.stdout is not None
     line = served.stdout.readline()
     address, rest = line.split(" ", 1)
@@ -58,15 +61,23 @@ def test_a_port_that_is_taken_is_one_line(stancekit):
         (("nosuch",), "course: expected one of "),
         (("walls", "--port", "99999"), "--port: expected 0 to 65535, got 99999"),
         (("walls", "--folder", "no/such"), "--folder: expected a folder, got no/such"),
-        (("rubble.stl",), "--start: expected --start X,Y and --goal X,Y with the terrain rubble.stl, got none"),
-        (("walls", "--start", "0,0"), "--start: expected --start X,Y and --goal X,Y together, got one of them"),
+        (
+            ("rubble.stl",),
+            "--start: expected --start X,Y and --goal X,Y with the terrain rubble.stl, got none",
+        ),
+        (
+            ("walls", "--start", "0,0"),
+            "--start: expected --start X,Y and --goal X,Y together, got one of them",
+        ),
         (("walls", "--robot", "nosuch.urdf"), "nosuch.urdf: "),
         (("ripple", "--goal", "90,0"), "goal_xy_m: expected torso and feet over the terrain"),
         (("ripple", "--robot", "horse"), "robot: expected "),
     ],
 )
 def test_what_it_cannot_begin_with_is_one_line(arguments, message, stancekit):
-    ran = stancekit("play", *arguments, "--no-browser", *(() if "--port" in arguments else ("--port", "0")))
+    ran = stancekit(
+        "play", *arguments, "--no-browser", *(() if "--port" in arguments else ("--port", "0"))
+    )
     assert ran.code == 2
     assert message in ran.err
     assert ran.err.count("\n") == 1
@@ -81,12 +92,21 @@ def test_without_viser_the_package_is_named(stancekit, monkeypatch):
     monkeypatch.setattr(page, "import_module", missing)
     ran = stancekit("play", "walls", "--no-browser")
     assert ran.code == 2
-    assert ran.err == "stancekit: error: page: expected viser; install it with pip install 'stancekit[viz]'\n"
+    assert (
+        ran.err
+        == "stancekit: error: page: expected viser; install it with pip install 'stancekit[viz]'\n"
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "walks"),
-    [("walls", False), ("ripple", True), ("rough:0.3:7", True), ("stones:0.3:1", False), ("waves:0.2:1", True)],
+    [
+        ("walls", False),
+        ("ripple", True),
+        ("rough:0.3:7", True),
+        ("stones:0.3:1", False),
+        ("waves:0.2:1", True),
+    ],
 )
 def test_terrains_to_walk_over_are_known_by_their_names(name, walks):
     assert Play(course=name)._is_walk() is walks
@@ -103,7 +123,9 @@ def test_courses_are_scenes_of_their_kind(tmp_path: Path):
 
 def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):
     trimesh = pytest.importorskip("trimesh")
-    box = trimesh.creation.box((3.0, 2.0, 0.1), trimesh.transformations.translation_matrix((0.5, 0.0, -0.05)))
+    box = trimesh.creation.box(
+        (3.0, 2.0, 0.1), trimesh.transformations.translation_matrix((0.5, 0.0, -0.05))
+    )
     box.export(tmp_path / "floor.stl")
     between = Between(start="0,0", goal="0.5,0.1")
     scenario = Play(course=str(tmp_path / "floor.stl"), between=between)._scenario(None)

@@ -37,16 +37,25 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
         Chooser(ChoiceNetwork(small, 1), EXPERT).save(path)
     elif kind == "neural":
         NeuralSelector(
-            BoxNetwork(small), problem_class=problem, legs=EXPERT.legs, force_scale_n=EXPERT.force_scale_n,
+            BoxNetwork(small),
+            problem_class=problem,
+            legs=EXPERT.legs,
+            force_scale_n=EXPERT.force_scale_n,
             length_scale_m=EXPERT.length_scale_m,
-        ).save(path)  # fmt: skip
+        ).save(path)
     else:
-        shape = PolicyShape(environment="stancekit/EnvelopeSelection-v0", problem=problem, hidden=(8,))
-        TrainedPolicy(shape, shape.build(), EXPERT.envelopes[0].to_vector().astype(np.float32)).save(path)
+        shape = PolicyShape(
+            environment="stancekit/EnvelopeSelection-v0", problem=problem, hidden=(8,)
+        )
+        TrainedPolicy(
+            shape, shape.build(), EXPERT.envelopes[0].to_vector().astype(np.float32)
+        ).save(path)
 
 
 @pytest.mark.parametrize("kind", ["envelope", "chooser", "neural", "reinforced"])
-def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp_path: Path) -> None:
+def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(
+    kind: str, tmp_path: Path
+) -> None:
     path = tmp_path / ("selector.json" if kind == "envelope" else "selector.safetensors")
     write_selector(kind, path)
     policy = policy_of(str(path), COURSE)
@@ -62,10 +71,16 @@ def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp
 
 def test_boxes_that_are_for_p1_joined_with_the_lift_are_refused(tmp_path: Path) -> None:
     NeuralSelector(
-        BoxNetwork(Architecture(width=16, layers=1, heads=2, corner_width=8)), problem_class=EXPERT.problem_class,
-        legs=EXPERT.legs, force_scale_n=1.0, length_scale_m=1.0, relaxation="joint",
-    ).save(tmp_path / "joint.safetensors")  # fmt: skip
-    with pytest.raises(InvalidInput, match="selector: expected one of boxes for P1 alone, got one for P1 joint"):
+        BoxNetwork(Architecture(width=16, layers=1, heads=2, corner_width=8)),
+        problem_class=EXPERT.problem_class,
+        legs=EXPERT.legs,
+        force_scale_n=1.0,
+        length_scale_m=1.0,
+        relaxation="joint",
+    ).save(tmp_path / "joint.safetensors")
+    with pytest.raises(
+        InvalidInput, match="selector: expected one of boxes for P1 alone, got one for P1 joint"
+    ):
         policy_of(str(tmp_path / "joint.safetensors"), COURSE)
 
 
@@ -76,7 +91,10 @@ def test_the_lift_needs_no_selector() -> None:
 def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -> None:
     path = tmp_path / "five.json"
     write_boxes(path, expert_envelopes("wall", legs=("RF", "RM", "RR", "LF", "LR")))
-    with pytest.raises(InvalidInput, match=r"five.json: policy: expected a selector for stances of walls, got one for"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"five.json: policy: expected a selector for stances of walls, got one for",
+    ):
         policy_of(str(path), COURSE)
     with pytest.raises(InvalidInput, match=r"none.json: expected a file, found nothing there"):
         policy_of(str(tmp_path / "none.json"), COURSE)
@@ -87,12 +105,25 @@ def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("answers", "said"), [((0, 3), True), ((0, 0), True), ((1, 2), False)])
-def test_a_run_to_which_the_policy_gave_no_plan_is_a_warning(answers: tuple[int, int], said: bool) -> None:
+def test_a_run_to_which_the_policy_gave_no_plan_is_a_warning(
+    answers: tuple[int, int], said: bool
+) -> None:
     report = LoopReport(
-        succeeded=True, message="", ended=Ended(left="held", message="", seconds=0.0), plans=3, replans=0, frames=4,
-        friction=FrictionInterval(), planned_share=1.0, surfaces="", com_final_m=0.0, deviation_m=0.0, seconds=1.0,
-        plan_s=0.1, wall_s=1.0,
-    )  # fmt: skip
+        succeeded=True,
+        message="",
+        ended=Ended(left="held", message="", seconds=0.0),
+        plans=3,
+        replans=0,
+        frames=4,
+        friction=FrictionInterval(),
+        planned_share=1.0,
+        surfaces="",
+        com_final_m=0.0,
+        deviation_m=0.0,
+        seconds=1.0,
+        plan_s=0.1,
+        wall_s=1.0,
+    )
     column = list(loop_table(report, answers).columns[0].cells)
     assert ("warning" in column) == said
     warned = f"the policy made none of the {answers[1]} plans that were made"

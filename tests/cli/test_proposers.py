@@ -22,7 +22,9 @@ LABEL = ("--feasible", "4", "--infeasible", "6", "--workers", "1")
 def file(stancekit, tmp_path):
     """Proposers for wall-3, trained for a moment."""
     (tmp_path / "small.yaml").write_text(CONFIG)
-    ran = stancekit("proposers", "wall-3", "--out", "wall-3.safetensors", "--config", "small.yaml", "--json")
+    ran = stancekit(
+        "proposers", "wall-3", "--out", "wall-3.safetensors", "--config", "small.yaml", "--json"
+    )
     assert (ran.code, ran.err) == (0, "")
     (record,) = ran.records
     assert list(record) == ["out", "problem_class", "cpu_s", "proofs", "postures"]
@@ -44,19 +46,36 @@ def test_labels_are_those_without_proposers(stancekit, file, tmp_path):
 def test_bad_input_is_one_line(stancekit, file, tmp_path):
     header, tensors = read_tensors(file, FORMAT)
     name = sorted(tensors)[0]
-    write_tensors(tmp_path / "nan.safetensors", FORMAT, header, {**tensors, name: tensors[name] * torch.nan})
+    write_tensors(
+        tmp_path / "nan.safetensors", FORMAT, header, {**tensors, name: tensors[name] * torch.nan}
+    )
     write_tensors(tmp_path / "old.safetensors", "stancekit/proposers/0", header, tensors)
     (tmp_path / "text.safetensors").write_text("proposers")
     (tmp_path / "seed.yaml").write_text("seed: 1\n")
     for words, said in (
-        (("label", "ground-3", "d", "--proposers", file.name), "expected some for ground-3, got some for wall-3"),
+        (
+            ("label", "ground-3", "d", "--proposers", file.name),
+            "expected some for ground-3, got some for wall-3",
+        ),
         (("label", "wall-3", "d", "--proposers", "nan.safetensors"), "expected finite numbers"),
-        (("label", "wall-3", "d", "--proposers", "old.safetensors"), "expected format stancekit/proposers/1, got"),
-        (("label", "wall-3", "d", "--proposers", "text.safetensors"), "expected a whole file of format"),
+        (
+            ("label", "wall-3", "d", "--proposers", "old.safetensors"),
+            "expected format stancekit/proposers/1, got",
+        ),
+        (
+            ("label", "wall-3", "d", "--proposers", "text.safetensors"),
+            "expected a whole file of format",
+        ),
         (("label", "wall-3", "d", "--proposers", "none.safetensors"), "found nothing"),
         (("proposers", "wall-9", "--out", "x"), "wall-9"),
-        (("proposers", "wall-3", "--out", "x", "--seed", "-1"), "--seed: expected 0 or more, got -1"),
-        (("proposers", "wall-3", "--out", "x", "--config", "seed.yaml"), "seed: expected as an option, --seed"),
+        (
+            ("proposers", "wall-3", "--out", "x", "--seed", "-1"),
+            "--seed: expected 0 or more, got -1",
+        ),
+        (
+            ("proposers", "wall-3", "--out", "x", "--config", "seed.yaml"),
+            "seed: expected as an option, --seed",
+        ),
     ):
         ran = stancekit(*words)
         assert ran.code == 2, words

@@ -27,7 +27,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_says_what_was_found_and_marks_what_was_guessed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_says_what_was_found_and_marks_what_was_guessed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(ShowRobot(str(folder / "dog.urdf"))) == 0
     said = capsys.readouterr().out
     assert "robot   quadruped" in said
@@ -39,7 +41,9 @@ def test_it_says_what_was_found_and_marks_what_was_guessed(folder: Path, capsys:
     assert "doubt: joints RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE: no torque limit" in said
 
 
-def test_with_json_it_is_one_object_and_corrections_count(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_json_it_is_one_object_and_corrections_count(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(ShowRobot(str(folder / "dog.yaml"), srdf=folder / "dog.srdf", json=True)) == 0
     record = json.loads(capsys.readouterr().out)
     model = named_robot(folder / "dog.yaml")
@@ -69,7 +73,9 @@ def test_a_picture_is_written_and_one_that_cannot_be_is_refused_before_any_work(
 def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = quadruped(("LF", "RF")).replace('<joint name="LF_HAA" type="revolute"', '<joint name="LF_HAA" type="fixed"')
+    text = quadruped(("LF", "RF")).replace(
+        '<joint name="LF_HAA" type="revolute"', '<joint name="LF_HAA" type="fixed"'
+    )
     (tmp_path / "flat.urdf").write_text(text)
     assert run(ShowRobot(str(tmp_path / "flat.urdf"))) == 0
     assert "no workspace: leg LF: expected three joints or more" in capsys.readouterr().out
@@ -79,8 +85,16 @@ def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
     ("name", "text", "message"),
     [
         ("a.urdf", quadruped(mass=0.0), "expected links with mass and inertia, got 0 kg in all"),
-        ("a.urdf", robot([link("a"), fixed("f", "base", "a")]), "legs: expected chains of two joints or more"),
-        ("a.yaml", "urdf: dog.urdf\njoints: {tail: {torque_nm: 3}}\n", "joints: expected one of RF_HAA, RF_HFE,"),
+        (
+            "a.urdf",
+            robot([link("a"), fixed("f", "base", "a")]),
+            "legs: expected chains of two joints or more",
+        ),
+        (
+            "a.yaml",
+            "urdf: dog.urdf\njoints: {tail: {torque_nm: 3}}\n",
+            "joints: expected one of RF_HAA, RF_HFE,",
+        ),
         ("a.yaml", "urdf: [1]\n", "urdf: expected a valid string"),
         ("a.urdf", "", "expected some text, the file is empty"),
     ],
@@ -107,4 +121,7 @@ def test_without_a_robot_it_lists_those_with_a_name(capsys: pytest.CaptureFixtur
 
 def test_an_option_wants_a_robot(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(ShowRobot(picture=Path("robot.png"))) == 2
-    assert capsys.readouterr().err == "stancekit: error: --picture: expected a robot with it, got none\n"
+    assert (
+        capsys.readouterr().err
+        == "stancekit: error: --picture: expected a robot with it, got none\n"
+    )

@@ -1,4 +1,5 @@
-"""``stancekit run`` and ``stancekit replay``: verdicts, files, exit codes, and one clear line for bad input."""
+"""``stancekit run`` and ``stancekit replay``: verdicts, files, exit codes, and one clear line for
+bad input."""
 
 from __future__ import annotations
 
@@ -55,7 +56,9 @@ def ended(verb: Any, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]
     return code, said.out, said.err
 
 
-def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_is_run_logged_drawn_and_replayed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log, picture = folder / "run.mcap", folder / "run.svg"
     verb = RunMotion(plan=folder / "plan.json", pace=2.0, log=log, picture=picture, json=True)
     code, out, _ = ended(verb, capsys)
@@ -66,7 +69,9 @@ def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.Ca
     message = json.loads(out)
     assert (code, message["whole"], message["commands"]) == (0, True, report["sent"])
     assert message["joint_worst_rad"] == pytest.approx(report["joint_worst_rad"], rel=1e-6)
-    code, out, _ = ended(RunMotion(plan=folder / "plan.json", pace=2.0, world="replay", setup=log, json=True), capsys)
+    code, out, _ = ended(
+        RunMotion(plan=folder / "plan.json", pace=2.0, world="replay", setup=log, json=True), capsys
+    )
     assert (code, json.loads(out)["replay_rad"]) == (0, 0.0)
     log.write_bytes(log.read_bytes()[:200000])
     code, out, _ = ended(Replay(log=log), capsys)
@@ -86,9 +91,14 @@ def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
     )
     log = folder / "loop.mcap"
     verb = RunMotion(
-        plan=folder / "short.yaml", policy=str(folder / "wall-3.json"), horizon=1, friction_share=0.9, pace=2.0,
-        log=log, json=True,
-    )  # fmt: skip
+        plan=folder / "short.yaml",
+        policy=str(folder / "wall-3.json"),
+        horizon=1,
+        friction_share=0.9,
+        pace=2.0,
+        log=log,
+        json=True,
+    )
     code, out, _ = ended(verb, capsys)
     report = json.loads(out)
     assert (code, report["succeeded"], report["frames"], report["plans"]) == (0, True, 2, 2)
@@ -96,15 +106,21 @@ def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
     assert len(read_log(log).of("plan")) == 2
 
 
-def test_a_policy_begins_with_the_plan_that_it_is_given(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_policy_begins_with_the_plan_that_it_is_given(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = folder / "given.mcap"
-    code, out, _ = ended(RunMotion(plan=folder / "plan.json", policy="lift", pace=2.0, log=log), capsys)
+    code, out, _ = ended(
+        RunMotion(plan=folder / "plan.json", policy="lift", pace=2.0, log=log), capsys
+    )
     assert code == 0
     assert "1, 0 of them because of a deviation" in out
     assert read_log(log).of("plan")[0]["source"] == str(folder / "plan.json")
 
 
-def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_gait_is_run_and_another_pace_or_a_policy_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = folder / "walk.json"
     short = ("--goal", "0.1,0", "--duration-s", "2.5", "--raw")
     assert main_code("gait", "rough:0:1", "--robot", "hexapod", *short, "--out", str(path)) == 0
@@ -121,13 +137,19 @@ def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys
         )
 
 
-def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stop_file_that_is_there_lets_nothing_begin(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     stop = folder / "stop"
     stop.touch()
     code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop, json=True), capsys)
     report = json.loads(out)
     assert (code, report["sent"], report["message"]) == (1, 0, "stop file stop is there")
-    assert (report["joint_worst"], report["joint_worst_rad"], report["cycle_s"]) == ("", None, [None, None])
+    assert (report["joint_worst"], report["joint_worst_rad"], report["cycle_s"]) == (
+        "",
+        None,
+        [None, None],
+    )
     code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop), capsys)
     assert code == 1
     assert "stop file stop is there" in out
@@ -136,14 +158,20 @@ def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pyte
 
 @pytest.mark.parametrize(("load", "said"), [(3.25, True), (0.5, False), (float("nan"), False)])
 def test_a_run_that_was_stopped_on_a_computer_with_too_much_work_says_how_much(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, load: float, said: bool
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    load: float,
+    said: bool,
 ) -> None:
     monkeypatch.setattr("stancekit.runner.report.load", lambda: load)
     stop = folder / "stop"
     stop.touch()
     code, out, _ = ended(RunMotion(plan=folder / "plan.json", stop_file=stop), capsys)
     assert code == 1
-    assert ("3.2 processes for each processor: a run that comes too late" in " ".join(out.split())) == said
+    assert (
+        "3.2 processes for each processor: a run that comes too late" in " ".join(out.split())
+    ) == said
 
 
 def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refused(
@@ -157,21 +185,35 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
     for options, said in (
         ({"log": plan}, f"--log: expected a name that ends in .mcap, got {plan}"),
         ({"log": linked}, f"--log: expected a file of its own, got that of PLAN: {linked}"),
-        ({"plan": gait, "log": gait}, f"--log: expected a file of its own, got that of PLAN: {gait}"),
+        (
+            {"plan": gait, "log": gait},
+            f"--log: expected a file of its own, got that of PLAN: {gait}",
+        ),
         (
             {"world": "replay", "setup": log, "log": log},
             f"--log: expected a file of its own, got that of --setup: {log}",
         ),
-        ({"policy": str(log), "log": log}, f"--log: expected a file of its own, got that of --policy: {log}"),
-        ({"picture": log, "log": log}, f"--log: expected a file of its own, got that of --picture: {log}"),
-        ({"hung": True, "log": log}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
+        (
+            {"policy": str(log), "log": log},
+            f"--log: expected a file of its own, got that of --policy: {log}",
+        ),
+        (
+            {"picture": log, "log": log},
+            f"--log: expected a file of its own, got that of --picture: {log}",
+        ),
+        (
+            {"hung": True, "log": log},
+            "hung: expected a robot that can hang in a stand, world mujoco has none",
+        ),
     ):
         given: dict[str, Any] = {"plan": plan} | options
         assert ended(RunMotion(**given), capsys) == (2, "", f"stancekit: error: {said}\n")
     assert (plan.read_bytes(), log.read_bytes()) == (before, b"an earlier log")
 
 
-def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main_code("run", "--help") == 0
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
     usual = LoopSettings()
@@ -185,25 +227,58 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
         ({"pace": 9.0}, "--pace: expected a number in [0.05, 4], got 9"),
         ({"rate_hz": 0.5}, "--rate-hz: expected a number in [1, 1000], got 0.5"),
         ({"speed_rad_s": -1.0}, "--speed-rad-s: expected a number above 0, got -1"),
-        ({"world": "dynamixel"}, "--setup: expected a calibration file with world dynamixel, got none"),
-        ({"world": "ros", "setup": Path("none.yaml")}, "none.yaml: expected a file, found nothing there"),
+        (
+            {"world": "dynamixel"},
+            "--setup: expected a calibration file with world dynamixel, got none",
+        ),
+        (
+            {"world": "ros", "setup": Path("none.yaml")},
+            "none.yaml: expected a file, found nothing there",
+        ),
         ({"setup": Path("x")}, "x: expected a file, found nothing there"),
         ({"picture": Path("x.png")}, "--picture: expected --log FILE.mcap with it"),
-        ({"policy": "lift", "world": "replay"}, "--policy: expected a world that answers to what is done, got replay"),
+        (
+            {"policy": "lift", "world": "replay"},
+            "--policy: expected a world that answers to what is done, got replay",
+        ),
         ({"policy": "none.json"}, "none.json: expected a file, found nothing there"),
-        ({"policy": "lift", "replan_m": -1.0}, "--replan-m: expected a number above 0, or inf, got -1"),
+        (
+            {"policy": "lift", "replan_m": -1.0},
+            "--replan-m: expected a number above 0, or inf, got -1",
+        ),
         ({"horizon": 2}, "--horizon: expected --policy with it, got none"),
-        ({"plan": Path("walls")}, "walls: expected a plan file; a course is walked with --policy, got none"),
+        (
+            {"plan": Path("walls")},
+            "walls: expected a plan file; a course is walked with --policy, got none",
+        ),
         ({"friction_share": 0.0}, "--friction-share: expected a number in (0, 1], got 0"),
-        ({"friction_share": 0.5, "world": "ros"}, "--friction-share: expected a simulated world with it, got ros"),
-        ({"stop_topic": "e_stop"}, "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'"),
+        (
+            {"friction_share": 0.5, "world": "ros"},
+            "--friction-share: expected a simulated world with it, got ros",
+        ),
+        (
+            {"stop_topic": "e_stop"},
+            "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'",
+        ),
         ({"hung": True}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
         ({"plan": Path("none.json")}, "none.json: expected a file, found nothing there"),
-        ({"actuators": "XM"}, "--actuators: expected one of XM540-W270, XM430-W350 or a file, got 'XM'"),
+        (
+            {"actuators": "XM"},
+            "--actuators: expected one of XM540-W270, XM430-W350 or a file, got 'XM'",
+        ),
         ({"actuators": "none.yaml"}, "none.yaml: expected a file, found nothing there"),
-        ({"blind": True, "world": "ros"}, "--blind: expected a plan or a gait in a simulated world with it, got ros"),
-        ({"blind": True, "policy": "lift"}, "--blind: expected a plan or a gait in a simulated world with it, got --p"),
-        ({"video": Path("x.mp4"), "policy": "lift"}, "--video: expected a plan or a gait in a simulated world with it"),
+        (
+            {"blind": True, "world": "ros"},
+            "--blind: expected a plan or a gait in a simulated world with it, got ros",
+        ),
+        (
+            {"blind": True, "policy": "lift"},
+            "--blind: expected a plan or a gait in a simulated world with it, got --p",
+        ),
+        (
+            {"video": Path("x.mp4"), "policy": "lift"},
+            "--video: expected a plan or a gait in a simulated world with it",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -225,14 +300,18 @@ SAID = re.compile(
     ("actuator", "has", "hot"),
     [
         ("{stall_nm: 0.5, no_load_rad_s: 4}", "0.9 of 0.5 Nm for a moment", False),
-        ("{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}",
-         "0.9 of 40 Nm for a moment and 0.2 Nm for ever", True),
+        (
+            "{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}",
+            "0.9 of 40 Nm for a moment and 0.2 Nm for ever",
+            True,
+        ),
     ],
-)  # fmt: skip
+)
 def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
     folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, has: str, hot: bool
 ) -> None:
-    """It says what the joints are then seen to need in a run with joints that have it, as measured there, too."""
+    """It says what the joints are then seen to need in a run with joints that have it, as measured
+    there, too."""
     code, out, _ = ended(RunMotion(plan=folder / "plan.json", json=True), capsys)
     assert code == 0
     ran, file = json.loads(out), folder / "actuators.yaml"
@@ -253,23 +332,52 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
     assert ended(RunMotion(plan=folder / "plan.json", actuators=str(file)), capsys)[0] == 0
 
 
-def test_where_no_known_actuator_bears_a_plan_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_no_known_actuator_bears_a_plan_that_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, out, err = ended(RunMotion(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "XM430-W350 has 0.9 of 4.1 Nm for a moment and 0.82 Nm for ever; no known actuator would do" in err
+    assert (
+        "XM430-W350 has 0.9 of 4.1 Nm for a moment and 0.82 Nm for ever; no known actuator would do"
+        in err
+    )
 
 
 @pytest.mark.parametrize(
     ("world", "change", "said"),
     [
-        ("dynamixel", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
+        (
+            "dynamixel",
+            {"robot": "ant"},
+            "setup.yaml: robot: expected hexapod, whom the plan is for, got ant",
+        ),
         ("dynamixel", {"port": "none"}, "port none: expected a serial port, found nothing there"),
-        ("dynamixel", {"joints": {"LF_yaw": {"id": 2}}}, "LF_hip.id: expected its own id, got 2, which LF_yaw has"),
-        ("dynamixel", {"joints": {"LF_yaw": {"zero_tick": 5000}}}, "LF_yaw.zero_tick: expected less than 4096"),
-        ("dynamixel", {"joints": {"LF_yaw": None}}, "setup.yaml: joints: expected joint LF_yaw, got nothing"),
-        ("ros", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
+        (
+            "dynamixel",
+            {"joints": {"LF_yaw": {"id": 2}}},
+            "LF_hip.id: expected its own id, got 2, which LF_yaw has",
+        ),
+        (
+            "dynamixel",
+            {"joints": {"LF_yaw": {"zero_tick": 5000}}},
+            "LF_yaw.zero_tick: expected less than 4096",
+        ),
+        (
+            "dynamixel",
+            {"joints": {"LF_yaw": None}},
+            "setup.yaml: joints: expected joint LF_yaw, got nothing",
+        ),
+        (
+            "ros",
+            {"robot": "ant"},
+            "setup.yaml: robot: expected hexapod, whom the plan is for, got ant",
+        ),
         ("ros", {"port": 9}, "rosbridge ws://127.0.0.1:9: expected a rosbridge, nobody is there"),
-        ("ros", {"joints": {"LF_yaw": None}}, "setup.yaml: joints: expected joint LF_yaw, got nothing"),
+        (
+            "ros",
+            {"joints": {"LF_yaw": None}},
+            "setup.yaml: joints: expected joint LF_yaw, got nothing",
+        ),
     ],
 )
 def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_motion(
@@ -277,12 +385,18 @@ def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_moti
 ) -> None:
     pytest.importorskip({"dynamixel": "dynamixel_sdk", "ros": "roslibpy"}[world])
     joints = joint_names(hexapod())
-    data = asdict(nominal(joints, port="bus", desk=True) if world == "dynamixel" else same_names(joints))
+    data = asdict(
+        nominal(joints, port="bus", desk=True) if world == "dynamixel" else same_names(joints)
+    )
     for joint, fields in change.pop("joints", {}).items():
         data["joints"][joint] = None if fields is None else data["joints"][joint] | fields
-        data["joints"] = {name: value for name, value in data["joints"].items() if value is not None}
+        data["joints"] = {
+            name: value for name, value in data["joints"].items() if value is not None
+        }
     (folder / "setup.yaml").write_text(yaml.safe_dump(data | change, sort_keys=False))
-    code, out, err = ended(RunMotion(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys)
+    code, out, err = ended(
+        RunMotion(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys
+    )
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert said in err
 
@@ -302,21 +416,29 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "own.py").write_text(OWN)
-    verb = RunMotion(plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap")
+    verb = RunMotion(
+        plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap"
+    )
     code, out, err = ended(verb, capsys)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert re.search(r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way", err)
+    assert re.search(
+        r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way", err
+    )
     assert read_log(folder / "away.mcap").of("command") == []
 
 
-def test_a_stop_topic_that_is_pressed_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stop_topic_that_is_pressed_lets_nothing_begin(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("roslibpy")
     pytest.importorskip("websockets")
     from stancekit.runner.emulators.rosbridge import RosBridge
 
     with RosBridge(["a"]) as bridge:
         bridge.inject("e-stop")
-        verb = RunMotion(plan=folder / "plan.json", stop_topic=f"127.0.0.1:{bridge.port}/e_stop", json=True)
+        verb = RunMotion(
+            plan=folder / "plan.json", stop_topic=f"127.0.0.1:{bridge.port}/e_stop", json=True
+        )
         code, out, _ = ended(verb, capsys)
     report = json.loads(out)
     assert (code, report["sent"], report["message"]) == (1, 0, "e-stop pressed on /e_stop")

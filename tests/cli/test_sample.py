@@ -39,17 +39,20 @@ def test_a_file_holds_what_would_have_been_printed(stancekit, tmp_path):
 
 def test_what_it_prints_is_what_solve_reads(stancekit):
     drawn = stancekit("sample", "ground-3", "--count", 2).out
-    assert [record["status"] for record in stancekit("solve", "-", "--json", stdin=drawn.encode()).records] == [
-        "feasible",
-        "feasible",
-    ]
+    assert [
+        record["status"]
+        for record in stancekit("solve", "-", "--json", stdin=drawn.encode()).records
+    ] == ["feasible", "feasible"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("ice-3",), "distribution: expected one of ground-3, wall-3, wall-5, "
-         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"),
+        (
+            ("ice-3",),
+            "distribution: expected one of ground-3, wall-3, wall-5, "
+            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'",
+        ),
         (("wall-3", "--count", "0"), "--count: expected 1 to 100000000, got 0"),
         (("wall-3", "--count", "-7"), "--count: expected 1 to 100000000, got -7"),
         (("wall-3", "--seed", "-1"), "--seed: expected 0 or more, got -1"),

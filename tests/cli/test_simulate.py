@@ -56,7 +56,10 @@ def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
     write_plan(tmp_path / "bad.json", bad, check_plan(bad))
     ran = stancekit("simulate", "bad.json", "--json")
     assert (ran.code, ran.out) == (1, "")
-    assert ran.err == "stancekit: failed: bad.json: the verifier rejected this plan; it is not executed\n"
+    assert (
+        ran.err
+        == "stancekit: failed: bad.json: the verifier rejected this plan; it is not executed\n"
+    )
 
 
 def test_a_plan_file_that_was_edited_is_refused(file, stancekit, tmp_path):
@@ -85,7 +88,9 @@ def test_bad_options_are_refused_before_anything_moves(options, said, file, stan
 
 def test_a_run_that_was_stopped_says_so_before_how_far_it_was_from_its_end():
     off = SimpleNamespace(message="the centre of mass ended 529 mm from the plan's")
-    report = SimpleNamespace(stopped_s=None, frames_done=2.0, frames=12.0, counted="key frames", message="off")
+    report = SimpleNamespace(
+        stopped_s=None, frames_done=2.0, frames=12.0, counted="key frames", message="off"
+    )
     assert _message(report, off) == off.message
     report.stopped_s, report.message = 17.0, "signal SIGTERM"
     assert _message(report, off) == "stopped after 2 of 12 key frames: signal SIGTERM"

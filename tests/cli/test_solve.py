@@ -1,4 +1,5 @@
-"""`stancekit solve`: answers that hold on paper, in input order, and one line for whatever is wrong with the input."""
+"""`stancekit solve`: answers that hold on paper, in input order, and one line for whatever is wrong
+with the input."""
 
 import json
 import os
@@ -11,7 +12,16 @@ import pytest
 from stancekit.cli.console import out
 from stancekit.planners.search import micp
 
-ANSWER = ["where", "status", "method", "residual_nm", "residual", "lower_bound", "seconds", "solves"]
+ANSWER = [
+    "where",
+    "status",
+    "method",
+    "residual_nm",
+    "residual",
+    "lower_bound",
+    "seconds",
+    "solves",
+]
 POSTURE = ["com_m", "rotation_rad", "toes_m", "forces_n"]
 
 
@@ -37,7 +47,9 @@ def violations(problem, answer):
         corners = np.array(contact["vertices_m"])
         sides = np.roll(corners, -1, axis=0) - corners
         inward = np.cross(n, sides) / np.linalg.norm(sides, axis=1, keepdims=True)
-        inward = inward * np.sign(np.einsum("ij,ij->i", inward, corners.mean(axis=0) - corners))[:, None]
+        inward = (
+            inward * np.sign(np.einsum("ij,ij->i", inward, corners.mean(axis=0) - corners))[:, None]
+        )
         leg = toe - com - (np.eye(3) + skew) @ contact["shoulder_m"]
         for name, value in {
             "cone [N]": np.hypot(f[1], f[2]) - contact["friction"] * f[0],
@@ -50,17 +62,22 @@ def violations(problem, answer):
     return found
 
 
-# ------------------------------------------------------------------------------------------------------------ answers
+# ------------------------------------------------------------------------------------------------------------
+# answers
 
 
-@pytest.mark.parametrize("method", [("exact",), ("two-stage",), ("nlp",), ("micp", "--intervals", "2")])
+@pytest.mark.parametrize(
+    "method", [("exact",), ("two-stage",), ("nlp",), ("micp", "--intervals", "2")]
+)
 @pytest.mark.parametrize("name", ["ground-3", "wall-3", "wall-5"])
 def test_postures_hold_on_paper(method, name, sampled, write, stancekit):
     problems = sampled[name][2:4] if "micp" in method else sampled[name]
     ran = stancekit("solve", write("p.jsonl", *problems), "--method", *method, "--json")
     assert (ran.code, ran.err) == (0, "")
     assert len(ran.records) == len(problems)
-    feasible = [(p, a) for p, a in zip(problems, ran.records, strict=True) if a["status"] == "feasible"]
+    feasible = [
+        (p, a) for p, a in zip(problems, ran.records, strict=True) if a["status"] == "feasible"
+    ]
     assert len(feasible) >= len(problems) / 2
     for problem, answer in feasible:
         worst = violations(problem, answer)
@@ -71,7 +88,10 @@ def test_postures_hold_on_paper(method, name, sampled, write, stancekit):
 def test_methods_agree_and_only_proofs_say_no(sampled, write, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
     said = {
-        method: [record["status"] for record in stancekit("solve", file, "--method", method, "--json").records]
+        method: [
+            record["status"]
+            for record in stancekit("solve", file, "--method", method, "--json").records
+        ]
         for method in ("exact", "two-stage", "lift", "nlp")
     }
     assert set(said["exact"]) == {"feasible", "infeasible"}
@@ -96,18 +116,29 @@ def test_an_answer_has_these_keys_and_no_others(sampled, write, stancekit):
 
 
 def answers(ran):
-    return [{key: value for key, value in record.items() if key not in ("where", "seconds")} for record in ran.records]
+    return [
+        {key: value for key, value in record.items() if key not in ("where", "seconds")}
+        for record in ran.records
+    ]
 
 
 def test_one_problem_an_array_lines_and_standard_input_give_the_same(sampled, write, stancekit):
     problems = sampled["wall-3"][:3]
     lines = stancekit("solve", write("lines.jsonl", *problems), "--json")
-    assert [record["where"] for record in lines.records] == [f"lines.jsonl line {number}" for number in (1, 2, 3)]
+    assert [record["where"] for record in lines.records] == [
+        f"lines.jsonl line {number}" for number in (1, 2, 3)
+    ]
     array = stancekit("solve", write("array.json", json.dumps(problems, indent=1)), "--json")
-    assert [record["where"] for record in array.records] == [f"array.json[{index}]" for index in (0, 1, 2)]
-    windows = "\r\n".join(["\ufeff" + json.dumps(problems[0]), "", *(json.dumps(p) for p in problems[1:]), ""])
+    assert [record["where"] for record in array.records] == [
+        f"array.json[{index}]" for index in (0, 1, 2)
+    ]
+    windows = "\r\n".join(
+        ["\ufeff" + json.dumps(problems[0]), "", *(json.dumps(p) for p in problems[1:]), ""]
+    )
     dos = stancekit("solve", write("dos.jsonl", windows), "--json")
-    assert [record["where"] for record in dos.records] == [f"dos.jsonl line {number}" for number in (1, 3, 4)]
+    assert [record["where"] for record in dos.records] == [
+        f"dos.jsonl line {number}" for number in (1, 3, 4)
+    ]
     typed = stancekit("solve", "-", "--json", stdin=json.dumps(problems).encode())
     assert [record["where"] for record in typed.records] == ["-[0]", "-[1]", "-[2]"]
     names = [write(f"ünï {index}.json", problem) for index, problem in enumerate(problems)]
@@ -122,7 +153,11 @@ def test_the_answers_go_to_a_file_whole(sampled, write, stancekit, tmp_path):
     assert (tmp_path / "a.jsonl").read_text() == ran.out
     assert "certificate" not in ran.out
     proved = stancekit("solve", file, "--json", "--certificate")
-    assert [set(record.get("certificate", ())) for record in proved.records] == [set(), {"tree", "multipliers"}, set()]
+    assert [set(record.get("certificate", ())) for record in proved.records] == [
+        set(),
+        {"tree", "multipliers"},
+        set(),
+    ]
 
 
 def test_the_table_says_everything_within_the_width(sampled, write, stancekit, monkeypatch):
@@ -145,21 +180,27 @@ def test_learned_envelopes_decide_nothing_alone(sampled, write, envelopes, stanc
     assert {record["status"] for record in alone} <= {"undecided", "infeasible"}
     assert all(record["lower_bound"] == 1e6 for record in alone if record["status"] == "infeasible")
     assert all("margin" in record["details"] for record in alone)
-    both = stancekit("solve", file, "--method", "two-stage", "--envelope", envelopes, "--json").records
+    both = stancekit(
+        "solve", file, "--method", "two-stage", "--envelope", envelopes, "--json"
+    ).records
     assert any(record["status"] == "feasible" for record in both)
 
 
 def test_a_relaxation_may_be_projected(sampled, write, envelopes, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
     for method in (("p1", "--envelope", envelopes), ("lift",)):
-        named = stancekit("solve", file, "--method", *method, "--projection", "scp", "--json").records
+        named = stancekit(
+            "solve", file, "--method", *method, "--projection", "scp", "--json"
+        ).records
         stages = ("two-stage", *method[1:])
         assert [record["status"] for record in named] == [
-            record["status"] for record in stancekit("solve", file, "--method", *stages, "--json").records
+            record["status"]
+            for record in stancekit("solve", file, "--method", *stages, "--json").records
         ]
 
 
-# ---------------------------------------------------------------------------------------------------------- undecided
+# ----------------------------------------------------------------------------------------------------------
+# undecided
 
 
 @pytest.mark.parametrize("method", ["exact", "nlp", "micp"])
@@ -177,10 +218,15 @@ def test_a_solver_that_fails_is_undecided(sampled, write, stancekit, monkeypatch
 
     monkeypatch.setattr(cp.Problem, "solve", fail)
     ran = stancekit("solve", write("p.json", sampled["wall-3"][0]), "--method", "micp", "--json")
-    assert (ran.code, ran.records[0]["status"], ran.records[0]["claim"]) == (0, "undecided", "unknown")
+    assert (ran.code, ran.records[0]["status"], ran.records[0]["claim"]) == (
+        0,
+        "undecided",
+        "unknown",
+    )
 
 
-# ---------------------------------------------------------------------------------------------------------- bad input
+# ----------------------------------------------------------------------------------------------------------
+# bad input
 
 
 def contact(**changes):
@@ -243,14 +289,24 @@ SHAPE = "vertices_m: expected a "
             "contacts[1].force_min: expected at most force_max [1.0, 1.0, 1.0], got [2.0, 0.0, 0.0]",
         ),
         (contact(force_max=[1.0] * 4), "contacts[1].force_max: expected shape (3,), got (4,)"),
-        (contact(vertices_m=[[0.0, 0.0]] * 3), "contacts[1].vertices_m: expected shape (any, 3), got (3, 2)"),
-        (contact(vertices_m=[[0.0, 0.0, 0.0]] * 2), "contacts[1].vertices_m: expected 3 or more vertices, got 2"),
+        (
+            contact(vertices_m=[[0.0, 0.0]] * 3),
+            "contacts[1].vertices_m: expected shape (any, 3), got (3, 2)",
+        ),
+        (
+            contact(vertices_m=[[0.0, 0.0, 0.0]] * 2),
+            "contacts[1].vertices_m: expected 3 or more vertices, got 2",
+        ),
         (
             on_patch(lambda v, n: {"vertices_m": [v[0].tolist()] * 3}),
             f"contacts[1].{SHAPE}patch with an area, got one of diameter 0 m",
         ),
         (
-            on_patch(lambda v, n: {"vertices_m": [*v.tolist(), ((v[0] + 2.0 * v.mean(axis=0)) / 3.0).tolist()]}),
+            on_patch(
+                lambda v, n: {
+                    "vertices_m": [*v.tolist(), ((v[0] + 2.0 * v.mean(axis=0)) / 3.0).tolist()]
+                }
+            ),
             f"contacts[1].{SHAPE}convex polygon, its vertices in order around the border",
         ),
         (
@@ -258,12 +314,16 @@ SHAPE = "vertices_m: expected a "
             "contacts[1].shear_reference: expected a direction not along the normal, got ",
         ),
         (
-            on_patch(lambda v, n: {"vertices_m": [*v.tolist(), (v[0] + v[2] - v[1] + 0.1 * n).tolist()]}),
+            on_patch(
+                lambda v, n: {"vertices_m": [*v.tolist(), (v[0] + v[2] - v[1] + 0.1 * n).tolist()]}
+            ),
             f"contacts[1].{SHAPE}plane with the given normal, got vertices ",
         ),
     ],
 )
-def test_a_bad_problem_is_one_line_and_the_others_are_answered(spoil, message, problem, sampled, write, stancekit):
+def test_a_bad_problem_is_one_line_and_the_others_are_answered(
+    spoil, message, problem, sampled, write, stancekit
+):
     good = sampled["wall-3"][0]
     spoil(problem)
     ran = stancekit("solve", write("p.jsonl", good, problem, good), "--json")
@@ -284,7 +344,11 @@ def test_everything_wrong_with_a_problem_is_said_at_once(problem, write, stancek
     problem["contacts"][0]["friction"] = "high"
     problem["contacts"][2]["colour"] = "red"
     (record,) = stancekit("solve", write("p.json", problem), "--json").records
-    for words in ("mass_kg: expected this key", "contacts[0].friction: ", "contacts[2].colour: unknown key"):
+    for words in (
+        "mass_kg: expected this key",
+        "contacts[0].friction: ",
+        "contacts[2].colour: unknown key",
+    ):
         assert words in record["error"]
 
 
@@ -301,10 +365,19 @@ def test_another_format_is_refused(form, problem, write, stancekit):
     [
         ("", "f: expected some text, the file is empty"),
         (" \n\t\n", "f: expected some text, the file is empty"),
-        ("{", "f: expected JSON, broken at line 1 column 2: Expecting property name enclosed in double quotes"),
+        (
+            "{",
+            "f: expected JSON, broken at line 1 column 2: Expecting property name enclosed in double quotes",
+        ),
         ("[]", "f: expected one or more problems, got an empty array"),
-        ("3", "f: expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got int"),
-        ("null", "f: expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got NoneType"),
+        (
+            "3",
+            "f: expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got int",
+        ),
+        (
+            "null",
+            "f: expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got NoneType",
+        ),
         ('{"mass_kg": 1, "mass_kg": 2}', "f: mass_kg: expected this key once, got it 2 times"),
         (b"\xff\xfe{\x00}\x00", "f: expected UTF-8 text, byte 0 is not"),
         (bytes(range(256)), "f: expected UTF-8 text, byte 128 is not"),
@@ -312,8 +385,12 @@ def test_another_format_is_refused(form, problem, write, stancekit):
         ("9" * 10_000, "f: expected JSON: "),
     ],
 )
-def test_a_bad_file_is_one_line_and_the_others_are_answered(content, message, sampled, write, stancekit):
-    ran = stancekit("solve", write("f", content), write("good.json", sampled["wall-3"][0]), "--json")
+def test_a_bad_file_is_one_line_and_the_others_are_answered(
+    content, message, sampled, write, stancekit
+):
+    ran = stancekit(
+        "solve", write("f", content), write("good.json", sampled["wall-3"][0]), "--json"
+    )
     assert ran.code == 2
     assert [record["status"] for record in ran.records] == ["invalid", "feasible"]
     assert ran.err.count("\n") == 1
@@ -327,7 +404,10 @@ def test_a_broken_line_is_told_by_its_number(sampled, write, stancekit):
         ran = stancekit("solve", write("p.jsonl", "\n".join(lines)), "--json")
         found = [record["status"] for record in ran.records]
         assert found == ["feasible" if line == good else "invalid" for line in lines]
-        assert f"p.jsonl line {found.index('invalid') + 1}: expected JSON, broken at line 1 column 2" in ran.err
+        assert (
+            f"p.jsonl line {found.index('invalid') + 1}: expected JSON, broken at line 1 column 2"
+            in ran.err
+        )
 
 
 def test_what_is_no_file_is_told(stancekit, tmp_path):
@@ -348,22 +428,38 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit):
     assert ran.err == "stancekit: error: p.json: a b?[31m[red]: unknown key\n"
 
 
-# ------------------------------------------------------------------------------------------------------------ options
+# ------------------------------------------------------------------------------------------------------------
+# options
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ((), "FILE: expected one or more problem files, got none (- is standard input)"),
-        (("p", "--time-limit-s", "0"), "--time-limit-s: expected a number above 0, up to 1e+06, got 0"),
-        (("p", "--time-limit-s", "nan"), "--time-limit-s: expected a number above 0, up to 1e+06, got nan"),
-        (("p", "--time-limit-s", "inf"), "--time-limit-s: expected a number above 0, up to 1e+06, got inf"),
-        (("p", "--method", "p1"), "--envelope: expected an envelope for the relaxation p1, got none"),
+        (
+            ("p", "--time-limit-s", "0"),
+            "--time-limit-s: expected a number above 0, up to 1e+06, got 0",
+        ),
+        (
+            ("p", "--time-limit-s", "nan"),
+            "--time-limit-s: expected a number above 0, up to 1e+06, got nan",
+        ),
+        (
+            ("p", "--time-limit-s", "inf"),
+            "--time-limit-s: expected a number above 0, up to 1e+06, got inf",
+        ),
+        (
+            ("p", "--method", "p1"),
+            "--envelope: expected an envelope for the relaxation p1, got none",
+        ),
         (
             ("p", "--method", "p1", "--relaxation", "foo"),
             "--relaxation: expected one of p1, joint, coned, lift, or FILE.py:NAME, got 'foo'",
         ),
-        (("p", "--method", "micp", "--intervals", "65"), "--intervals: expected 64 or less, got 65"),
+        (
+            ("p", "--method", "micp", "--intervals", "65"),
+            "--intervals: expected 64 or less, got 65",
+        ),
         (
             ("p", "--method", "micp", "--intervals", "3"),
             "--intervals: expected 1 or more, and a power of two for 'log', got 3",
@@ -374,8 +470,14 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit):
         ),
         (("p", "--intervals", "8"), "--intervals: expected --method micp with it, got exact"),
         (("p", "--solver", "scip"), "--solver: expected --method micp with it, got exact"),
-        (("p", "--projection", "fix-p"), "--projection: expected --method p1 or lift or two-stage with it, got exact"),
-        (("p", "--envelope", "e"), "--envelope: expected --method p1 or two-stage or micp with it, got exact"),
+        (
+            ("p", "--projection", "fix-p"),
+            "--projection: expected --method p1 or lift or two-stage with it, got exact",
+        ),
+        (
+            ("p", "--envelope", "e"),
+            "--envelope: expected --method p1 or two-stage or micp with it, got exact",
+        ),
         (("p", "--method", "p1", "--envelope", "e"), "e: expected a file, found nothing there"),
         (("p", "--out", "none/a"), "none/a: expected an existing folder none"),
         (("p", "--out", "."), ".: cannot be written: Is a directory"),
@@ -394,7 +496,9 @@ def test_a_method_that_is_none_is_answered_with_those_there_are(refusal):
 
 def test_a_solver_that_is_not_installed_is_named(refusal, monkeypatch):
     there = util.find_spec
-    monkeypatch.setattr(micp.util, "find_spec", lambda name: None if name == "gurobipy" else there(name))
+    monkeypatch.setattr(
+        micp.util, "find_spec", lambda name: None if name == "gurobipy" else there(name)
+    )
     said = refusal("solve", "p.json", "--method", "micp", "--solver", "gurobi")
     assert said == "--solver: gurobi is not installed: pip install 'stancekit[exact]'"
 
@@ -425,4 +529,6 @@ def test_an_envelope_of_another_class_is_refused(method, sampled, write, envelop
 )
 def test_a_bad_envelope_file_is_one_line(change, message, envelopes, write, refusal):
     name = write("e.json", json.loads(envelopes.read_text()) | change)
-    assert refusal("solve", "p.json", "--method", "p1", "--envelope", name).startswith(f"e.json: {message}")
+    assert refusal("solve", "p.json", "--method", "p1", "--envelope", name).startswith(
+        f"e.json: {message}"
+    )

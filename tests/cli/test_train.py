@@ -1,4 +1,5 @@
-"""`stancekit train`: the files that come with the project are read, a run runs, and bad input is one line."""
+"""`stancekit train`: the files that come with the project are read, a run runs, and bad input is
+one line."""
 
 import json
 from pathlib import Path
@@ -27,7 +28,11 @@ ppo: {rollout: 8, batch: 8, epochs: 1, hidden: [8]}
 
 
 def test_the_projects_own_configs_are_right():
-    assert {path.stem for path in CONFIGS} == {"train-selection", "train-paired", "train-refinement"}
+    assert {path.stem for path in CONFIGS} == {
+        "train-selection",
+        "train-paired",
+        "train-refinement",
+    }
     for path in CONFIGS:
         assert TrainConfig.from_yaml(path).problem == "wall-3"
 
@@ -39,7 +44,11 @@ def test_a_run_prints_its_curve_and_goes_on(tmp_path, capsys):
     assert [json.loads(line)["steps"] for line in capsys.readouterr().out.splitlines()] == [0, 16]
     assert (tmp_path / "run" / "policy.safetensors").is_file()
     assert run(Train(config=path, out=tmp_path / "run", json=True, resume=True, steps=32)) == 0
-    assert [json.loads(line)["steps"] for line in capsys.readouterr().out.splitlines()] == [0, 16, 32]
+    assert [json.loads(line)["steps"] for line in capsys.readouterr().out.splitlines()] == [
+        0,
+        16,
+        32,
+    ]
     assert run(Train(config=path, out=tmp_path / "run")) == 2
     assert "holds a run already" in capsys.readouterr().err
 

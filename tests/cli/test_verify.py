@@ -13,7 +13,12 @@ def pairs(stancekit, sampled, write):
     """Three problems, feasible, infeasible and feasible, and their answers with certificates."""
     problems = sampled["wall-3"][:3]
     write("problems.jsonl", *problems)
-    assert stancekit("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl", "--json").code == 0
+    assert (
+        stancekit(
+            "solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl", "--json"
+        ).code
+        == 0
+    )
     return problems
 
 
@@ -31,8 +36,12 @@ def test_what_solve_wrote_is_accepted(pairs, stancekit):
     assert (ran.code, ran.err) == (0, "")
     assert verdicts(ran) == ["accepted"] * 3
     assert [record["kind"] for record in ran.records] == ["posture", "certificate", "posture"]
-    assert [record["where"] for record in ran.records] == [f"problems.jsonl line {number}" for number in (1, 2, 3)]
-    assert all(len(record["digest"]) == 64 and record["residual_nm"] < 1e-6 for record in ran.records[::2])
+    assert [record["where"] for record in ran.records] == [
+        f"problems.jsonl line {number}" for number in (1, 2, 3)
+    ]
+    assert all(
+        len(record["digest"]) == 64 and record["residual_nm"] < 1e-6 for record in ran.records[::2]
+    )
     assert ran.records[1]["lower_bound"] > 1e-4
     assert ran.records[1]["leaves"] >= 1
 
@@ -49,9 +58,18 @@ def test_people_are_told_in_a_line_each(pairs, stancekit):
 
 
 def test_answers_and_problems_may_come_from_standard_input(pairs, stancekit, tmp_path):
-    answers, problems = (tmp_path / "answers.jsonl").read_bytes(), (tmp_path / "problems.jsonl").read_bytes()
-    assert verdicts(stancekit("verify", "problems.jsonl", "-", "--json", stdin=answers)) == ["accepted"] * 3
-    assert verdicts(stancekit("verify", "-", "answers.jsonl", "--json", stdin=problems)) == ["accepted"] * 3
+    answers, problems = (
+        (tmp_path / "answers.jsonl").read_bytes(),
+        (tmp_path / "problems.jsonl").read_bytes(),
+    )
+    assert (
+        verdicts(stancekit("verify", "problems.jsonl", "-", "--json", stdin=answers))
+        == ["accepted"] * 3
+    )
+    assert (
+        verdicts(stancekit("verify", "-", "answers.jsonl", "--json", stdin=problems))
+        == ["accepted"] * 3
+    )
 
 
 def test_an_answer_to_another_problem_is_refused(pairs, answers, write, stancekit):
@@ -77,7 +95,9 @@ def test_a_claim_without_its_evidence_is_refused(pairs, answers, write, stanceki
     del answers[1]["certificate"]
     bare = {"status": "feasible"}
     ran = stancekit(
-        "verify", "problems.jsonl", write("a.jsonl", answers[0] | {"status": "infeasible"}, answers[1], bare)
+        "verify",
+        "problems.jsonl",
+        write("a.jsonl", answers[0] | {"status": "infeasible"}, answers[1], bare),
     )
     assert ran.code == 1
     assert ran.out.splitlines() == [
@@ -90,7 +110,9 @@ def test_a_claim_without_its_evidence_is_refused(pairs, answers, write, stanceki
 
 
 def test_what_decides_nothing_is_told_apart(pairs, write, stancekit):
-    file = write("a.jsonl", *({"status": status} for status in ("undecided", "invalid", "undecided")))
+    file = write(
+        "a.jsonl", *({"status": status} for status in ("undecided", "invalid", "undecided"))
+    )
     ran = stancekit("verify", "problems.jsonl", file, "--json")
     assert (ran.code, verdicts(ran)) == (0, ["unclaimed"] * 3)
 
@@ -103,7 +125,10 @@ def test_what_decides_nothing_is_told_apart(pairs, write, stancekit):
             lambda answer: {},
             "a.jsonl line 1: status: expected one of feasible, infeasible, undecided, invalid, got None",
         ),
-        (lambda answer: {**answer, "status": "perhaps"}, "a.jsonl line 1: status: expected one of "),
+        (
+            lambda answer: {**answer, "status": "perhaps"},
+            "a.jsonl line 1: status: expected one of ",
+        ),
         (
             lambda answer: {k: v for k, v in answer.items() if k != "com_m"},
             "a.jsonl line 1: com_m: expected this key, got nothing",
@@ -118,19 +143,30 @@ def test_what_decides_nothing_is_told_apart(pairs, write, stancekit):
         ),
     ],
 )
-def test_a_bad_answer_is_one_line_and_the_others_are_checked(spoil, message, pairs, answers, write, stancekit):
-    ran = stancekit("verify", "problems.jsonl", write("a.jsonl", spoil(answers[0]), *answers[1:]), "--json")
+def test_a_bad_answer_is_one_line_and_the_others_are_checked(
+    spoil, message, pairs, answers, write, stancekit
+):
+    ran = stancekit(
+        "verify", "problems.jsonl", write("a.jsonl", spoil(answers[0]), *answers[1:]), "--json"
+    )
     assert (ran.code, verdicts(ran)) == (2, ["invalid", "accepted", "accepted"])
     assert ran.err.count("\n") == 1
     assert ran.err.startswith(f"stancekit: error: {message}")
-    assert ran.records[0]["message"] == ran.err.removeprefix("stancekit: error: ").removesuffix("\n")
+    assert ran.records[0]["message"] == ran.err.removeprefix("stancekit: error: ").removesuffix(
+        "\n"
+    )
 
 
 def test_a_data_set_is_checked_against_itself(stancekit, labelled):
     ran = stancekit("verify", labelled, "--json")
     (report,) = ran.records
     assert ran.code == 0
-    assert (report["accepted"], report["witnesses"], report["certificates"], report["refused"]) == (True, 8, 8, [])
+    assert (report["accepted"], report["witnesses"], report["certificates"], report["refused"]) == (
+        True,
+        8,
+        8,
+        [],
+    )
     assert "accepted         True" in stancekit("verify", labelled).out
 
 
@@ -140,28 +176,47 @@ def test_what_is_not_there_is_said_before_anything_is_imported_that_verifies():
         "try:\n    main()\nexcept SystemExit as end:\n    print(end.code, 'stancekit.checks' in sys.modules)\n"
     )
     for files in (["none"], ["none", "neither"]):
-        said = run([sys.executable, "-c", script, "verify", *files], capture_output=True, text=True, check=False)
+        said = run(
+            [sys.executable, "-c", script, "verify", *files],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert "found nothing there" in said.stderr
         assert said.stdout == "2 False\n"
 
 
 def test_bad_input_is_one_line(refusal, pairs, labelled):
-    assert refusal("verify", "none") == "none: expected a plan, proof, gait or data set, found nothing there"
+    assert (
+        refusal("verify", "none")
+        == "none: expected a plan, proof, gait or data set, found nothing there"
+    )
     said = refusal("verify", "problems.jsonl")
-    assert said.endswith(": expected a data set folder, a plan, a proof or a gait, or a file of answers after it")
-    for content, message in ((b'{"a": NaN}', "NaN"), (b"\xff{", "expected UTF-8 text"), (b"[" * 100_000, "")):
+    assert said.endswith(
+        ": expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+    )
+    for content, message in (
+        (b'{"a": NaN}', "NaN"),
+        (b"\xff{", "expected UTF-8 text"),
+        (b"[" * 100_000, ""),
+    ):
         Path("damaged.json").write_bytes(content)
         said = refusal("verify", "damaged.json")
         assert said.startswith("damaged.json: ")
         assert message in said
         assert "answers after it" not in said
-    assert refusal("verify", "problems.jsonl", "none") == "none: expected a file, found nothing there"
+    assert (
+        refusal("verify", "problems.jsonl", "none") == "none: expected a file, found nothing there"
+    )
     for value in ("0", "1", "nan", "-1"):
         said = refusal("verify", "problems.jsonl", "answers.jsonl", "--tolerance", value)
         assert said.startswith("--tolerance: expected a number between 0 and 1, got ")
     for option in (("--tolerance", "0.1"), ("--explain",)):
         said = refusal("verify", labelled, *option)
-        assert said == f"{option[0]}: expected a file of answers with it, got a data set, which has its own plan"
+        assert (
+            said
+            == f"{option[0]}: expected a file of answers with it, got a data set, which has its own plan"
+        )
 
 
 def test_there_is_one_answer_a_problem(refusal, pairs, answers, write):

@@ -1,4 +1,5 @@
-"""``stancekit export`` and ``verify`` of motions: what comes back is judged, and bad input is one line and exit 2."""
+"""``stancekit export`` and ``verify`` of motions: what comes back is judged, and bad input is one
+line and exit 2."""
 
 from __future__ import annotations
 
@@ -45,7 +46,10 @@ def test_a_motion_is_judged_by_the_command(walk: Path, capsys: pytest.CaptureFix
 def test_mujocos_key_frames_are_judged(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     assert run("export", walk, "--to", "mujoco") == 0
-    assert run("verify", walk.with_suffix(".xml"), "--robot", "anymal", "--terrain", walk, "--json") == 0
+    assert (
+        run("verify", walk.with_suffix(".xml"), "--robot", "anymal", "--terrain", walk, "--json")
+        == 0
+    )
     record = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert record["not_checked"] == ["torque", "contact_gap", "forces", "cone", "swing_force"]
 
@@ -74,10 +78,16 @@ def spoiled(text: str, how: str) -> str:
     ("how", "line"),
     [
         ("nan", "row 1, column t: expected a finite number, got nan"),
-        ("gap", "time_s: row 50: expected a uniform grid, got a gap of 0.11 s at 0.49 s where others are 0.01 s"),
+        (
+            "gap",
+            "time_s: row 50: expected a uniform grid, got a gap of 0.11 s at 0.49 s where others are 0.01 s",
+        ),
         ("backwards", "expected times that increase"),
         ("short", "row 2: expected "),
-        ("column", "expected columns as t, q.JOINT, force.LIMB.x, got 'body.q0', did you mean 'body.qz'?"),
+        (
+            "column",
+            "expected columns as t, q.JOINT, force.LIMB.x, got 'body.q0', did you mean 'body.qz'?",
+        ),
         ("joint", "joints: expected those of anymal"),
         ("axis", "got 'com_v.q'"),
         ("empty", "expected rows below the header, got none"),
@@ -94,14 +104,19 @@ def test_a_bad_motion_is_one_line(
     assert line in said
 
 
-def test_options_that_do_not_fit_are_one_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_do_not_fit_are_one_line(
+    walk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = walk.with_suffix(".csv")
     for arguments, line in (
         ((table,), "--terrain: expected it or a course with the motion"),
         ((table, "--terrain", walk, "--course", "walls"), "got both"),
         ((walk, "--terrain", walk), "--terrain: expected a motion with it"),
         ((table, "--terrain", walk, "--robot", "nobody"), "--robot: expected"),
-        ((table, "--terrain", walk, "--tolerance", "0.1"), "--tolerance: expected none with a motion"),
+        (
+            (table, "--terrain", walk, "--tolerance", "0.1"),
+            "--tolerance: expected none with a motion",
+        ),
         ((table, "--terrain", "nowhere"), "--terrain: expected a file, one of"),
     ):
         assert run("verify", *arguments) == 2
@@ -109,22 +124,45 @@ def test_options_that_do_not_fit_are_one_line(walk: Path, capsys: pytest.Capture
         assert (said.count("\n"), line in said) == (1, True), said
 
 
-def test_exports_that_cannot_be_are_one_line(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exports_that_cannot_be_are_one_line(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "other.json").write_text("{}")
     for arguments, line in (
-        ((walk,), "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, rerun, foxglove, got none"),
+        (
+            (walk,),
+            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, rerun, foxglove, got none",
+        ),
         ((walk, "--to", "svg"), "--to: expected one of csv"),
         ((walk, "--to", "minari"), "expected the folder of a data set"),
-        ((walk, "--to", "csv", "--out", tmp_path / "file" / "walk.csv"), "expected an existing folder"),
-        ((walk, "--to", "csv", "--out", tmp_path / "walk.txt"), "--out: expected a name that ends in .csv"),
-        ((walk, "--to", "csv", "--rate-hz", "-1"), "--rate-hz: expected a number in (0, 10000], got -1"),
+        (
+            (walk, "--to", "csv", "--out", tmp_path / "file" / "walk.csv"),
+            "expected an existing folder",
+        ),
+        (
+            (walk, "--to", "csv", "--out", tmp_path / "walk.txt"),
+            "--out: expected a name that ends in .csv",
+        ),
+        (
+            (walk, "--to", "csv", "--rate-hz", "-1"),
+            "--rate-hz: expected a number in (0, 10000], got -1",
+        ),
         ((walk, "--to", "csv", "--count", "2"), "--count: expected a family's level with it"),
-        (("rough:0.1", "--to", "csv"), "--count: expected how many motions over rough:0.1, got none"),
+        (
+            ("rough:0.1", "--to", "csv"),
+            "--count: expected how many motions over rough:0.1, got none",
+        ),
         (("rough:0.1", "--to", "csv", "--count", "0"), "--count: expected"),
         (("rough:0.1:3", "--count", "2"), "expected FAMILY:LEVEL with count"),
-        (("rough:0.1", "--count", "2", "--out", tmp_path / "file"), "expected a folder or room for one"),
-        ((tmp_path / "other.json", "--to", "csv"), "expected a plan, a walk, a leap, or the folder of a data set"),
+        (
+            ("rough:0.1", "--count", "2", "--out", tmp_path / "file"),
+            "expected a folder or room for one",
+        ),
+        (
+            (tmp_path / "other.json", "--to", "csv"),
+            "expected a plan, a walk, a leap, or the folder of a data set",
+        ),
     ):
         assert run("export", *arguments) == 2
         said = capsys.readouterr().err
@@ -162,6 +200,10 @@ def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
     for text in ("", "[]", '{"format": 1}', "\n3", '\n{"ground": 1}', '\n{"file": 3}'):
         head = (folder / "motions.jsonl").read_text().splitlines()[0]
         (folder / "bad").mkdir(exist_ok=True)
-        (folder / "bad" / "motions.jsonl").write_text(head + text if text.startswith("\n") else text)
-        assert run("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad") == 2
+        (folder / "bad" / "motions.jsonl").write_text(
+            head + text if text.startswith("\n") else text
+        )
+        assert (
+            run("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad") == 2
+        )
         assert capsys.readouterr().err.count("\n") == 1

@@ -22,7 +22,18 @@ def grid(tmp_path):
 
 
 def test_a_map_is_made_written_and_reported(grid, tmp_path, capsys):
-    assert run(Warp(str(grid), **QUICK, out=tmp_path / "map.npz", picture=tmp_path / "map.png", json=True)) == 0
+    assert (
+        run(
+            Warp(
+                str(grid),
+                **QUICK,
+                out=tmp_path / "map.npz",
+                picture=tmp_path / "map.png",
+                json=True,
+            )
+        )
+        == 0
+    )
     (line,) = capsys.readouterr().out.splitlines()
     record = json.loads(line)
     assert record["least_det"] > 0.0
@@ -52,7 +63,10 @@ def test_a_published_map_that_folds_ends_with_one(capsys):
         ({"height_m": -1.0}, "--height-m: expected a number in (0, 100], got -1"),
         ({"iterations": 0}, "--iterations: expected 1 to 10000, got 0"),
         ({"file": TerrainFile(heights_m="0,1")}, "--heights-m: expected a .png with it, got "),
-        ({"file": TerrainFile(heights_m="0")}, "--heights-m: expected 2 numbers with commas between them, got '0'"),
+        (
+            {"file": TerrainFile(heights_m="0")},
+            "--heights-m: expected 2 numbers with commas between them, got '0'",
+        ),
         ({"file": TerrainFile(spacing_m=0.0)}, "--spacing-m: expected a number in (0, 200], got 0"),
     ],
 )
@@ -66,4 +80,6 @@ def test_bad_options_are_one_line_and_two(grid, capsys, options, message):
 
 def test_a_terrain_that_is_not_there_says_what_could_be(capsys):
     assert run(Warp("moon")) == 2
-    assert capsys.readouterr().err.startswith("stancekit: error: terrain: expected a file, one of ripple, cone")
+    assert capsys.readouterr().err.startswith(
+        "stancekit: error: terrain: expected a file, one of ripple, cone"
+    )

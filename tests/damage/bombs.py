@@ -35,7 +35,8 @@ def endless_yaml() -> bytes:
 
 
 def packed(name: str, megabytes: int, *, honest: bool) -> bytes:
-    """An archive with zeros by the gigabyte, and a header that says so, or one that says they are few."""
+    """An archive with zeros by the gigabyte, and a header that says so, or one that says they are
+    few."""
     count = megabytes * 125_000
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(
@@ -43,7 +44,9 @@ def packed(name: str, megabytes: int, *, honest: bool) -> bytes:
     )
     zeros, pack = bytes(1_000_000), zlib.compressobj(wbits=-15)
     first = pack.compress(head.getvalue()) + pack.flush(zlib.Z_FULL_FLUSH)
-    same = pack.compress(zeros) + pack.flush(zlib.Z_FULL_FLUSH)  # a megabyte that depends on nothing before it
+    same = pack.compress(zeros) + pack.flush(
+        zlib.Z_FULL_FLUSH
+    )  # a megabyte that depends on nothing before it
     digest = zlib.crc32(head.getvalue())
     for _ in range(megabytes):
         digest = zlib.crc32(zeros, digest)
@@ -63,19 +66,25 @@ def wide_png(side: int = 50_000) -> bytes:
     """A picture of one grey, and as many pixels as its side squared."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
     pixels = zlib.compress(bytes(4_000_000), 9)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+    )
 
 
 def entities(levels: int = 10) -> bytes:
     """A URDF whose name is a billion letters by entities of entities."""
     message = '<!ENTITY a0 "lol">' + "".join(
         f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, levels)
-    )  # fmt: skip
-    return f'<?xml version="1.0"?><!DOCTYPE robot [{message}]><robot name="&a{levels - 1};"/>'.encode()
+    )
+    return (
+        f'<?xml version="1.0"?><!DOCTYPE robot [{message}]><robot name="&a{levels - 1};"/>'.encode()
+    )
 
 
 def deep_xml(levels: int = 100_000) -> bytes:
@@ -87,7 +96,8 @@ def vast_ply() -> bytes:
     """A mesh that declares more corners than there are bytes in the world."""
     return (
         b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\nproperty float x\nproperty float y\n"
-        b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n" + bytes(64)
+        b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        + bytes(64)
     )
 
 

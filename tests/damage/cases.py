@@ -20,10 +20,12 @@ ALL = frozenset({0, 1, 2})
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A reader: the command's arguments, relative to the folder of its files, and the file that is damaged.
+    """A reader: the command's arguments, relative to the folder of its files, and the file that is
+    damaged.
 
-    kind: of the file, for ``unreadable``. made: mutations besides those of bytes. codes: exit codes that a well-formed
-    file may get. sealed: it carries digests, so that a change of its contents must be refused; seal: makes them fit.
+    kind: of the file, for ``unreadable``. made: mutations besides those of bytes. codes: exit codes
+    that a well-formed file may get. sealed: it carries digests, so that a change of its contents
+    must be refused; seal: makes them fit.
     """
 
     name: str
@@ -37,8 +39,16 @@ class Case:
 
     @property
     def mesh(self) -> str:
-        """The format of a mesh that a URDF or a terrain names, as its file's name ends; empty for other readers."""
-        named = self.kind in ("stl", "obj", "ply", "off", "glb", "dae") and not self.file.startswith("cloud")
+        """The format of a mesh that a URDF or a terrain names, as its file's name ends; empty for
+        other readers."""
+        named = self.kind in (
+            "stl",
+            "obj",
+            "ply",
+            "off",
+            "glb",
+            "dae",
+        ) and not self.file.startswith("cloud")
         return ("text " if "-text" in self.file else "") + self.kind if named else ""
 
     def damaged(self, content: bytes, rng: np.random.Generator) -> tuple[bytes, frozenset[int]]:
@@ -57,7 +67,8 @@ class Case:
 
 
 def unreadable(kind: str, content: bytes) -> bool:
-    """Whether the library that the format is of cannot read it: an opinion that is not the house's."""
+    """Whether the library that the format is of cannot read it: an opinion that is not the
+    house's."""
     try:
         if kind in ("json", "jsonl", "yaml"):
             text = content.decode("utf-8-sig")
@@ -92,7 +103,8 @@ def same(kind: str, old: bytes, new: bytes) -> bool:
     if kind == "npz":
         one, other = m.arrays_of(old), m.arrays_of(new)
         return set(one) == set(other) and all(
-            one[name].shape == other[name].shape and np.array_equal(one[name], other[name]) for name in one
+            one[name].shape == other[name].shape and np.array_equal(one[name], other[name])
+            for name in one
         )
     return bool(json.loads(old) == json.loads(new))
 
@@ -110,7 +122,11 @@ def _sealed(key: str) -> Callable[[bytes], bytes]:
 
 
 TEXT = (m.renumbered, m.reordered)
-JSON, YAML, NPZ = (m.json_tree,), (m.yaml_tree, m.renumbered), (m.other_arrays, m.other_header, m.other_directory)
+JSON, YAML, NPZ = (
+    (m.json_tree,),
+    (m.yaml_tree, m.renumbered),
+    (m.other_arrays, m.other_header, m.other_directory),
+)
 OUTSIDE = ("--start", "0,0", "--goal", "90000,0")
 """A walk that no terrain holds: read, and then refused."""
 ONLY = frozenset({2})
@@ -121,81 +137,285 @@ PLAN = ("--feasible", "2", "--infeasible", "2", "--shard-size", "4", "--seed", "
 def cases() -> list[Case]:
     """All readers."""
     found = [
-        Case(name="problems", arguments=("solve", "problems.jsonl"), file="problems.jsonl", kind="jsonl", made=JSON),
-        Case(name="answers", arguments=("verify", "problems.jsonl", "answers.jsonl"), file="answers.jsonl",
-             kind="jsonl", made=JSON),
-        Case(name="envelope", arguments=("solve", "one.json", "--method", "p1", "--envelope", "envelope.json"),
-             file="envelope.json", kind="json", made=JSON),
-        Case(name="plan header", arguments=("verify", "plan.json"), file="plan.json", kind="json", made=JSON,
-             sealed=True, seal=_sealed("sha256")),
-        Case(name="plan numbers", arguments=("verify", "plan1.json"), file="plan1.npz", kind="npz", made=NPZ,
-             codes=ONLY | {0}, sealed=True),
-        Case(name="proof", arguments=("verify", "proof.json"), file="proof.json", kind="json", made=JSON),
-        Case(name="gait header", arguments=("verify", "gait.json"), file="gait.json", kind="json", made=JSON,
-             sealed=True, seal=_sealed("digest")),
-        Case(name="gait samples", arguments=("verify", "gait1.json"), file="gait1.npz", kind="npz", made=NPZ,
-             sealed=True),
-        Case(name="course yaml", arguments=("plan", "course.yaml", "--frames", "1"),
-             file="course.yaml", kind="yaml", made=YAML),
-        Case(name="course json", arguments=("plan", "course.json"), file="course.json", kind="json", made=JSON),
-        Case(name="robot yaml", arguments=("gait", "ripple", "--robot", "robot.yaml", *OUTSIDE), file="robot.yaml",
-             kind="yaml", made=YAML, codes=ONLY),
-        Case(name="measured robot", arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
-             file="measured.yaml", kind="yaml", made=YAML, codes=ONLY),
-        Case(name="urdf", arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE), file="robot.urdf",
-             kind="xml", made=TEXT, codes=ONLY),
-        Case(name="log", arguments=("replay", "run.mcap"), file="run.mcap", kind="mcap",
-             made=(m.other_records,)),
-        Case(name="replayed log", arguments=("run", "plan.json", "--world", "replay", "--setup", "run.mcap"),
-             file="run.mcap", kind="mcap", made=(m.other_records,)),
-        Case(name="servos", arguments=("run", "plan.json", "--world", "dynamixel", "--setup", "servos.yaml"),
-             file="servos.yaml", kind="yaml", made=YAML),
-        Case(name="ros", arguments=("run", "plan.json", "--world", "ros", "--setup", "ros.yaml"), file="ros.yaml",
-             kind="yaml", made=YAML),
-        Case(name="data header", arguments=("verify", "data"), file="data/header.json", kind="json", made=JSON),
-        Case(name="data rows", arguments=("verify", "data"), file="data/shard-00000.parquet", kind="parquet"),
-        Case(name="data times", arguments=("label", "wall-3", "data", *PLAN), file="data/timing-00000.json",
-             kind="json", made=JSON),
-        Case(name="training", arguments=("train", "train.yaml", "--out", "none", "--resume"), file="train.yaml",
-             kind="yaml", made=YAML, codes=ONLY),
-        Case(name="experiment", arguments=("bench", "envelopes", "--config", "bench.yaml", "--out", "full/x"),
-             file="bench.yaml", kind="yaml", made=YAML, codes=ONLY),
-        Case(name="fitting", file="fit.yaml", kind="yaml", made=YAML,
-             arguments=("fit", "data", "--method", "heuristic", "--config", "fit.yaml", "--out", "e.json")),
-    ]  # fmt: skip
+        Case(
+            name="problems",
+            arguments=("solve", "problems.jsonl"),
+            file="problems.jsonl",
+            kind="jsonl",
+            made=JSON,
+        ),
+        Case(
+            name="answers",
+            arguments=("verify", "problems.jsonl", "answers.jsonl"),
+            file="answers.jsonl",
+            kind="jsonl",
+            made=JSON,
+        ),
+        Case(
+            name="envelope",
+            arguments=("solve", "one.json", "--method", "p1", "--envelope", "envelope.json"),
+            file="envelope.json",
+            kind="json",
+            made=JSON,
+        ),
+        Case(
+            name="plan header",
+            arguments=("verify", "plan.json"),
+            file="plan.json",
+            kind="json",
+            made=JSON,
+            sealed=True,
+            seal=_sealed("sha256"),
+        ),
+        Case(
+            name="plan numbers",
+            arguments=("verify", "plan1.json"),
+            file="plan1.npz",
+            kind="npz",
+            made=NPZ,
+            codes=ONLY | {0},
+            sealed=True,
+        ),
+        Case(
+            name="proof",
+            arguments=("verify", "proof.json"),
+            file="proof.json",
+            kind="json",
+            made=JSON,
+        ),
+        Case(
+            name="gait header",
+            arguments=("verify", "gait.json"),
+            file="gait.json",
+            kind="json",
+            made=JSON,
+            sealed=True,
+            seal=_sealed("digest"),
+        ),
+        Case(
+            name="gait samples",
+            arguments=("verify", "gait1.json"),
+            file="gait1.npz",
+            kind="npz",
+            made=NPZ,
+            sealed=True,
+        ),
+        Case(
+            name="course yaml",
+            arguments=("plan", "course.yaml", "--frames", "1"),
+            file="course.yaml",
+            kind="yaml",
+            made=YAML,
+        ),
+        Case(
+            name="course json",
+            arguments=("plan", "course.json"),
+            file="course.json",
+            kind="json",
+            made=JSON,
+        ),
+        Case(
+            name="robot yaml",
+            arguments=("gait", "ripple", "--robot", "robot.yaml", *OUTSIDE),
+            file="robot.yaml",
+            kind="yaml",
+            made=YAML,
+            codes=ONLY,
+        ),
+        Case(
+            name="measured robot",
+            arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
+            file="measured.yaml",
+            kind="yaml",
+            made=YAML,
+            codes=ONLY,
+        ),
+        Case(
+            name="urdf",
+            arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
+            file="robot.urdf",
+            kind="xml",
+            made=TEXT,
+            codes=ONLY,
+        ),
+        Case(
+            name="log",
+            arguments=("replay", "run.mcap"),
+            file="run.mcap",
+            kind="mcap",
+            made=(m.other_records,),
+        ),
+        Case(
+            name="replayed log",
+            arguments=("run", "plan.json", "--world", "replay", "--setup", "run.mcap"),
+            file="run.mcap",
+            kind="mcap",
+            made=(m.other_records,),
+        ),
+        Case(
+            name="servos",
+            arguments=("run", "plan.json", "--world", "dynamixel", "--setup", "servos.yaml"),
+            file="servos.yaml",
+            kind="yaml",
+            made=YAML,
+        ),
+        Case(
+            name="ros",
+            arguments=("run", "plan.json", "--world", "ros", "--setup", "ros.yaml"),
+            file="ros.yaml",
+            kind="yaml",
+            made=YAML,
+        ),
+        Case(
+            name="data header",
+            arguments=("verify", "data"),
+            file="data/header.json",
+            kind="json",
+            made=JSON,
+        ),
+        Case(
+            name="data rows",
+            arguments=("verify", "data"),
+            file="data/shard-00000.parquet",
+            kind="parquet",
+        ),
+        Case(
+            name="data times",
+            arguments=("label", "wall-3", "data", *PLAN),
+            file="data/timing-00000.json",
+            kind="json",
+            made=JSON,
+        ),
+        Case(
+            name="training",
+            arguments=("train", "train.yaml", "--out", "none", "--resume"),
+            file="train.yaml",
+            kind="yaml",
+            made=YAML,
+            codes=ONLY,
+        ),
+        Case(
+            name="experiment",
+            arguments=("bench", "envelopes", "--config", "bench.yaml", "--out", "full/x"),
+            file="bench.yaml",
+            kind="yaml",
+            made=YAML,
+            codes=ONLY,
+        ),
+        Case(
+            name="fitting",
+            file="fit.yaml",
+            kind="yaml",
+            made=YAML,
+            arguments=(
+                "fit",
+                "data",
+                "--method",
+                "heuristic",
+                "--config",
+                "fit.yaml",
+                "--out",
+                "e.json",
+            ),
+        ),
+    ]
     for kind in ("policy", "neural", "chooser"):
         file = f"{kind}.safetensors"
-        found.append(Case(
-            name=kind, arguments=("evaluate", "data", "--selector", file, "--no-lift", "--projection", "fix-p"),
-            file=file, kind="safetensors", made=(m.other_metadata,),
-        ))  # fmt: skip
+        found.append(
+            Case(
+                name=kind,
+                arguments=(
+                    "evaluate",
+                    "data",
+                    "--selector",
+                    file,
+                    "--no-lift",
+                    "--projection",
+                    "fix-p",
+                ),
+                file=file,
+                kind="safetensors",
+                made=(m.other_metadata,),
+            )
+        )
     made: dict[str, tuple[m.Bytes, ...]] = {
-        "npy": (m.other_header,), "npz": NPZ, "csv": TEXT, "png": (m.other_chunk,), "stl": (), "obj": TEXT, "ply": (),
-        "off": TEXT, "glb": (),
-    }  # fmt: skip
+        "npy": (m.other_header,),
+        "npz": NPZ,
+        "csv": TEXT,
+        "png": (m.other_chunk,),
+        "stl": (),
+        "obj": TEXT,
+        "ply": (),
+        "off": TEXT,
+        "glb": (),
+    }
     for suffix, ways in made.items():
         more = ("--heights-m", "0,0.3") if suffix == "png" else ()
         file = f"terrain.{suffix}"
-        found.append(Case(name=f"heights {suffix}", arguments=("gait", file, *OUTSIDE, *more), file=file, kind=suffix,
-                          made=ways, codes=ONLY))  # fmt: skip
+        found.append(
+            Case(
+                name=f"heights {suffix}",
+                arguments=("gait", file, *OUTSIDE, *more),
+                file=file,
+                kind=suffix,
+                made=ways,
+                codes=ONLY,
+            )
+        )
     for suffix in ("-text.stl", "-text.ply", ".dae"):
         file = f"terrain{suffix}"
-        found.append(Case(name=f"heights {file[7:]}", arguments=("gait", file, *OUTSIDE), file=file, kind=suffix[-3:],
-                          made=TEXT, codes=ONLY))  # fmt: skip
+        found.append(
+            Case(
+                name=f"heights {file[7:]}",
+                arguments=("gait", file, *OUTSIDE),
+                file=file,
+                kind=suffix[-3:],
+                made=TEXT,
+                codes=ONLY,
+            )
+        )
     for file in ("cloud.pcd", "text.pcd", "cloud.xyz", "cloud.ply"):
         way = (m.renumbered,) if file in ("text.pcd", "cloud.xyz") else ()
-        found.append(Case(name=file, arguments=("terrain", file, "--spacing-m", "0.25"), file=file, kind=file[-3:],
-                          made=way))  # fmt: skip
+        found.append(
+            Case(
+                name=file,
+                arguments=("terrain", file, "--spacing-m", "0.25"),
+                file=file,
+                kind=file[-3:],
+                made=way,
+            )
+        )
     for kind in ("-stl", "-text-stl", "-obj", "-ply", "-text-ply", "-off", "-glb", "-dae"):
         file = f"foot{kind[::-1].replace('-', '.', 1)[::-1]}"
         way = TEXT if kind in ("-text-stl", "-obj", "-text-ply", "-off", "-dae") else ()
-        found.append(Case(name=f"robot{kind}", arguments=("robot", f"foot{kind}.urdf", "--json"), file=file,
-                          kind=kind[-3:], made=way))  # fmt: skip
-    found.append(Case(name="srdf", arguments=("robot", "robot.urdf", "--srdf", "robot.srdf", "--json"),
-                      file="robot.srdf", kind="xml", made=TEXT))  # fmt: skip
+        found.append(
+            Case(
+                name=f"robot{kind}",
+                arguments=("robot", f"foot{kind}.urdf", "--json"),
+                file=file,
+                kind=kind[-3:],
+                made=way,
+            )
+        )
+    found.append(
+        Case(
+            name="srdf",
+            arguments=("robot", "robot.urdf", "--srdf", "robot.srdf", "--json"),
+            file="robot.srdf",
+            kind="xml",
+            made=TEXT,
+        )
+    )
     for suffix in ("stl", "obj", "ply"):
-        found.append(Case(name=f"mesh {suffix}", arguments=("plan", f"mesh-{suffix}.yaml"), file=f"mesh.{suffix}",
-                          kind=suffix, made=made[suffix]))  # fmt: skip
+        found.append(
+            Case(
+                name=f"mesh {suffix}",
+                arguments=("plan", f"mesh-{suffix}.yaml"),
+                file=f"mesh.{suffix}",
+                kind=suffix,
+                made=made[suffix],
+            )
+        )
     return found
 
 
@@ -207,7 +427,8 @@ def command(arguments: tuple[str, ...]) -> tuple[int, str, str]:
 
 
 def said(call: Callable[[], Any]) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of a call of the command's entry, or of one of its verbs."""
+    """Exit code, standard output and standard error of a call of the command's entry, or of one of
+    its verbs."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:

@@ -64,18 +64,27 @@ def make_files(folder: Path) -> None:
 def _postures(folder: Path) -> None:
     rng = np.random.default_rng(1)
     problems = [distribution("wall-3").sample(rng).to_json() for _ in range(3)]
-    (folder / "problems.jsonl").write_text("".join(json.dumps(problem) + "\n" for problem in problems))
+    (folder / "problems.jsonl").write_text(
+        "".join(json.dumps(problem) + "\n" for problem in problems)
+    )
     (folder / "one.json").write_text(json.dumps(problems[0]))
     command(("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl"))
     write_boxes(folder / "envelope.json", expert_envelopes("wall"))
-    label(LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4, seed=2), folder / "data")
+    label(
+        LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4, seed=2),
+        folder / "data",
+    )
     quota = {"feasible": 2, "infeasible": 2}
     train = yaml.safe_load(config_path("train-selection.yaml").read_text())
     (folder / "train.yaml").write_text(yaml.safe_dump(train))
     bench = {
-        "problems": ["wall-3"], "train": {**quota, "seed": 0}, "test": {**quota, "seed": 1}, "methods": ["heuristic"],
-        "projections": ["fix-p"], "fit": {"share": 0.3},
-    }  # fmt: skip
+        "problems": ["wall-3"],
+        "train": {**quota, "seed": 0},
+        "test": {**quota, "seed": 1},
+        "methods": ["heuristic"],
+        "projections": ["fix-p"],
+        "fit": {"share": 0.3},
+    }
     (folder / "bench.yaml").write_text(yaml.safe_dump(bench))
     (folder / "fit.yaml").write_text("genetic: {population: 20, generations: 5}\n")
     (folder / "full").write_text("a file where a folder is wanted\n")
@@ -93,7 +102,20 @@ def _plans(folder: Path) -> None:
     refuted = TwoStageCoursePlanner().solve(icy).certificate
     assert refuted is not None
     write_proof(folder / "proof.json", refuted.of(icy))
-    command(("run", "plan.json", "--world", "mujoco", "--rate-hz", "10", "--pace", "4", "--log", "long.mcap"))
+    command(
+        (
+            "run",
+            "plan.json",
+            "--world",
+            "mujoco",
+            "--rate-hz",
+            "10",
+            "--pace",
+            "4",
+            "--log",
+            "long.mcap",
+        )
+    )
     _shortened(folder / "long.mcap", folder / "run.mcap")
     joints = joint_names(plan.problem.robot)
     nominal(joints, port="/dev/none").write(folder / "servos.yaml")
@@ -115,12 +137,20 @@ def _gaits(folder: Path) -> None:
     terrain = HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.5, name="level")
     at, count = np.array([0.0, 0.0, robot.stand_height_m]), 21
     still = Trajectory(
-        times_s=0.005 * np.arange(count), torso_m=np.tile(at, (count, 1)), rotation=np.tile(np.eye(3), (count, 1, 1)),
+        times_s=0.005 * np.arange(count),
+        torso_m=np.tile(at, (count, 1)),
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
         feet_m=np.tile([foot.nominal_m + at for foot in robot.feet], (count, 1, 1)),
-        forces_n=np.tile([0.0, 0.0, robot.weight_n / 6.0], (count, 6, 1)), contact=np.ones((count, 6), dtype=bool),
-        robot=robot, terrain=terrain, friction=0.7, adhesive=np.zeros(6, dtype=bool), start_xy_m=at[:2],
-        goal_xy_m=at[:2], provenance={},
-    )  # fmt: skip
+        forces_n=np.tile([0.0, 0.0, robot.weight_n / 6.0], (count, 6, 1)),
+        contact=np.ones((count, 6), dtype=bool),
+        robot=robot,
+        terrain=terrain,
+        friction=0.7,
+        adhesive=np.zeros(6, dtype=bool),
+        start_xy_m=at[:2],
+        goal_xy_m=at[:2],
+        provenance={},
+    )
     write_trajectory(folder / "gait.json", still, check_trajectory(still))
 
 
@@ -130,10 +160,14 @@ def _pairs(folder: Path) -> None:
     content = base64.b64decode(plan["arrays"]["npz"])
     (folder / "plan1.npz").write_bytes(content)
     arrays = {"file": "plan1.npz", "sha256": hashlib.sha256(content).hexdigest()}
-    _resealed(folder / "plan1.json", plan | {"format": "stancekit/plan/1", "arrays": arrays}, "sha256")
+    _resealed(
+        folder / "plan1.json", plan | {"format": "stancekit/plan/1", "arrays": arrays}, "sha256"
+    )
     gait = json.loads((folder / "gait.json").read_text())
     (folder / "gait1.npz").write_bytes(base64.b64decode(gait["samples"]))
-    _resealed(folder / "gait1.json", gait | {"format": "stancekit/gait/1", "samples": None}, "digest")
+    _resealed(
+        folder / "gait1.json", gait | {"format": "stancekit/gait/1", "samples": None}, "digest"
+    )
 
 
 def _resealed(path: Path, data: dict[str, Any], key: str) -> None:
@@ -151,11 +185,15 @@ def _robots(folder: Path) -> None:
     state = f'<group_state name="home">{angles}</group_state>'
     (folder / "robot.srdf").write_text(f'<robot name="hexapod">{state}{pair}</robot>')
     measured = {
-        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
-        "steps": 5, "voxel_m": 0.06, "ranges_rad": [[1.0, 1.0]] * 4,
+        "urdf": "robot.urdf",
+        "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
+        "steps": 5,
+        "voxel_m": 0.06,
+        "ranges_rad": [[1.0, 1.0]] * 4,
         "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
-        "trunk_half_m": [0.1, 0.1, 0.05], "name": "measured",
-    }  # fmt: skip
+        "trunk_half_m": [0.1, 0.1, 0.05],
+        "name": "measured",
+    }
     (folder / "measured.yaml").write_text(yaml.safe_dump(measured))
     named_walker(folder / "measured.yaml")
 
@@ -163,12 +201,19 @@ def _robots(folder: Path) -> None:
 def _selectors(folder: Path) -> None:
     envelopes = expert_envelopes("wall")
     shape = PolicyShape(environment="stancekit/EnvelopeSelection-v0", problem="wall-3", hidden=(4,))
-    TrainedPolicy(shape, shape.build(), envelopes.envelopes[0].to_vector(), steps=1).save(folder / "policy.safetensors")
+    TrainedPolicy(shape, shape.build(), envelopes.envelopes[0].to_vector(), steps=1).save(
+        folder / "policy.safetensors"
+    )
     NeuralSelector(
-        BoxNetwork(SMALL), problem_class="wall-3", legs=envelopes.legs, force_scale_n=envelopes.force_scale_n,
+        BoxNetwork(SMALL),
+        problem_class="wall-3",
+        legs=envelopes.legs,
+        force_scale_n=envelopes.force_scale_n,
         length_scale_m=envelopes.length_scale_m,
-    ).save(folder / "neural.safetensors")  # fmt: skip
-    Chooser(ChoiceNetwork(SMALL, len(envelopes.envelopes)), envelopes).save(folder / "chooser.safetensors")
+    ).save(folder / "neural.safetensors")
+    Chooser(ChoiceNetwork(SMALL, len(envelopes.envelopes)), envelopes).save(
+        folder / "chooser.safetensors"
+    )
 
 
 def _with_foot(urdf: str, mesh: str) -> str:
@@ -176,9 +221,12 @@ def _with_foot(urdf: str, mesh: str) -> str:
     shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
     return re.sub(
         r'(<link name="LF_foot">)(.*?)</link>',
-        lambda found: found[1] + re.sub(r"<collision>.*?</collision>", "", found[2], flags=re.DOTALL) + shape,
-        urdf, flags=re.DOTALL,
-    )  # fmt: skip
+        lambda found: (
+            found[1] + re.sub(r"<collision>.*?</collision>", "", found[2], flags=re.DOTALL) + shape
+        ),
+        urdf,
+        flags=re.DOTALL,
+    )
 
 
 def _terrains(folder: Path) -> None:
@@ -190,7 +238,9 @@ def _terrains(folder: Path) -> None:
     Image.fromarray(np.uint8(127.0 + 1000.0 * heights)).save(folder / "terrain.png")
     grid = np.stack([*np.meshgrid(x, x, indexing="ij"), heights], axis=-1).reshape(-1, 3)
     cell = np.arange(72).reshape(8, 9)[:, :8].ravel()
-    faces = np.concatenate([np.stack([cell, cell + 9, cell + 10], 1), np.stack([cell, cell + 10, cell + 1], 1)])
+    faces = np.concatenate(
+        [np.stack([cell, cell + 9, cell + 10], 1), np.stack([cell, cell + 10, cell + 1], 1)]
+    )
     surface = trimesh.Trimesh(grid, faces, process=False)
     cloud = "\n".join(" ".join(f"{value:.5f}" for value in row) for row in grid.tolist())
     (folder / "cloud.xyz").write_text(cloud)
@@ -203,15 +253,21 @@ def _terrains(folder: Path) -> None:
         for suffix in ("stl", "obj", "ply", "off", "glb", "dae"):
             mesh.export(folder / f"{name}.{suffix}")
         (folder / f"{name}-text.stl").write_text(trimesh.exchange.stl.export_stl_ascii(mesh))
-        (folder / f"{name}-text.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="ascii"))
+        (folder / f"{name}-text.ply").write_bytes(
+            trimesh.exchange.ply.export_ply(mesh, encoding="ascii")
+        )
     for file in FEET:
         text = _with_foot(hexapod_urdf(hexapod()), f"foot{file}")
         (folder / f"foot{file.replace('.', '-')}.urdf").write_text(text)
     spec = yaml.safe_load((folder / "course.yaml").read_text())
-    walls = trimesh.util.concatenate([
-        trimesh.creation.box((2.4, 0.1, 2.0), trimesh.transformations.translation_matrix((0.0, side * 0.43, 0.4)))
-        for side in (-1.0, 1.0)
-    ])  # fmt: skip
+    walls = trimesh.util.concatenate(
+        [
+            trimesh.creation.box(
+                (2.4, 0.1, 2.0), trimesh.transformations.translation_matrix((0.0, side * 0.43, 0.4))
+            )
+            for side in (-1.0, 1.0)
+        ]
+    )
     for suffix in ("stl", "obj", "ply"):
         walls.export(folder / f"mesh.{suffix}")
         terrain = {"kind": "mesh", "file": f"mesh.{suffix}", "friction": 1.0}

@@ -1,4 +1,5 @@
-"""What can befall a file: bytes that flip, go missing or come twice, and contents that are well formed and wrong."""
+"""What can befall a file: bytes that flip, go missing or come twice, and contents that are well
+formed and wrong."""
 
 from __future__ import annotations
 
@@ -21,10 +22,43 @@ DEEP: Any = []
 for _ in range(200):
     DEEP = [DEEP]
 ODD: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2**31, -(2**63), 10**30, 10**400, 1e308, -1e308, 5e-324, 1e-9, 0.5, float("nan"),
-    float("inf"), "", "x", "x" * 3000, "[red]\x1b[31m", "<&\"'>", "$\\frac{", "\ud800", "../../x", "/dev/null", [], {},
-    [[]], [None], [1, "a"], {"a": 1}, {"": {}}, [0.0] * 600, [[0.0, 0.0, 0.0]] * 600, DEEP,
-)  # fmt: skip
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1,
+    2**31,
+    -(2**63),
+    10**30,
+    10**400,
+    1e308,
+    -1e308,
+    5e-324,
+    1e-9,
+    0.5,
+    float("nan"),
+    float("inf"),
+    "",
+    "x",
+    "x" * 3000,
+    "[red]\x1b[31m",
+    "<&\"'>",
+    "$\\frac{",
+    "\ud800",
+    "../../x",
+    "/dev/null",
+    [],
+    {},
+    [[]],
+    [None],
+    [1, "a"],
+    {"a": 1},
+    {"": {}},
+    [0.0] * 600,
+    [[0.0, 0.0, 0.0]] * 600,
+    DEEP,
+)
 """Values in the place of others."""
 NUMBERS = (
     b"0",
@@ -72,10 +106,13 @@ def swapped(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def overwritten(content: bytes, rng: np.random.Generator) -> bytes:
-    """Two, four or eight bytes that may be a length or an index, as others: none, all, huge, negative."""
+    """Two, four or eight bytes that may be a length or an index, as others: none, all, huge,
+    negative."""
     width = int(rng.choice([1, 2, 4, 8]))
     at = int(rng.integers(max(len(content) - width, 1)))
-    value = [b"\0" * width, b"\xff" * width, b"\xff" * (width - 1) + b"\x7f", rng.bytes(width)][rng.integers(4)]
+    value = [b"\0" * width, b"\xff" * width, b"\xff" * (width - 1) + b"\x7f", rng.bytes(width)][
+        rng.integers(4)
+    ]
     return content[:at] + value + content[at + width :]
 
 
@@ -89,7 +126,9 @@ def renumbered(content: bytes, rng: np.random.Generator) -> bytes:
         if not spots:
             return content
         spot = spots[rng.integers(len(spots))]
-        content = content[: spot.start()] + NUMBERS[rng.integers(len(NUMBERS))] + content[spot.end() :]
+        content = (
+            content[: spot.start()] + NUMBERS[rng.integers(len(NUMBERS))] + content[spot.end() :]
+        )
     return content
 
 
@@ -124,7 +163,8 @@ def spots(tree: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def changed(tree: Any, rng: np.random.Generator) -> Any:
-    """The tree with one or two of its parts odd, gone, renamed, many times there, or in another's place."""
+    """The tree with one or two of its parts odd, gone, renamed, many times there, or in another's
+    place."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 3)):
         found = list(spots(tree)) if isinstance(tree, dict | list) else []
@@ -161,9 +201,9 @@ def json_tree(content: bytes, rng: np.random.Generator) -> bytes:
 def yaml_tree(content: bytes, rng: np.random.Generator) -> bytes:
     """A YAML document changed, sometimes with an alias to a part of it."""
     text = yaml.safe_dump(changed(yaml.safe_load(content), rng), allow_unicode=True)
-    return (text + ("again: &a [*a]\n", "again: &a {b: 1}\nmore: *a\n", "", "")[rng.integers(4)]).encode(
-        errors="replace"
-    )
+    return (
+        text + ("again: &a [*a]\n", "again: &a {b: 1}\nmore: *a\n", "", "")[rng.integers(4)]
+    ).encode(errors="replace")
 
 
 def arrays_of(content: bytes) -> dict[str, np.ndarray[Any, Any]]:
@@ -178,12 +218,21 @@ def other_arrays(content: bytes, rng: np.random.Generator) -> bytes:
     name = sorted(arrays)[rng.integers(len(arrays))]
     array = arrays[name]
     made: list[Callable[[], Any]] = [
-        lambda: array.astype("f2"), lambda: array.astype("U"), lambda: array.astype(object), lambda: array[..., None],
-        lambda: array.ravel(), lambda: array[:0], lambda: np.array(array.size), lambda: array.astype(">c16"),
+        lambda: array.astype("f2"),
+        lambda: array.astype("U"),
+        lambda: array.astype(object),
+        lambda: array[..., None],
+        lambda: array.ravel(),
+        lambda: array[:0],
+        lambda: np.array(array.size),
+        lambda: array.astype(">c16"),
         lambda: np.full_like(array, -1),
         lambda: np.where(np.arange(array.size).reshape(array.shape) % 3, array, np.nan),
-        lambda: np.array([1e300] * 3), lambda: array.astype("i1"), lambda: np.array(["\ud800x"]), lambda: array.T,
-    ]  # fmt: skip
+        lambda: np.array([1e300] * 3),
+        lambda: array.astype("i1"),
+        lambda: np.array(["\ud800x"]),
+        lambda: array.T,
+    ]
     try:
         new = made[rng.integers(len(made))]()
     except (ValueError, TypeError, UnicodeError, IndexError):
@@ -206,7 +255,10 @@ def other_header(content: bytes, rng: np.random.Generator) -> bytes:
     if content[:6] == b"\x93NUMPY":
         return _headed(content, rng)
     box = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as new:
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as old,
+        zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
         names = old.namelist()
         spoilt = names[rng.integers(len(names))]
         for name in names:
@@ -216,8 +268,30 @@ def other_header(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _headed(content: bytes, rng: np.random.Generator) -> bytes:
-    shapes = ("(1000000000000,)", "(4, 1000000000)", "()", "(-1,)", "(0, 99999999999)", "(2.0,)", "('a',)", "(" * 90)
-    kinds = ("|O", "<f8", "<U0", "<U999999999", "|V8", "<c16", "<M8[s]", ">f8", "|b1", "x", "<f99", "|S0")
+    shapes = (
+        "(1000000000000,)",
+        "(4, 1000000000)",
+        "()",
+        "(-1,)",
+        "(0, 99999999999)",
+        "(2.0,)",
+        "('a',)",
+        "(" * 90,
+    )
+    kinds = (
+        "|O",
+        "<f8",
+        "<U0",
+        "<U999999999",
+        "|V8",
+        "<c16",
+        "<M8[s]",
+        ">f8",
+        "|b1",
+        "x",
+        "<f99",
+        "|S0",
+    )
     head = f"{{'descr': '{kinds[rng.integers(len(kinds))]}', 'fortran_order': False, 'shape': (4, 4), }}"
     if rng.random() < 0.5:
         head = f"{{'descr': '<f8', 'fortran_order': True, 'shape': {shapes[rng.integers(len(shapes))]}, }}"
@@ -243,11 +317,17 @@ def other_chunk(content: bytes, rng: np.random.Generator) -> bytes:
     head[at] = int(rng.integers(256))
     if rng.random() < 0.3:
         head[:8] = struct.pack(">II", 50_000, 50_000)
-    return content[:16] + bytes(head) + struct.pack(">I", zlib.crc32(b"IHDR" + bytes(head))) + content[33:]
+    return (
+        content[:16]
+        + bytes(head)
+        + struct.pack(">I", zlib.crc32(b"IHDR" + bytes(head)))
+        + content[33:]
+    )
 
 
 def other_records(content: bytes, rng: np.random.Generator) -> bytes:
-    """An MCAP file with a record's length, kind or JSON as another, gone, twice, or cut off after it."""
+    """An MCAP file with a record's length, kind or JSON as another, gone, twice, or cut off after
+    it."""
     records, at = [], 8
     while at + 9 <= len(content) - 8:
         length = struct.unpack("<Q", content[at + 1 : at + 9])[0]
@@ -270,12 +350,16 @@ def other_records(content: bytes, rng: np.random.Generator) -> bytes:
         records.insert(k, records[rng.integers(len(records))])
     if k < len(records):
         records[k] = kind, data
-    packed = [kind + struct.pack("<Q", size if i == k else len(data)) + data for i, (kind, data) in enumerate(records)]
+    packed = [
+        kind + struct.pack("<Q", size if i == k else len(data)) + data
+        for i, (kind, data) in enumerate(records)
+    ]
     return content[:8] + b"".join(packed) + content[-8:]
 
 
 def other_metadata(content: bytes, rng: np.random.Generator) -> bytes:
-    """A safetensors file with another header: offsets, shapes, types, or the JSON of the house in it."""
+    """A safetensors file with another header: offsets, shapes, types, or the JSON of the house in
+    it."""
     size = struct.unpack("<Q", content[:8])[0]
     head = json.loads(content[8 : 8 + size])
     if rng.random() < 0.6:

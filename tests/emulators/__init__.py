@@ -1,1 +1,2 @@
-"""Devices that are not here, played so that the real drivers cannot tell: for tests and benchmarks only."""
+"""Devices that are not here, played so that the real drivers cannot tell: for tests and benchmarks
+only."""

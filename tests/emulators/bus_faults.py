@@ -15,12 +15,21 @@ from stancekit.runner.worlds.dynamixel.calibration import Calibration
 from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS
 
 HOST_KILLED, WRONG_CALIBRATION = "host killed", "wrong calibration"
-BUS = ("silent servo", "corrupted packet", "corrupted packets", "delay", "overload", "power loss", "cable pulled")
+BUS = (
+    "silent servo",
+    "corrupted packet",
+    "corrupted packets",
+    "delay",
+    "overload",
+    "power loss",
+    "cable pulled",
+)
 KINDS = (*BUS, WRONG_CALIBRATION, HOST_KILLED)
 
 
 class BusFaults:
-    """Faults of a bus and of its host. A wrong calibration is wrong from the start: ``spoiled`` makes one."""
+    """Faults of a bus and of its host. A wrong calibration is wrong from the start: ``spoiled``
+    makes one."""
 
     kinds = KINDS
 
@@ -37,7 +46,8 @@ class BusFaults:
 
 
 def spoiled(calibration: Calibration, rng: np.random.Generator) -> tuple[Calibration, str]:
-    """A valid calibration with one joint that turns the other way or has its zero elsewhere, and which that is."""
+    """A valid calibration with one joint that turns the other way or has its zero elsewhere, and
+    which that is."""
     joint = str(rng.choice(list(calibration.joints)))
     right = calibration.joints[joint]
     turned = rng.random() < 0.5
@@ -46,7 +56,10 @@ def spoiled(calibration: Calibration, rng: np.random.Generator) -> tuple[Calibra
     zero = right.zero_tick + shift
     room = sorted(direction * (tick - zero) * RAD for tick in (1, TICKS - 2))
     wrong = replace(
-        right, direction=direction, zero_tick=zero,
-        lower_rad=max(right.lower_rad, room[0]), upper_rad=min(right.upper_rad, room[1]),
-    )  # fmt: skip
+        right,
+        direction=direction,
+        zero_tick=zero,
+        lower_rad=max(right.lower_rad, room[0]),
+        upper_rad=min(right.upper_rad, room[1]),
+    )
     return replace(calibration, joints=calibration.joints | {joint: wrong}), joint

@@ -1,4 +1,5 @@
-"""A headless Chromium, driven over its debugging protocol: pages are opened, looked at, dragged and read."""
+"""A headless Chromium, driven over its debugging protocol: pages are opened, looked at, dragged and
+read."""
 
 from __future__ import annotations
 
@@ -17,16 +18,25 @@ from urllib.request import urlopen
 
 from matplotlib.image import imread
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
+    None,
+)
 OFFLINE = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--remote-debugging-port=0",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+    "--remote-debugging-port=0",
+)
 PATIENCE_S = 120.0
 SELDOM = """
 window.requestAnimationFrame = then => setTimeout(() => then(performance.now()), 250);
 """
-"""Without a graphics card a picture takes a tenth of a second or more: four a second are enough for a test."""
+"""Without a graphics card a picture takes a tenth of a second or more: four a second are enough for
+a test."""
 UNDRAWN = """
 for (const name of ["drawElements", "drawElementsInstanced", "drawArrays"])
     WebGL2RenderingContext.prototype[name] = () => {};
@@ -51,7 +61,9 @@ class Tab:
 
     def value(self, script: str) -> Any:
         """What a JavaScript expression is, as JSON has it; a promise is waited for."""
-        answer = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        answer = self.ask(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
@@ -62,14 +74,17 @@ class Tab:
             if found := self.value(script):
                 return found
             time.sleep(0.02)
-        raise AssertionError(f"not within {patience_s:g} s: {script}; the page says: {self.text()[:600]}")
+        raise AssertionError(
+            f"not within {patience_s:g} s: {script}; the page says: {self.text()[:600]}"
+        )
 
     def text(self) -> str:
         """All that the page says."""
         return str(self.value("document.body.innerText"))
 
     def picture(self, path: Path | None = None) -> Any:
-        """What is seen, shape (H, W, 3) in [0, 1]; None while there is nothing. path: where it is written, too."""
+        """What is seen, shape (H, W, 3) in [0, 1]; None while there is nothing. path: where it is
+        written, too."""
         said = self.ask("Page.captureScreenshot")
         if "data" not in said:
             return None
@@ -101,26 +116,44 @@ class Tab:
 
 @contextmanager
 def opened(
-    address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *, draws: bool = True, seldom: bool = True
+    address: str,
+    profile: Path,
+    size_px: tuple[int, int] = (800, 600),
+    *,
+    draws: bool = True,
+    seldom: bool = True,
 ) -> Iterator[Tab]:
     """A tab that shows an address; the browser is gone when the block ends.
 
-    draws: whether 3D scenes are drawn. seldom: four times a second at most, and what comes from the server as seldom.
+    draws: whether 3D scenes are drawn. seldom: four times a second at most, and what comes from the
+    server as seldom.
     """
     from websockets.sync.client import connect
 
     assert CHROMIUM is not None
-    command = [CHROMIUM, *OFFLINE, f"--window-size={size_px[0]},{size_px[1]}", f"--user-data-dir={profile}"]
+    command = [
+        CHROMIUM,
+        *OFFLINE,
+        f"--window-size={size_px[0]},{size_px[1]}",
+        f"--user-data-dir={profile}",
+    ]
     browser = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         assert browser.stderr is not None
-        at = next(found for line in browser.stderr if (found := re.search(r"ws://(127\.0\.0\.1:\d+)/", line)))
+        at = next(
+            found
+            for line in browser.stderr
+            if (found := re.search(r"ws://(127\.0\.0\.1:\d+)/", line))
+        )
         with urlopen(f"http://{at[1]}/json/list") as answer:
             tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
         with connect(tab["webSocketDebuggerUrl"], max_size=None, open_timeout=PATIENCE_S) as line:
             shown = Tab(line)
             shown.ask("Page.enable")
-            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=seldom * SELDOM + (not draws) * UNDRAWN)
+            shown.ask(
+                "Page.addScriptToEvaluateOnNewDocument",
+                source=seldom * SELDOM + (not draws) * UNDRAWN,
+            )
             shown.ask("Page.navigate", url=address)
             yield shown
     finally:

@@ -1,8 +1,10 @@
-"""A disk that is full from some call on, or a process that is killed between two calls; for whatever Python writes.
+"""A disk that is full from some call on, or a process that is killed between two calls; for
+whatever Python writes.
 
-``ended`` runs a piece of work in a forked process. Every call below a folder that changes it is counted: opening for
-writing, every write to a file, fsync, renaming, removing, making a folder. At the one asked for, and from then on, the
-disk is full: half of what was to be written is, the rest and everything that is new is refused; or the process is gone.
+``ended`` runs a piece of work in a forked process. Every call below a folder that changes it is
+counted: opening for writing, every write to a file, fsync, renaming, removing, making a folder. At
+the one asked for, and from then on, the disk is full: half of what was to be written is, the rest
+and everything that is new is refused; or the process is gone.
 """
 
 from __future__ import annotations
@@ -30,9 +32,11 @@ Fault = Literal["full", "killed"]
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a piece of work ended. code: of exit, or minus the signal. said, out: on standard error and output.
+    """How a piece of work ended. code: of exit, or minus the signal. said, out: on standard error
+    and output.
 
-    calls: what it did below the folder, one "what NAME" a call, the one that failed last where it was killed.
+    calls: what it did below the folder, one "what NAME" a call, the one that failed last where it
+    was killed.
     """
 
     code: int
@@ -43,7 +47,11 @@ class Ended:
 
 def ended(work: Callable[[], int], folder: Path, at: int = 0, fault: Fault = "full") -> Ended:
     """Do some work in a process of its own, and let this call, from 1, fail; 0: none of them."""
-    with tempfile.TemporaryFile() as calls, tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as out:
+    with (
+        tempfile.TemporaryFile() as calls,
+        tempfile.TemporaryFile() as said,
+        tempfile.TemporaryFile() as out,
+    ):
         sys.stdout.flush()
         sys.stderr.flush()
         process = os.fork()
@@ -52,7 +60,9 @@ def ended(work: Callable[[], int], folder: Path, at: int = 0, fault: Fault = "fu
             try:
                 os.dup2(out.fileno(), 1)
                 os.dup2(said.fileno(), 2)
-                sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2))
+                sys.stdout, sys.stderr = (
+                    io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2)
+                )
                 _Disk(folder.resolve(), calls.fileno(), at, fault).install()
                 code = _code(work)
                 sys.stdout.flush()
@@ -64,7 +74,10 @@ def ended(work: Callable[[], int], folder: Path, at: int = 0, fault: Fault = "fu
         _, status = os.waitpid(process, 0)
         texts = [_content(stream) for stream in (said, out, calls)]
         return Ended(
-            code=os.waitstatus_to_exitcode(status), said=texts[0], out=texts[1], calls=tuple(texts[2].splitlines())
+            code=os.waitstatus_to_exitcode(status),
+            said=texts[0],
+            out=texts[1],
+            calls=tuple(texts[2].splitlines()),
         )
 
 
@@ -88,7 +101,9 @@ class _Disk:
 
     def __init__(self, folder: Path, calls: int, at: int, fault: Fault) -> None:
         self._folder, self._calls, self._at, self._fault = f"{folder}{os.sep}", calls, at, fault
-        self._count = memoryview(mmap.mmap(-1, 8)).cast("q")  # of this process and those that it forks
+        self._count = memoryview(mmap.mmap(-1, 8)).cast(
+            "q"
+        )  # of this process and those that it forks
 
     def install(self) -> None:
         """From now on."""
@@ -135,7 +150,9 @@ class _Disk:
     def _path(self, file: Any) -> str | None:
         """The path of a file or descriptor, if it is below the folder, or the folder."""
         try:
-            named = os.readlink(f"/proc/self/fd/{file}") if isinstance(file, int) else os.fsdecode(file)
+            named = (
+                os.readlink(f"/proc/self/fd/{file}") if isinstance(file, int) else os.fsdecode(file)
+            )
         except (OSError, TypeError):
             return None
         path = os.path.abspath(named)

@@ -12,7 +12,9 @@ from .chromium import Tab
 
 def middle_of(tab: Tab, script: str) -> tuple[float, float]:
     """Where an element is on the page [px]."""
-    box = tab.value(f"(() => {{const r = ({script}).getBoundingClientRect(); return [r.x, r.y, r.width, r.height]}})()")
+    box = tab.value(
+        f"(() => {{const r = ({script}).getBoundingClientRect(); return [r.x, r.y, r.width, r.height]}})()"
+    )
     return box[0] + 0.5 * box[2], box[1] + 0.5 * box[3]
 
 

@@ -38,7 +38,8 @@ def commands(bridge: RosBridge) -> list[str]:
 
 
 class RobotTime:
-    """A clock for the host: the emulated robot's, which stands still while the machine does not run the robot."""
+    """A clock for the host: the emulated robot's, which stands still while the machine does not run
+    the robot."""
 
     def __init__(self, bridge: RosBridge) -> None:
         self._robot = bridge.robot
@@ -56,10 +57,15 @@ class RobotTime:
 
 @contextlib.contextmanager
 def on_robot_time(bridge: RosBridge) -> Iterator[None]:
-    """Let a host behind ROS live by the robot's clock meanwhile: a busy machine makes both slow, and neither late."""
+    """Let a host behind ROS live by the robot's clock meanwhile: a busy machine makes both slow,
+    and neither late."""
     worlds = "stancekit.runner.worlds."
-    names = [name for name in sys.modules if name.startswith((f"{worlds}ros.", f"{worlds}hardware"))]
-    timed = [sys.modules[name] for name in names if getattr(sys.modules[name], "time", None) is time]
+    names = [
+        name for name in sys.modules if name.startswith((f"{worlds}ros.", f"{worlds}hardware"))
+    ]
+    timed = [
+        sys.modules[name] for name in names if getattr(sys.modules[name], "time", None) is time
+    ]
     assert len(timed) > 5
     with pytest.MonkeyPatch.context() as patched:
         for module in timed:
@@ -78,9 +84,12 @@ def emulated(
 
 @contextlib.contextmanager
 def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
-    """An emulated robot, and the world that drives it, armed; at the end no message was against the protocol."""
+    """An emulated robot, and the world that drives it, armed; at the end no message was against the
+    protocol."""
     with emulated(ros=ros) as bridge:
-        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))) as world:
+        with RosWorld(
+            ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))
+        ) as world:
             reset(world)
             world.torque(True)
             yield bridge, world

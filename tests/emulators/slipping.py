@@ -1,4 +1,5 @@
-"""A simulated world in which the ground lets go: one foot that slips, or less friction everywhere, from a time on."""
+"""A simulated world in which the ground lets go: one foot that slips, or less friction everywhere,
+from a time on."""
 
 from __future__ import annotations
 
@@ -16,10 +17,11 @@ SLIPPERY = 0.02
 
 
 class SlippingWorld(MujocoWorld):
-    """MuJoCo with faults, ``inject(kind, at_s)`` in simulated seconds from the reset, before or after it.
+    """MuJoCo with faults, ``inject(kind, at_s)`` in simulated seconds from the reset, before or
+    after it.
 
-    limb: whose foot slips, its index in the robot. share: of the friction that is left everywhere. ``happened_s``: when
-    the fault came, NaN before.
+    limb: whose foot slips, its index in the robot. share: of the friction that is left everywhere.
+    ``happened_s``: when the fault came, NaN before.
     """
 
     def __init__(self, *arguments: Any, limb: int = 0, share: float = 0.5, **options: Any) -> None:
@@ -49,5 +51,7 @@ class SlippingWorld(MujocoWorld):
             return
         foot = self._model.body(self.robot.source.foot_names[self.limb]).id
         for geom in np.flatnonzero(bodies == foot):
-            self._model.geom_priority[geom] = 2  # above the terrain's: now the foot's own friction counts
+            self._model.geom_priority[geom] = (
+                2  # above the terrain's: now the foot's own friction counts
+            )
             self._model.geom_friction[geom, 0] = SLIPPERY

@@ -1,4 +1,5 @@
-"""Tasks for executors: what they answer, how they fail, and how their worker dies; with nothing to import first."""
+"""Tasks for executors: what they answer, how they fail, and how their worker dies; with nothing to
+import first."""
 
 from __future__ import annotations
 

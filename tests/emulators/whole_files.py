@@ -29,7 +29,11 @@ def _json(path: Path, run: Callable[..., int]) -> str:
 
 def _lines(path: Path, run: Callable[..., int]) -> str:
     text = path.read_text()
-    return "" if all(json.loads(line) for line in text.splitlines()) and text.endswith("\n") else "cut off"
+    return (
+        ""
+        if all(json.loads(line) for line in text.splitlines()) and text.endswith("\n")
+        else "cut off"
+    )
 
 
 def _picture(path: Path, run: Callable[..., int]) -> str:
@@ -84,6 +88,15 @@ def _hdf(path: Path, run: Callable[..., int]) -> str:
 
 
 READERS: dict[str, Callable[[Path, Callable[..., int]], str]] = {
-    ".json": _json, ".jsonl": _lines, ".png": _picture, ".svg": _text, ".html": _text, ".mp4": _film,
-    ".npz": _archive, ".parquet": _table, ".safetensors": _tensors, ".mcap": _log, ".hdf5": _hdf,
-}  # fmt: skip
+    ".json": _json,
+    ".jsonl": _lines,
+    ".png": _picture,
+    ".svg": _text,
+    ".html": _text,
+    ".mp4": _film,
+    ".npz": _archive,
+    ".parquet": _table,
+    ".safetensors": _tensors,
+    ".mcap": _log,
+    ".hdf5": _hdf,
+}

@@ -1,4 +1,5 @@
-"""What every environment keeps to, as those who use it count on: Gymnasium, stable-baselines3, Minari, and copies."""
+"""What every environment keeps to, as those who use it count on: Gymnasium, stable-baselines3,
+Minari, and copies."""
 
 from __future__ import annotations
 
@@ -24,7 +25,11 @@ QUICK: dict[str, dict[str, Any]] = {
     "stancekit/EnvelopeRefinement-v0": {"problem": "ground-3", "budget": 30},
     "stancekit/Traverse-v0": {"courses": ["stairs"], "frames": 4, "horizon": 1},
     "stancekit/LeapChoice-v0": {"problem": "leap-few"},
-    "stancekit/WarpedGait-v0": {"terrain": "ripple", "charts": ["decoupled"], "settings": {"max_iterations": 2}},
+    "stancekit/WarpedGait-v0": {
+        "terrain": "ripple",
+        "charts": ["decoupled"],
+        "settings": {"max_iterations": 2},
+    },
 }
 FILE = '''
 import numpy as np
@@ -114,7 +119,9 @@ def test_a_running_environment_is_copied_and_the_copy_goes_on_as_it_does(name, d
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_running_batch_is_copied_and_the_copy_goes_on_as_it_does(workers):
-    envs = gym.make_vec("stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", workers=workers)
+    envs = gym.make_vec(
+        "stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", workers=workers
+    )
     envs.reset(seed=3)
     actions = np.tile(np.repeat([-1.0, 1.0], 18), (2, 1)).astype(np.float32)
     envs.step(actions)
@@ -162,7 +169,9 @@ def test_weights_and_settings_go_through_json_as_mappings():
     from stancekit.envs.selection import RewardWeights
 
     name = "stancekit/EnvelopeSelection-v0"
-    env = gym.make(name, problem="ground-3", weights=RewardWeights(agreement=3.0), projections=("fix-p", "scp"))
+    env = gym.make(
+        name, problem="ground-3", weights=RewardWeights(agreement=3.0), projections=("fix-p", "scp")
+    )
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     whole = np.repeat([-1.0, 1.0], 18).astype(np.float32)
     for each in (env, again):
@@ -183,15 +192,23 @@ def test_a_reset_mask_keeps_the_scenes_of_the_others():
         envs.reset(options={"reset_mask": np.array([True, False, False])})
     before, _ = envs.reset(seed=0)
     after, info = envs.reset(options={"reset_mask": np.array([True, False, False])})
-    assert [bool((before["vertices"][k] == after["vertices"][k]).all()) for k in range(3)] == [False, True, True]
+    assert [bool((before["vertices"][k] == after["vertices"][k]).all()) for k in range(3)] == [
+        False,
+        True,
+        True,
+    ]
     assert len(info["label"]) == len(info["_label"]) == 3
     for mask in ([True, False], [1, 0, 0], np.zeros(3, dtype=bool), "all"):
-        with pytest.raises(stancekit.InvalidInput, match=r"^options: reset_mask: expected an array of truth values"):
+        with pytest.raises(
+            stancekit.InvalidInput, match=r"^options: reset_mask: expected an array of truth values"
+        ):
             envs.reset(options={"reset_mask": mask})
 
 
 def test_the_batch_has_the_info_of_its_resets_and_draws_its_scenes():
-    envs = gym.make_vec("stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", render_mode="rgb_array")
+    envs = gym.make_vec(
+        "stancekit/EnvelopeSelection-v0", num_envs=2, problem="ground-3", render_mode="rgb_array"
+    )
     _, info = envs.reset(seed=4)
     single = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3")
     _, first = single.reset(seed=4)
@@ -218,14 +235,20 @@ def test_an_action_of_no_numbers_is_refused():
             env.step(action)
 
 
-AGENTS = [(name, "PPO") for name in IDS] + [("stancekit/EnvelopeSelection-v0", agent) for agent in ("SAC", "TD3")]
+AGENTS = [(name, "PPO") for name in IDS] + [
+    ("stancekit/EnvelopeSelection-v0", agent) for agent in ("SAC", "TD3")
+]
 
 
 @pytest.mark.parametrize(("name", "agent"), AGENTS)
 def test_stable_baselines_trains_by_the_name_of_an_environment(name, agent):
     kind = getattr(pytest.importorskip("stable_baselines3"), agent)
     count = 2 if "WarpedGait" in name else 8
-    short = {"n_steps": count, "batch_size": count, "n_epochs": 1} if agent == "PPO" else {"learning_starts": 4}
+    short = (
+        {"n_steps": count, "batch_size": count, "n_epochs": 1}
+        if agent == "PPO"
+        else {"learning_starts": 4}
+    )
     model = kind("MultiInputPolicy", name, **short)
     assert model.learn(count).num_timesteps == count
     assert model.env.render_mode == "rgb_array"

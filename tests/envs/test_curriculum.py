@@ -41,8 +41,12 @@ def test_levels_rise_by_success_and_fall_by_failure_as_documented():
     found = episodes(curriculum, 8, seed=1)
     assert {arrived for arrived, _ in found} == {0, 1}
     for (arrived, level), (_, after) in pairwise(found):
-        falls = [min(level + 0.12, 1.0)] if arrived else [max(level - 0.18 * k, 0.0) for k in (1, 2, 3)]
-        assert min(abs(after - each) for each in falls) < 1e-12  # or none of 50 first frames held, and it fell again
+        falls = (
+            [min(level + 0.12, 1.0)] if arrived else [max(level - 0.18 * k, 0.0) for k in (1, 2, 3)]
+        )
+        assert (
+            min(abs(after - each) for each in falls) < 1e-12
+        )  # or none of 50 first frames held, and it fell again
 
 
 def test_equal_seeds_give_equal_levels_and_a_seed_begins_anew():

@@ -1,4 +1,5 @@
-"""Data sets: what was labelled is what is read, and what is no data set is refused with one line."""
+"""Data sets: what was labelled is what is read, and what is no data set is refused with one
+line."""
 
 import json
 import pickle
@@ -23,7 +24,9 @@ from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 
-PLAN = LabelPlan(distribution="wall-3", feasible=0, infeasible=36, shard_size=6, seed=11, natural=True)
+PLAN = LabelPlan(
+    distribution="wall-3", feasible=0, infeasible=36, shard_size=6, seed=11, natural=True
+)
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +63,20 @@ def test_what_was_labelled_is_what_is_read(tmp_path: Path, monkeypatch: pytest.M
     assert len(rows) == len(written) == 36
     assert {row.kind for row in rows} == {"feasible", "infeasible", "trivial"}
     shard_of = [row.shard for row in written]  # rows are numbered where a shard's blocks are joined
-    assert [row.row for row in rows] == [shard_of[:index].count(shard) for index, shard in enumerate(shard_of)]
+    assert [row.row for row in rows] == [
+        shard_of[:index].count(shard) for index, shard in enumerate(shard_of)
+    ]
     for mine, theirs in zip(rows, written, strict=True):
-        for name in ("shard", "sample", "status", "trivial", "lower_bound", "solves", "nodes", "kind"):
+        for name in (
+            "shard",
+            "sample",
+            "status",
+            "trivial",
+            "lower_bound",
+            "solves",
+            "nodes",
+            "kind",
+        ):
             assert getattr(mine, name) == getattr(theirs, name), name
         assert mine.problem.to_json() == theirs.problem.to_json()
         np.testing.assert_equal(mine.point, theirs.point)
@@ -77,7 +91,9 @@ def test_columns_are_aligned_with_the_rows(folder: Path) -> None:
     rows = list(data.rows())
     assert data.labels.tolist() == [str(row.status) for row in rows]
     assert [rows[i].kind for i in (*data.feasible, *data.infeasible, *data.trivial)] == (
-        ["feasible"] * len(data.feasible) + ["infeasible"] * len(data.infeasible) + ["trivial"] * len(data.trivial)
+        ["feasible"] * len(data.feasible)
+        + ["infeasible"] * len(data.infeasible)
+        + ["trivial"] * len(data.trivial)
     )
     assert len(data.feasible) + len(data.infeasible) + len(data.trivial) == len(data) == 36
     np.testing.assert_array_equal(data.points, [rows[i].point for i in data.feasible])
@@ -102,8 +118,12 @@ def test_a_point_is_p_and_f_of_its_witness(folder: Path) -> None:
     assert row.posture is not None
     assert row.point is not None
     np.testing.assert_array_equal(Scaled.of(row.problem).point(row.posture), row.point)
-    np.testing.assert_allclose(row.point[:, :3] * 0.6 + row.posture.com_m, row.posture.toes_m, atol=1e-12)
-    for contact, point, force in zip(row.problem.contacts, row.point, row.posture.forces_n[0], strict=True):
+    np.testing.assert_allclose(
+        row.point[:, :3] * 0.6 + row.posture.com_m, row.posture.toes_m, atol=1e-12
+    )
+    for contact, point, force in zip(
+        row.problem.contacts, row.point, row.posture.forces_n[0], strict=True
+    ):
         np.testing.assert_allclose(98.1 * contact.patch.frame @ point[3:], force, atol=1e-9)
     with pytest.raises(ValueError, match="read-only"):
         row.point[0, 0] = 1.0
@@ -135,7 +155,9 @@ def test_a_split_is_exact_disjoint_and_always_the_same(folder: Path) -> None:
 def test_fractions_that_are_none_are_refused(folder: Path, fractions: tuple[float, ...]) -> None:
     with pytest.raises(InvalidInput) as error:
         Dataset.open(folder).split(fractions)
-    message = f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}"
+    message = (
+        f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}"
+    )
     assert str(error.value) == message
 
 
@@ -160,7 +182,9 @@ def test_a_data_set_says_what_it_is(folder: Path) -> None:
 def test_a_data_set_can_be_sent_to_another_process(folder: Path) -> None:
     data = Dataset.open(folder)
     data.row(0)
-    assert pickle.loads(pickle.dumps(data)).row(35).problem.to_json() == data.row(35).problem.to_json()
+    assert (
+        pickle.loads(pickle.dumps(data)).row(35).problem.to_json() == data.row(35).problem.to_json()
+    )
 
 
 def test_reading_never_unpickles(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,9 +198,13 @@ def test_reading_never_unpickles(folder: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "x") == f"{tmp_path}/x: expected the folder of a data set, found nothing"
+    assert (
+        refusal(tmp_path / "x") == f"{tmp_path}/x: expected the folder of a data set, found nothing"
+    )
     (tmp_path / "y").write_text("")
-    assert refusal(tmp_path / "y") == f"{tmp_path}/y: expected the folder of a data set, found a file"
+    assert (
+        refusal(tmp_path / "y") == f"{tmp_path}/y: expected the folder of a data set, found a file"
+    )
 
 
 def test_a_missing_header_is_refused(copy: Path) -> None:
@@ -187,14 +215,22 @@ def test_a_missing_header_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": "stancekit/dataset/2"}, "format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'"),
+        (
+            {"format": "stancekit/dataset/2"},
+            "format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'",
+        ),
         ({"format": None}, "format: expected 'stancekit/dataset/1', got None"),
-        ({"colour": 1, "legs": []}, "legs: List should have at least 1 item after validation, not 0, got []; "
-                                    "colour: unknown key"),
+        (
+            {"colour": 1, "legs": []},
+            "legs: List should have at least 1 item after validation, not 0, got []; "
+            "colour: unknown key",
+        ),
         ({"problem_class": 3}, "problem_class: expected a valid string, got 3"),
     ],
-)  # fmt: skip
-def test_a_header_with_wrong_keys_is_refused(copy: Path, changes: dict[str, object], message: str) -> None:
+)
+def test_a_header_with_wrong_keys_is_refused(
+    copy: Path, changes: dict[str, object], message: str
+) -> None:
     header = json.loads((copy / "header.json").read_text()) | changes
     (copy / "header.json").write_text(json.dumps(header))
     assert refusal(copy) == f"{copy}/header.json: {message}"
@@ -211,7 +247,10 @@ def test_a_header_with_a_wrong_plan_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "got"),
     [
-        (b"{", "JSON, broken at line 1 column 2: Expecting property name enclosed in double quotes"),
+        (
+            b"{",
+            "JSON, broken at line 1 column 2: Expecting property name enclosed in double quotes",
+        ),
         (b"\xff", "UTF-8 text, byte 0 is not"),
         (b"[" * 10**5, "JSON: 60 levels of nesting or fewer, got more"),
     ],
@@ -238,7 +277,10 @@ def test_a_foreign_parquet_file_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("keep", "got"),
     [
-        (-100, "Parquet magic bytes not found in footer. Either the file is corrupted or this is not a parquet file."),
+        (
+            -100,
+            "Parquet magic bytes not found in footer. Either the file is corrupted or this is not a parquet file.",
+        ),
         (0, "Parquet file size is 0 bytes"),
     ],
 )
@@ -251,9 +293,14 @@ def test_a_truncated_shard_is_refused(copy: Path, keep: int, got: str) -> None:
 def test_a_shard_of_another_data_set_or_place_is_refused(copy: Path, tmp_path: Path) -> None:
     label(replace(PLAN, seed=12, infeasible=2), tmp_path / "other")
     shutil.copy(tmp_path / "other" / "shard-00000.parquet", copy)
-    assert refusal(copy) == f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 0 of another"
+    assert (
+        refusal(copy)
+        == f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 0 of another"
+    )
     shutil.copy(copy / "shard-00003.parquet", copy / "shard-00000.parquet")
-    assert refusal(copy).startswith(f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 3")
+    assert refusal(copy).startswith(
+        f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 3"
+    )
 
 
 def test_a_shard_with_other_rows_than_it_says_is_refused(copy: Path) -> None:
@@ -267,10 +314,14 @@ def test_a_shard_with_other_rows_than_it_says_is_refused(copy: Path) -> None:
 def test_a_flipped_byte_is_noticed_when_the_row_is_read(copy: Path) -> None:
     path = copy / "shard-00000.parquet"
     content = bytearray(path.read_bytes())
-    column = pq.read_metadata(path).row_group(0).column(pq.read_schema(path).get_field_index("problem"))
+    column = (
+        pq.read_metadata(path).row_group(0).column(pq.read_schema(path).get_field_index("problem"))
+    )
     content[column.data_page_offset - 200] ^= 1  # in the dictionary of texts
     path.write_bytes(content)
-    with pytest.raises(InvalidInput, match=f"^{re.escape(str(path))}: expected a whole Parquet file, got "):
+    with pytest.raises(
+        InvalidInput, match=f"^{re.escape(str(path))}: expected a whole Parquet file, got "
+    ):
         list(Dataset.open(copy).rows())
 
 
@@ -295,11 +346,15 @@ def test_it_is_what_a_data_loader_takes(folder: Path) -> None:
     batches = list(pytest.importorskip("torch").utils.data.DataLoader(data, batch_size=8))
     assert [len(labels) for _, labels in batches] == [8, 8, 8, 8, 4]
     labels = np.concatenate([labels.numpy() for _, labels in batches])
-    assert labels.tolist() == [{"feasible": 1, "infeasible": 0, "undecided": -1}[label] for label in data.labels]
+    assert labels.tolist() == [
+        {"feasible": 1, "infeasible": 0, "undecided": -1}[label] for label in data.labels
+    ]
     seen = observe_batch([Scaled.of(problem) for problem in data.problems()])
     assert set(batches[0][0]) == set(seen)
     for name, values in seen.items():
-        np.testing.assert_array_equal(np.concatenate([batch[name].numpy() for batch, _ in batches]), values)
+        np.testing.assert_array_equal(
+            np.concatenate([batch[name].numpy() for batch, _ in batches]), values
+        )
 
 
 def test_indices_count_from_either_end_and_end(folder: Path) -> None:

@@ -21,7 +21,9 @@ def test_the_hubs_file_makes_vector_environments_that_step(use_async_envs: bool)
     for env in made["stancekit"].values():
         assert isinstance(env, gymnasium.vector.VectorEnv)
         observation, _ = env.reset(seed=0)
-        assert list(observation) == ["environment_state"]  # what lerobot's preprocess_observation takes over
+        assert list(observation) == [
+            "environment_state"
+        ]  # what lerobot's preprocess_observation takes over
         assert observation["environment_state"] in env.observation_space["environment_state"]
         assert env.call("_max_episode_steps") == (1, 1)  # lerobot's rollout asks for it
         _, _, ended, _, info = env.step(env.action_space.sample())

@@ -1,4 +1,5 @@
-"""Choosing the candidates of a leap: what is seen, what a try costs, and that success is a leap of the verifier's."""
+"""Choosing the candidates of a leap: what is seen, what a try costs, and that success is a leap of
+the verifier's."""
 
 import gymnasium as gym
 import numpy as np
@@ -67,12 +68,23 @@ def test_masked_and_repeated_choices_are_failed_tries_and_say_so():
             break
     assert not mask.all()
     _, reward, ended, _, info = env.step((mask == 0).argmax(axis=1) * (mask == 0).any(axis=1))
-    assert (reward, ended, info["masked"], info["tries"], info["solves"]) == (pytest.approx(-1 / 12), False, 1, 1, 1)
+    assert (reward, ended, info["masked"], info["tries"], info["solves"]) == (
+        pytest.approx(-1 / 12),
+        False,
+        1,
+        1,
+        1,
+    )
     choice = np.zeros(8, dtype=np.int64)
     _, _, ended, _, first = env.step(choice)
     if not ended:
         _, _, _, cut_off, again = env.step(choice)
-        assert (first["repeated"], again["repeated"], again["solves"] - first["solves"], cut_off) == (0, 1, 1, True)
+        assert (
+            first["repeated"],
+            again["repeated"],
+            again["solves"] - first["solves"],
+            cut_off,
+        ) == (0, 1, 1, True)
 
 
 @pytest.mark.parametrize("problem", ["leap-stairs", "leap-given"])
@@ -110,8 +122,10 @@ def test_scenes_of_a_folder_are_of_the_part_that_was_asked_for(tmp_path):
     tries = stancekit.label("leap-few", tmp_path / "few", scenes=12, tries={"random": 1}, seed=3)
     parts = tries.parts()
     assert set(parts) == {"train", "test"}
-    names = {part: {leap.name for leap, own in zip(tries.leaps(), parts, strict=True) if own == part}
-             for part in ("train", "test")}  # fmt: skip
+    names = {
+        part: {leap.name for leap, own in zip(tries.leaps(), parts, strict=True) if own == part}
+        for part in ("train", "test")
+    }
     for given, part in (("", "train"), (":test", "test")):
         env = LeapChoiceEnv(problem="leap-few", scenes=f"{tmp_path / 'few'}{given}")
         for seed in range(5):

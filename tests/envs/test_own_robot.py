@@ -83,12 +83,18 @@ def test_a_traverse_is_walked_over_envelopes_learned_for_the_robots_own_legs(
     folder: Path, files: dict[str, str]
 ) -> None:
     learned = []
-    for index, legs in enumerate((["LF", "RF", "RH"], ["LF", "LH", "RH"], ["LF", "RF", "LH", "RH"])):
+    for index, legs in enumerate(
+        (["LF", "RF", "RH"], ["LF", "LH", "RH"], ["LF", "RF", "LH", "RH"])
+    ):
         path = folder / f"legs-{index}.yaml"
-        path.write_text(f"robot: dog.urdf\nterrain: flat.obj\nlegs: [{', '.join(legs)}]\nfriction: [0.1, 0.8]\n")
+        path.write_text(
+            f"robot: dog.urdf\nterrain: flat.obj\nlegs: [{', '.join(legs)}]\nfriction: [0.1, 0.8]\n"
+        )
         source, rng = distribution(str(path)), np.random.default_rng(0)
         learned.append(heuristic_envelope(source.name, [source.sample(rng) for _ in range(8)]))
-    env = TraverseEnv([str(folder / "course.yaml")], frames=None, amount=0.0, envelopes=[learned, [learned[0]]])
+    env = TraverseEnv(
+        [str(folder / "course.yaml")], frames=None, amount=0.0, envelopes=[learned, [learned[0]]]
+    )
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     assert observation["reach"].shape == (4,)
@@ -101,10 +107,14 @@ def test_a_traverse_is_walked_over_envelopes_learned_for_the_robots_own_legs(
     assert walk.problem.robot.identity == named_robot(files["robot"]).identity == learned[0].robot
 
 
-def test_a_traverse_takes_another_robot_and_terrain_than_its_courses(folder: Path, files: dict[str, str]) -> None:
+def test_a_traverse_takes_another_robot_and_terrain_than_its_courses(
+    folder: Path, files: dict[str, str]
+) -> None:
     spec = read_spec(folder / "course.yaml").model_copy(update={"robot": "hexapod"})
     raised = str(folder / "raised.obj")
-    env = TraverseEnv([spec], frames=None, amount=0.0, envelopes=[], robot=files["robot"], terrain=raised)
+    env = TraverseEnv(
+        [spec], frames=None, amount=0.0, envelopes=[], robot=files["robot"], terrain=raised
+    )
     _, info = env.reset(seed=0)
     assert info["toes_m"].shape == (4, 3)
     np.testing.assert_allclose(info["toes_m"][:, 2], 0.02, atol=1e-6)
@@ -117,5 +127,7 @@ def test_what_brings_its_own_robot_takes_no_other(files: dict[str, str]) -> None
     assert str(error.value) == message
     with pytest.raises(InvalidInput, match="scenes: expected some of mine, got none"):
         EnvelopeSelectionEnv(SceneKind(name="mine", legs=("LF",)))
-    with pytest.raises(InvalidInput, match="robot, terrain: expected none where courses is a function"):
+    with pytest.raises(
+        InvalidInput, match="robot, terrain: expected none where courses is a function"
+    ):
         TraverseEnv(lambda rng: None, regions=1, **files)  # type: ignore[arg-type,return-value]

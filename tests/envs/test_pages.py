@@ -1,4 +1,5 @@
-"""The page of an environment, Gymnasium's form: its sections, and tables that say what the code has."""
+"""The page of an environment, Gymnasium's form: its sections, and tables that say what the code
+has."""
 
 import dataclasses
 import inspect
@@ -10,8 +11,17 @@ import pytest
 import stancekit.envs
 from stancekit.envs import leap_choice, refinement, selection, selection_task, traverse, warped_gait
 
-SECTIONS = ("Description", "Observation Space", "Action Space", "Reward", "Starting State", "Episode End", "Info",
-            "Arguments", "Version History")  # fmt: skip
+SECTIONS = (
+    "Description",
+    "Observation Space",
+    "Action Space",
+    "Reward",
+    "Starting State",
+    "Episode End",
+    "Info",
+    "Arguments",
+    "Version History",
+)
 SIZES = {"N": 3, "E": 4}
 OF_LEAPS = {"P": 8, "R": 8, "M": 9}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
@@ -26,13 +36,18 @@ IDS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"
 
 
 def pages() -> list[tuple[str, type[gymnasium.Env]]]:
-    return [(name, gymnasium.envs.registration.load_env_creator(gymnasium.spec(name).entry_point)) for name in IDS]
+    return [
+        (name, gymnasium.envs.registration.load_env_creator(gymnasium.spec(name).entry_point))
+        for name in IDS
+    ]
 
 
 def table(page: str, section: str) -> list[list[str]]:
     """The rows of the table of a section, the first two columns of each."""
     (text,) = re.findall(rf"^## {section}$(.*?)(?=^## |\Z)", page, re.S | re.M)
-    rows = [line.strip().strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
+    rows = [
+        line.strip().strip("|").split("|") for line in text.splitlines() if line.startswith("|")
+    ]
     return [[cell.strip() for cell in row[:2]] for row in rows[2:]]
 
 
@@ -46,13 +61,18 @@ def test_a_page_has_all_sections_in_their_order(name, kind):
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
     known = {**vars(selection_task), **vars(traverse), **vars(warped_gait)}
-    message = {argument: eval(default, known) for argument, default in table(inspect.getdoc(kind), "Arguments")}
+    message = {
+        argument: eval(default, known)
+        for argument, default in table(inspect.getdoc(kind), "Arguments")
+    }
     taken = inspect.signature(kind).parameters.values()
     real = {p.name: p.default for p in taken if p.kind is not p.VAR_KEYWORD}
     if len(real) < len(taken):
         settings = SETTINGS[kind]
         last = real.pop("render_mode")
-        real |= {each.name: each.default for each in dataclasses.fields(settings)} | {"render_mode": last}
+        real |= {each.name: each.default for each in dataclasses.fields(settings)} | {
+            "render_mode": last
+        }
     assert message == real
     assert list(message) == list(real)
 
@@ -60,8 +80,13 @@ def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_observation_is_the_real_one(name, kind):
     env = gymnasium.make(name).unwrapped
-    sizes = {traverse.TraverseEnv: OF_TRAVERSE, leap_choice.LeapChoiceEnv: OF_LEAPS}.get(kind, SIZES)
-    message = {key: eval(shape, dict(sizes)) for key, shape in table(inspect.getdoc(kind), "Observation Space")}
+    sizes = {traverse.TraverseEnv: OF_TRAVERSE, leap_choice.LeapChoiceEnv: OF_LEAPS}.get(
+        kind, SIZES
+    )
+    message = {
+        key: eval(shape, dict(sizes))
+        for key, shape in table(inspect.getdoc(kind), "Observation Space")
+    }
     assert message == {key: box.shape for key, box in env.observation_space.spaces.items()}
 
 

@@ -1,4 +1,5 @@
-"""Environments on a pool of labelled scenes: the rows of a folder, its two parts, and what is no pool for them."""
+"""Environments on a pool of labelled scenes: the rows of a folder, its two parts, and what is no
+pool for them."""
 
 import json
 import shutil
@@ -35,7 +36,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def natural(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Samples as they come, those of one node undecided."""
     path = tmp_path_factory.mktemp("pool") / "natural"
-    label(LabelPlan(distribution="wall-3", feasible=0, infeasible=60, natural=True, seed=4, max_nodes=1), path)
+    label(
+        LabelPlan(
+            distribution="wall-3", feasible=0, infeasible=60, natural=True, seed=4, max_nodes=1
+        ),
+        path,
+    )
     return path
 
 
@@ -54,19 +60,28 @@ def test_the_parts_share_no_row_and_miss_none(folder):
 
 
 def test_a_row_is_of_the_same_part_in_whatever_folder_it_is(folder, tmp_path):
-    label(LabelPlan(distribution="wall-3", feasible=10, infeasible=10, shard_size=20, seed=5), tmp_path / "fewer")
+    label(
+        LabelPlan(distribution="wall-3", feasible=10, infeasible=10, shard_size=20, seed=5),
+        tmp_path / "fewer",
+    )
     fewer, more = (Dataset.open(path) for path in (tmp_path / "fewer", folder))
     assert fewer.header.digest != more.header.digest
     shared = keys(fewer.problems()) & keys(more.problems())
     assert shared
     for part in ("train", "test"):
-        assert shared & keys(fewer.only(part).problems()) == shared & keys(more.only(part).problems())
+        assert shared & keys(fewer.only(part).problems()) == shared & keys(
+            more.only(part).problems()
+        )
 
 
 def test_a_folder_gives_the_scenes_of_its_part_train(folder):
-    env = gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0", scenes=str(folder)).unwrapped
+    env = gymnasium.make(
+        "stancekit.envs:stancekit/EnvelopeSelection-v0", scenes=str(folder)
+    ).unwrapped
     train = Dataset.open(folder).only("train")
-    expected = {scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(train)}
+    expected = {
+        scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(train)
+    }
     seen = Counter()
     for k in range(400):
         observation, _ = env.reset(seed=k if k == 0 else None)
@@ -82,7 +97,9 @@ def test_rewards_and_info_are_those_of_the_same_scenes_listed(folder):
     env, rng = EnvelopeSelectionEnv(scenes=folder), np.random.default_rng(0)
     for k in range(6):
         observation, _ = env.reset(seed=k)
-        listed = EnvelopeSelectionEnv(scenes=ListedScenes([place[observation["vertices"].tobytes()]]))
+        listed = EnvelopeSelectionEnv(
+            scenes=ListedScenes([place[observation["vertices"].tobytes()]])
+        )
         listed.reset()
         middle = rng.uniform(-0.3, 0.3, 18)
         action = np.concatenate([middle - 0.5, middle + 0.5]).astype(np.float32)
@@ -94,7 +111,10 @@ def test_rewards_and_info_are_those_of_the_same_scenes_listed(folder):
 
 
 def test_a_batch_lives_through_what_single_environments_do_on_the_pool(folder):
-    batch, single = EnvelopeSelectionVectorEnv(3, scenes=folder), EnvelopeSelectionEnv(scenes=folder)
+    batch, single = (
+        EnvelopeSelectionVectorEnv(3, scenes=folder),
+        EnvelopeSelectionEnv(scenes=folder),
+    )
     seen, _ = batch.reset(seed=8)
     for k in range(3):
         np.testing.assert_array_equal(seen["vertices"][k], single.reset(seed=8 + k)[0]["vertices"])
@@ -127,10 +147,16 @@ def test_what_is_no_pool_is_refused_in_one_line(folder, natural, tmp_path):
     named.write_text(json.dumps(header | {"format": "stancekit/dataset/2"}))
     legs = "expected scenes of ground-3 on the legs RF, RR, LM, got some of wall-3 on the legs RF, RR, LM"
     cases = {
-        f"{natural}: part train: expected labelled rows, got {undecided} undecided of {kept}": {"scenes": natural},
+        f"{natural}: part train: expected labelled rows, got {undecided} undecided of {kept}": {
+            "scenes": natural
+        },
         f"{folder}: {legs}": {"scenes": folder, "problem": "ground-3"},
-        f"{tmp_path}/none: expected the folder of a data set, found nothing": {"scenes": tmp_path / "none"},
-        f"{named}: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'": {"scenes": other},
+        f"{tmp_path}/none: expected the folder of a data set, found nothing": {
+            "scenes": tmp_path / "none"
+        },
+        f"{named}: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'": {
+            "scenes": other
+        },
     }
     for message, given in cases.items():
         with pytest.raises(InvalidInput) as told:
@@ -147,7 +173,10 @@ def test_rows_that_were_learned_from_are_refused(folder):
     dataset = Dataset.open(folder)
     train, test = dataset.only("train"), dataset.only("test")
     for seen, asked in ((dataset, dataset), (dataset, test), (train, dataset), (train, train)):
-        with pytest.raises(InvalidInput, match=r"me: expected rows that it was not trained on, got these rows: .*set;"):
+        with pytest.raises(
+            InvalidInput,
+            match=r"me: expected rows that it was not trained on, got these rows: .*set;",
+        ):
             check_unseen(asked, seen.origin, "me")
     check_unseen(test, train.origin, "me")
     check_unseen(train, test.origin, "me")
@@ -157,4 +186,6 @@ def test_rows_that_were_learned_from_are_refused(folder):
     with pytest.raises(InvalidInput, match="not trained on"):
         check_unseen(test, {**train.origin, "calibration": test.origin}, "me")
     with pytest.raises(InvalidInput, match="not trained on"):
-        check_unseen(test, {"dataset": dataset.header.digest}, "me")  # files from before there were parts
+        check_unseen(
+            test, {"dataset": dataset.header.digest}, "me"
+        )  # files from before there were parts

@@ -1,4 +1,5 @@
-"""Data sets that ship: whole, of their class, and found by name where there is no folder of that name."""
+"""Data sets that ship: whole, of their class, and found by name where there is no folder of that
+name."""
 
 from __future__ import annotations
 

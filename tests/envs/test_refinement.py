@@ -1,4 +1,5 @@
-"""Cutting boxes ends in proofs: covers that lose nothing, verdicts that the exact planner shares."""
+"""Cutting boxes ends in proofs: covers that lose nothing, verdicts that the exact planner
+shares."""
 
 import warnings
 
@@ -57,7 +58,9 @@ def test_propagation_keeps_every_posture_and_does_narrow(scenes):
         whole = domain_of(scaled, reach=False)
         for _ in range(20):  # boxes that hold the posture, cut at random
             low = point - rng.uniform(size=point.shape) * np.maximum(point - whole.low, 0.0) - 1e-6
-            high = point + rng.uniform(size=point.shape) * np.maximum(whole.high - point, 0.0) + 1e-6
+            high = (
+                point + rng.uniform(size=point.shape) * np.maximum(whole.high - point, 0.0) + 1e-6
+            )
             tight = propagate(scaled, Envelope(low=low, high=high))
             assert tight is not None
             assert tight.contains(point[None], margin=2e-6).all()
@@ -75,7 +78,9 @@ def test_propagation_refutes_forces_that_cannot_balance(scenes):
     assert propagate(scaled, Envelope(low=np.minimum(whole.low, high), high=high)) is None
 
 
-@pytest.mark.parametrize("rule", [LargestGap(), WidestDimension(), RandomDimension(np.random.default_rng(0))])
+@pytest.mark.parametrize(
+    "rule", [LargestGap(), WidestDimension(), RandomDimension(np.random.default_rng(0))]
+)
 def test_verdicts_are_those_of_the_exact_planner(rule, scenes):
     programs, counts = Programs(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
     for listed in scenes.values():
@@ -117,7 +122,9 @@ def test_episodes_end_with_the_experts_verdict_or_at_the_budget(env):
         total, before = 0.0, info["solves"]
         while True:
             assert info["verdict"] == -1
-            observation, reward, ended, cut_off, info = env.step(LargestGap().predict(observation)[0])
+            observation, reward, ended, cut_off, info = env.step(
+                LargestGap().predict(observation)[0]
+            )
             total += reward
             assert env.observation_space.contains(observation)
             if ended or cut_off:
@@ -192,10 +199,14 @@ def test_rules_answer_batches():
     batch = {name: np.stack([one[name], two[name]]) for name in one}
     np.testing.assert_array_equal(LargestGap().predict(batch)[0], [5, 2])
     np.testing.assert_array_equal(WidestDimension().predict(batch)[0], [11, 0])
-    np.testing.assert_array_equal(NoisyGap(np.random.default_rng(0), spread=0.0).predict(batch)[0], [5, 2])
+    np.testing.assert_array_equal(
+        NoisyGap(np.random.default_rng(0), spread=0.0).predict(batch)[0], [5, 2]
+    )
     noisy = NoisyGap(np.random.default_rng(0), spread=30.0)
     assert len({tuple(noisy.predict(batch)[0]) for _ in range(20)}) > 5
-    drawn = np.array([RandomDimension(np.random.default_rng(k)).predict(batch)[0] for k in range(200)])
+    drawn = np.array(
+        [RandomDimension(np.random.default_rng(k)).predict(batch)[0] for k in range(200)]
+    )
     assert drawn.shape == (200, 2)
     assert set(drawn.ravel()) == set(range(12))
 

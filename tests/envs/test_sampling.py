@@ -17,7 +17,11 @@ WALL = distribution("wall-3")
 
 def told(scene):
     """All that an environment tells of a scene, as bytes and text."""
-    arrays = [*scene.observation.values(), scene.point, np.array([scene.feasible, scene.lower_bound])]
+    arrays = [
+        *scene.observation.values(),
+        scene.point,
+        np.array([scene.feasible, scene.lower_bound]),
+    ]
     return b"".join(values.tobytes() for values in arrays), scene.problem.to_json()
 
 
@@ -31,7 +35,13 @@ def drawn(source, count, rng):
 
 @pytest.mark.parametrize(
     ("law", "balanced", "count"),
-    [("wall-3", True, 70), ("ground-3", True, 16), ("wall-5", True, 10), ("wall-3", False, 12), ("wall-4", True, 8)],
+    [
+        ("wall-3", True, 70),
+        ("ground-3", True, 16),
+        ("wall-5", True, 10),
+        ("wall-3", False, 12),
+        ("wall-4", True, 8),
+    ],
 )
 def test_blocks_change_nothing(law, balanced, count):
     law = distribution(law)
@@ -49,7 +59,11 @@ def test_scenes_are_drawn_in_ever_larger_blocks_and_verified_together(monkeypatc
         return check_postures(postures)
 
     monkeypatch.setattr(sampling, "check_postures", check)
-    drawn(SampledScenes(WALL, balanced=False), 1 + 2 + 4 + 8 + 16 + 2 * MOST_AHEAD, np.random.default_rng(0))
+    drawn(
+        SampledScenes(WALL, balanced=False),
+        1 + 2 + 4 + 8 + 16 + 2 * MOST_AHEAD,
+        np.random.default_rng(0),
+    )
     assert len(sizes) == 7
     assert sizes[0] <= 1
     assert MOST_AHEAD // 4 < sizes[-1] <= MOST_AHEAD
@@ -72,7 +86,9 @@ def test_a_copy_keeps_its_own_scenes_and_shares_the_compiled_models():
     other = copy.copy(source)
     assert other._expert.programs is source._expert.programs
     assert not other._ahead
-    assert drawn(other, 3, np.random.default_rng(9)) == drawn(OneByOne(WALL), 3, np.random.default_rng(9))
+    assert drawn(other, 3, np.random.default_rng(9)) == drawn(
+        OneByOne(WALL), 3, np.random.default_rng(9)
+    )
     assert source._ahead
 
 
@@ -151,7 +167,9 @@ def test_a_draw_that_fails_is_told_when_its_turn_comes():
 def test_a_label_that_never_comes_up_is_told(monkeypatch):
     monkeypatch.setattr(sampling, "MAX_DRAWS", 0)
     for kind in (SampledScenes, OneByOne):
-        with pytest.raises(PlanningFailed, match=r"^wall-3: no scene of the wanted label in 0 draws$"):
+        with pytest.raises(
+            PlanningFailed, match=r"^wall-3: no scene of the wanted label in 0 draws$"
+        ):
             kind(WALL).draw(np.random.default_rng(0))
 
 

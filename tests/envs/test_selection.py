@@ -1,4 +1,5 @@
-"""Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the planners do."""
+"""Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the
+planners do."""
 
 import warnings
 from dataclasses import replace
@@ -23,15 +24,21 @@ from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.verify import check_plan
 
-SLOW = {"stancekit/WarpedGait-v0"}  # a step solves a walk: its contract, on short walks, is in test_gait.py
-ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/") and name not in SLOW)
+SLOW = {
+    "stancekit/WarpedGait-v0"
+}  # a step solves a walk: its contract, on short walks, is in test_gait.py
+ENVS = sorted(
+    name for name in gymnasium.registry if name.startswith("stancekit/") and name not in SLOW
+)
 OF_POSTURES = [name for name in ENVS if "Envelope" in name]
 MODES = [
     (name, mode)
     for name in ENVS
     for mode in gymnasium.make(name).metadata["render_modes"]  # none for those that show nothing
 ]
-DOMAIN = np.concatenate([-np.ones(18), np.ones(18)]).astype(np.float32)  # the whole box of three contacts
+DOMAIN = np.concatenate([-np.ones(18), np.ones(18)]).astype(
+    np.float32
+)  # the whole box of three contacts
 
 
 @pytest.fixture(autouse=True)
@@ -62,7 +69,8 @@ def played(env, seed, steps=5):
     return seen
 
 
-# ----------------------------------------------------------------------------------------------------------- contract
+# -----------------------------------------------------------------------------------------------------------
+# contract
 
 
 def test_there_are_environments_to_look_at():
@@ -90,7 +98,10 @@ def test_a_seed_reproduces_an_episode_exactly(env):
 def test_spaces_hold_what_is_seen(env):
     spaces = env.observation_space
     assert isinstance(spaces, gymnasium.spaces.Dict)
-    assert all(type(space) is gymnasium.spaces.Box and space.dtype == np.float32 for space in spaces.values())
+    assert all(
+        type(space) is gymnasium.spaces.Box and space.dtype == np.float32
+        for space in spaces.values()
+    )
     for seed in range(3):
         seen = played(env, seed)
         assert all(spaces.contains(step[0]) for step in seen)
@@ -142,7 +153,9 @@ def test_another_class_of_problems_has_its_own_spaces(name):
 
 @pytest.mark.parametrize("name", OF_POSTURES)
 def test_a_class_that_is_none_is_refused(name):
-    with pytest.raises(InvalidInput, match=r"^distribution: expected one of ground-3, .*, or F.* got 'ice-3'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^distribution: expected one of ground-3, .*, or F.* got 'ice-3'$"
+    ):
         gymnasium.make(name, problem="ice-3")
 
 
@@ -164,8 +177,13 @@ def test_every_way_to_render_works_without_a_screen(name, mode):
     env.reset(seed=0)
     before = env.render()
     env.action_space.seed(0)
-    # The first planner of Traverse-v0 is one that finds a plan; an action that fails leaves the picture as it was.
-    env.step(np.int64(0) if isinstance(env.action_space, gymnasium.spaces.Discrete) else env.action_space.sample())
+    # The first planner of Traverse-v0 is one that finds a plan; an action that fails leaves the
+    # picture as it was.
+    env.step(
+        np.int64(0)
+        if isinstance(env.action_space, gymnasium.spaces.Discrete)
+        else env.action_space.sample()
+    )
     after = env.render()
     if mode == "human":
         assert (before, after) == (None, None)
@@ -179,7 +197,8 @@ def test_every_way_to_render_works_without_a_screen(name, mode):
     assert plt.get_figlabels() == []
 
 
-# ------------------------------------------------------------------------------------------------- EnvelopeSelection-v0
+# -------------------------------------------------------------------------------------------------
+# EnvelopeSelection-v0
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +215,10 @@ def scenes():
 
 def library(problem_class="wall-3", legs=("RF", "RR", "LM"), boxes=2):
     """Envelopes as wide as the whole domain, and then ever smaller ones."""
-    found = [Envelope(low=-np.ones((len(legs), 6)) / k, high=np.ones((len(legs), 6)) / k) for k in range(1, boxes + 1)]
+    found = [
+        Envelope(low=-np.ones((len(legs), 6)) / k, high=np.ones((len(legs), 6)) / k)
+        for k in range(1, boxes + 1)
+    ]
     return EnvelopeSet(
         problem_class=problem_class,
         legs=legs,
@@ -216,10 +238,26 @@ def test_info_has_these_keys(selection):
     assert all(np.array_equal(before[name], info[name]) for name in known)
     assert not any(np.any(before[name]) for name in before if name not in known)
     assert list(info) == [
-        *("label", "p1_feasible", "p1_right", "is_success", "margin", "gap", "log_volume", "chosen"),
+        *(
+            "label",
+            "p1_feasible",
+            "p1_right",
+            "is_success",
+            "margin",
+            "gap",
+            "log_volume",
+            "chosen",
+        ),
         *("project_fix_p", "project_fix_f", "project_fix_toes", "project_scp"),
         *("reward_agreement", "reward_projection", "reward_tightness"),
-        *("push_n", "support_m", "friction_left", "expert_push_n", "expert_support_m", "expert_friction_left"),
+        *(
+            "push_n",
+            "support_m",
+            "friction_left",
+            "expert_push_n",
+            "expert_support_m",
+            "expert_friction_left",
+        ),
         *("expert_point", "expert_lower_bound", "p1_seconds", "p2_seconds", "expert_seconds"),
     ]
     assert info["expert_point"].shape == (3, 6)
@@ -232,9 +270,16 @@ def test_an_episode_is_one_step_whose_reward_is_the_sum_of_its_terms(selection):
         selection.reset(seed=seed)
         _, reward, terminated, truncated, info = selection.step(DOMAIN)
         assert (terminated, truncated) == (True, False)
-        assert reward == info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]
-        assert info["reward_agreement"] == info["p1_right"] == (info["p1_feasible"] == info["label"])
-        assert info["is_success"] == (info["project_fix_p"] if info["label"] else not info["p1_feasible"])
+        assert (
+            reward
+            == info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]
+        )
+        assert (
+            info["reward_agreement"] == info["p1_right"] == (info["p1_feasible"] == info["label"])
+        )
+        assert info["is_success"] == (
+            info["project_fix_p"] if info["label"] else not info["p1_feasible"]
+        )
         assert info["reward_projection"] == 0.5 * info["project_fix_p"]
         assert info["reward_tightness"] == pytest.approx(0.0)
         assert info["project_fix_p"] <= info["project_scp"] <= info["label"]
@@ -293,7 +338,9 @@ def test_a_library_is_chosen_from_by_number(selection, tmp_path):
     from stancekit.planners.formats.answer_file import write_boxes
 
     write_boxes(tmp_path / "e.json", library())
-    chosen = EnvelopeSelectionEnv(library=tmp_path / "e.json", projections=("fix-p", "fix-f", "fix-toes", "scp"))
+    chosen = EnvelopeSelectionEnv(
+        library=tmp_path / "e.json", projections=("fix-p", "fix-f", "fix-toes", "scp")
+    )
     assert chosen.action_space == gymnasium.spaces.Discrete(2)
     check_env(chosen, skip_render_check=True)
     selection.reset(seed=3)
@@ -334,8 +381,12 @@ def test_margins_are_those_of_the_verifier_and_told_when_asked_for(scenes):
             continue
         plan = replace(scene.posture, problem=scene.problem.course())
         group = check_plan(plan, margins=True).group("margin")
-        assert [info[f"expert_{name}"] for name in names] == pytest.approx([group.figures[name] for name in names])
-        assert [before[f"expert_{name}"] for name in names] == [info[f"expert_{name}"] for name in names]
+        assert [info[f"expert_{name}"] for name in names] == pytest.approx(
+            [group.figures[name] for name in names]
+        )
+        assert [before[f"expert_{name}"] for name in names] == [
+            info[f"expert_{name}"] for name in names
+        ]
         assert bool(info["support_m"]) <= info["project_fix_p"]
         looked += info["project_fix_p"]
     assert looked
@@ -369,8 +420,11 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"problem": 3}, "distribution: expected one of ground-3, wall-3, wall-5, "
-         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3"),
+        (
+            {"problem": 3},
+            "distribution: expected one of ground-3, wall-3, wall-5, "
+            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3",
+        ),
         ({"boxes": 0}, "boxes: expected 1 or more, got 0"),
         ({"boxes": 1.5}, "boxes: expected an integer, got 1.5"),
         ({"projections": ()}, "projections: expected one or more, got none"),
@@ -395,7 +449,10 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
             {"library": library(), "boxes": 2},
             "boxes: expected 1 with a library, whose envelopes are chosen one by one, got 2",
         ),
-        ({"render_mode": "ansi"}, "render_mode: expected one of ['rgb_array', 'human'], got 'ansi'"),
+        (
+            {"render_mode": "ansi"},
+            "render_mode: expected one of ['rgb_array', 'human'], got 'ansi'",
+        ),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):
@@ -408,7 +465,9 @@ def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
     with pytest.raises(InvalidInput, match=r"^scenes: expected one or more, got none$"):
         ListedScenes([])
     env = EnvelopeSelectionEnv("wall-5", scenes=ListedScenes(scenes))
-    with pytest.raises(InvalidInput, match=r"^scene: expected 5 contacts on triangles, got 3 contacts on "):
+    with pytest.raises(
+        InvalidInput, match=r"^scene: expected 5 contacts on triangles, got 3 contacts on "
+    ):
         env.reset(seed=0)
 
 

@@ -1,4 +1,5 @@
-"""Traverse-v0 walks courses that the verifier accepts, and says in its rewards and info what happened."""
+"""Traverse-v0 walks courses that the verifier accepts, and says in its rewards and info what
+happened."""
 
 from __future__ import annotations
 
@@ -61,10 +62,15 @@ class Mute:
     name = "mute"
 
     def solve(self, course):
-        return Answer(status=Status.UNDECIDED, method=self.name, effort=Effort(solves=7, seconds=1.5, compile_s=4.0))
+        return Answer(
+            status=Status.UNDECIDED,
+            method=self.name,
+            effort=Effort(solves=7, seconds=1.5, compile_s=4.0),
+        )
 
 
-# ----------------------------------------------------------------------------------------------------------- contract
+# -----------------------------------------------------------------------------------------------------------
+# contract
 
 
 def test_gymnasiums_checker_has_nothing_to_say():
@@ -115,15 +121,21 @@ def test_a_bad_action_is_refused(action):
         env.step(action)
 
 
-# ------------------------------------------------------------------------------------------------------------ walking
+# ------------------------------------------------------------------------------------------------------------
+# walking
 
 
-@pytest.mark.parametrize(("course", "frames", "actions"), [
-    ("walls", 5, [LIFT, CLIMBING]),
-    ("stairs", 5, [WALKING, LIFT]),
-    ("ground-to-wall", 9, [WALKING, WALKING, LIFT, CLIMBING]),
-])  # fmt: skip
-def test_a_walk_with_fitting_planners_reaches_the_end_and_is_accepted_by_the_verifier(course, frames, actions):
+@pytest.mark.parametrize(
+    ("course", "frames", "actions"),
+    [
+        ("walls", 5, [LIFT, CLIMBING]),
+        ("stairs", 5, [WALKING, LIFT]),
+        ("ground-to-wall", 9, [WALKING, WALKING, LIFT, CLIMBING]),
+    ],
+)
+def test_a_walk_with_fitting_planners_reaches_the_end_and_is_accepted_by_the_verifier(
+    course, frames, actions
+):
     env = made(course, frames=frames)
     seen = played(env, 1, actions)
     assert len(seen) == 1 + len(actions)
@@ -145,7 +157,9 @@ def test_the_reward_is_the_sum_of_its_terms_and_progress_is_the_share_of_the_way
     length = np.linalg.norm(np.diff(env.walk().problem.com_nominal_m, axis=0), axis=1).sum()
     total = 0.0
     for _, reward, _, _, info in seen[1:]:
-        assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
+        assert reward == pytest.approx(
+            sum(value for name, value in info.items() if name.startswith("reward_"))
+        )
         assert info["reward_feasible"] == 0.3
         assert info["reward_effort"] == pytest.approx(-0.01 * info["solves"])
         total += info["reward_progress"]
@@ -157,7 +171,13 @@ def test_an_envelope_learned_for_another_terrain_is_refused_and_the_robot_stays(
     env = made()
     first, _ = env.reset(seed=0)
     after, reward, terminated, truncated, info = env.step(np.int64(WALKING))
-    assert (info["refused"], info["feasible"], info["frame"], terminated, truncated) == (1, 0, 0, False, False)
+    assert (info["refused"], info["feasible"], info["frame"], terminated, truncated) == (
+        1,
+        0,
+        0,
+        False,
+        False,
+    )
     assert info["planner"] == -1
     assert reward == pytest.approx(-TraverseWeights().failure)
     assert same(first, after, exact=True)
@@ -184,8 +204,12 @@ def test_clocks_are_seen_only_when_asked_for():
     for timing in (False, True):
         _, reward, _, _, info = played(made(planners=[Mute()], timing=timing), 0, [0])[1]
         weights = TraverseWeights()
-        assert (info["plan_seconds"], info["compile_seconds"]) == ((1.5, 4.0) if timing else (0.0, 0.0))
-        assert reward == pytest.approx(-weights.failure - 7 * weights.solve - weights.second * 1.5 * timing)
+        assert (info["plan_seconds"], info["compile_seconds"]) == (
+            (1.5, 4.0) if timing else (0.0, 0.0)
+        )
+        assert reward == pytest.approx(
+            -weights.failure - 7 * weights.solve - weights.second * 1.5 * timing
+        )
 
 
 def test_margins_of_a_window_are_told_when_asked_for():
@@ -197,7 +221,10 @@ def test_margins_of_a_window_are_told_when_asked_for():
         found = info["push_n"], info["support_m"], info["friction_left"]
         plan = env._walked[-1]
         measured = stance_margins(plan, yields_m=verdict_yields_m(plan))
-        least = [min(getattr(margin, name) for margin in measured) for name in ("push_n", "support_m", "friction_left")]
+        least = [
+            min(getattr(margin, name) for margin in measured)
+            for name in ("push_n", "support_m", "friction_left")
+        ]
         assert found == (tuple(least) if margins else (0.0, 0.0, 0.0))
         assert min(least) > 0.0
 
@@ -205,11 +232,17 @@ def test_margins_of_a_window_are_told_when_asked_for():
 def test_a_window_without_a_plan_by_proof_ends_the_episode():
     course = read_course("walls", frames=5)
     icy = tuple(
-        foothold if foothold.frame < 2 else
-        replace(foothold, candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates))
+        foothold
+        if foothold.frame < 2
+        else replace(
+            foothold,
+            candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates),
+        )
         for foothold in course.footholds
-    )  # fmt: skip
-    env = TraverseEnv(lambda rng: replace(course, footholds=icy), regions=1, horizon=1, programs=PROGRAMS)
+    )
+    env = TraverseEnv(
+        lambda rng: replace(course, footholds=icy), regions=1, horizon=1, programs=PROGRAMS
+    )
     seen = played(env, 0, [LIFT] * 4)
     assert [step[-1]["feasible"] for step in seen[1:]] == [1, 0]
     assert seen[-1][-1]["infeasible"] == 1
@@ -220,7 +253,10 @@ def test_a_course_that_cannot_begin_is_drawn_again_until_that_is_given_up(monkey
     monkeypatch.setattr("stancekit.envs.traverse.MAX_DRAWS", 3)
     course = read_course("walls", frames=3)
     slippery = tuple(
-        replace(foothold, candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates))
+        replace(
+            foothold,
+            candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates),
+        )
         for foothold in course.footholds
     )
     env = TraverseEnv(lambda rng: replace(course, footholds=slippery), regions=1, programs=PROGRAMS)
@@ -243,7 +279,8 @@ def test_an_executor_plays_every_plan_and_ends_the_episode_where_it_fails(succee
     assert seen[-1][-1]["reward_failure"] == (0.0 if succeeded else -TraverseWeights().failure)
 
 
-# -------------------------------------------------------------------------------------------------------------- views
+# --------------------------------------------------------------------------------------------------------------
+# views
 
 
 def test_a_view_shows_the_coming_candidates_from_the_com():
@@ -251,7 +288,10 @@ def test_a_view_shows_the_coming_candidates_from_the_com():
     observation, info = env.reset(seed=0)
     course, scale = env._course, 0.6
     corners = observation["corners"].reshape(2, 6, 4, 4, 3) * scale + info["com_m"]
-    offered, friction = observation["offered"].reshape(2, 6, 4), observation["friction"].reshape(2, 6, 4)
+    offered, friction = (
+        observation["offered"].reshape(2, 6, 4),
+        observation["friction"].reshape(2, 6, 4),
+    )
     normals = observation["normals"].reshape(2, 6, 4, 3)
     shown = np.zeros_like(offered)
     for foothold in course.footholds:
@@ -265,10 +305,16 @@ def test_a_view_shows_the_coming_candidates_from_the_com():
                 shown[at] = 1.0
     np.testing.assert_array_equal(offered, shown)
     assert 0 < offered.sum() < offered.size
-    np.testing.assert_allclose(observation["toes"].reshape(6, 3) * scale + info["com_m"], info["toes_m"], atol=1e-6)
-    np.testing.assert_allclose(observation["goal"] * scale + info["com_m"], course.goal_m, atol=1e-6)
     np.testing.assert_allclose(
-        observation["path"].reshape(2, 3) * scale + info["com_m"], course.com_nominal_m[1:3], atol=1e-6
+        observation["toes"].reshape(6, 3) * scale + info["com_m"], info["toes_m"], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        observation["goal"] * scale + info["com_m"], course.goal_m, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        observation["path"].reshape(2, 3) * scale + info["com_m"],
+        course.com_nominal_m[1:3],
+        atol=1e-6,
     )
     assert observation["left"] == 1.0
 
@@ -277,14 +323,20 @@ def test_the_modes_of_the_coming_frames_are_told():
     env = made("ground-to-wall", frames=8)
     seen = played(env, 0, [LIFT, LIFT, LIFT, LIFT])
     assert [step[-1]["terrain_modes"].tolist() for step in seen] == [
-        [0, 0], [0, 0], [0, 1], [1, NO_MODE], [NO_MODE, NO_MODE],
-    ]  # fmt: skip
+        [0, 0],
+        [0, 0],
+        [0, 1],
+        [1, NO_MODE],
+        [NO_MODE, NO_MODE],
+    ]
 
 
 def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
     course = read_course("icy-walls", frames=3)
     env = TraverseEnv(lambda rng: course, regions=2, programs=PROGRAMS)
-    with pytest.raises(InvalidInput, match=r"^frame 1, limb LM: expected at most 2 candidates, got 4$"):
+    with pytest.raises(
+        InvalidInput, match=r"^frame 1, limb LM: expected at most 2 candidates, got 4$"
+    ):
         env.reset(seed=0)
 
 
@@ -300,7 +352,10 @@ def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
             {"courses": icy_walls},
             "regions: expected the most candidates of a toe where courses is a function, got None",
         ),
-        ({"courses": ("wals",)}, "course: expected one of ground-to-wall, icy-walls, stairs, tube, walls"),
+        (
+            {"courses": ("wals",)},
+            "course: expected one of ground-to-wall, icy-walls, stairs, tube, walls",
+        ),
         ({"render_mode": "ansi"}, r"render_mode: expected one of \['rgb_array'\], got 'ansi'"),
         ({"frames": 0}, "frames: expected 1 to 1000 key frames, got 0"),
     ],
@@ -315,7 +370,8 @@ def test_a_course_of_one_frame_has_nowhere_to_go():
         made(frames=1).reset(seed=0)
 
 
-# ------------------------------------------------------------------------------------------------------------- expert
+# -------------------------------------------------------------------------------------------------------------
+# expert
 
 
 @pytest.mark.parametrize("terrain", ["ground", "wall"])
@@ -356,13 +412,18 @@ def test_the_terrain_rule_answers_for_many_environments_at_once():
 
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory) -> dict[str, Any]:
-    """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with the lift."""
+    """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with
+    the lift."""
     pytest.importorskip("torch")
     folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
-    rows = {name: stancekit.label(name, folder / name, rows=(6, 6)) for name in ("ground-3", "wall-3")}
+    rows = {
+        name: stancekit.label(name, folder / name, rows=(6, 6)) for name in ("ground-3", "wall-3")
+    }
     for name, (kind, method) in {
-        "ground": ("ground-3", "neural"), "wall": ("wall-3", "neural"), "joint": ("ground-3", "joint")
-    }.items():  # fmt: skip
+        "ground": ("ground-3", "neural"),
+        "wall": ("wall-3", "neural"),
+        "joint": ("ground-3", "joint"),
+    }.items():
         found[name] = stancekit.fit(rows[kind], method, neural={"epochs": 1, "margin_epochs": 1})
         stancekit.save(found[name], folder / f"{name}.safetensors")
         found[f"{name} file"] = str(folder / f"{name}.safetensors")
@@ -370,7 +431,9 @@ def networks(tmp_path_factory) -> dict[str, Any]:
 
 
 def twenty_steps(envelopes: list[Any]) -> list[float]:
-    env = gymnasium.make("stancekit/Traverse-v0", courses=["stairs"], frames=8, horizon=1, envelopes=envelopes)
+    env = gymnasium.make(
+        "stancekit/Traverse-v0", courses=["stairs"], frames=8, horizon=1, envelopes=envelopes
+    )
     env.reset(seed=0)
     env.action_space.seed(0)
     rewards = list[float]()
@@ -392,20 +455,33 @@ def test_networks_choose_boxes_as_objects_as_files_and_by_name(networks):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("wall", "envelopes: expected a selector for the courses, got another: frame 0, stance on "),
-        ("wall file", "envelopes: expected a selector for the courses, got another: frame 0, stance on "),
+        (
+            "wall",
+            "envelopes: expected a selector for the courses, got another: frame 0, stance on ",
+        ),
+        (
+            "wall file",
+            "envelopes: expected a selector for the courses, got another: frame 0, stance on ",
+        ),
         ("joint", "selector: expected one of boxes for P1 alone, got one for P1 joint"),
         ("joint file", "selector: expected one of boxes for P1 alone, got one for P1 joint"),
-        ("neural-ground-2", "envelopes: expected a selector for the courses, got another: frame 0: expected a stance "),
+        (
+            "neural-ground-2",
+            "envelopes: expected a selector for the courses, got another: frame 0: expected a stance ",
+        ),
         ("neural-ground-9", "neural-ground-9: expected a file, or one of neural-ground-2, "),
     ],
 )
 def test_selectors_of_other_stances_are_refused_when_they_are_given(name, said, networks):
     with pytest.raises(InvalidInput) as caught:
-        gymnasium.make("stancekit/Traverse-v0", courses=["stairs"], envelopes=[networks.get(name, name)])
+        gymnasium.make(
+            "stancekit/Traverse-v0", courses=["stairs"], envelopes=[networks.get(name, name)]
+        )
     assert str(caught.value).startswith(said)
     assert "\n" not in str(caught.value)
 
 
 def test_a_selector_of_walls_is_taken_where_one_course_is_between_walls(networks):
-    assert gymnasium.make("stancekit/Traverse-v0", courses=["stairs", "walls"], envelopes=[networks["wall"]])
+    assert gymnasium.make(
+        "stancekit/Traverse-v0", courses=["stairs", "walls"], envelopes=[networks["wall"]]
+    )

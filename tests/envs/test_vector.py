@@ -22,7 +22,11 @@ def played(env, steps=3, seed=7):
     seen = [env.reset(seed=seed)]
     for _ in range(steps):
         middle = rng.uniform(-0.3, 0.3, size=(env.num_envs, 2, 18))
-        seen.append(env.step(np.concatenate([middle[:, 0] - 0.5, middle[:, 1] + 0.5], axis=1).astype(np.float32)))
+        seen.append(
+            env.step(
+                np.concatenate([middle[:, 0] - 0.5, middle[:, 1] + 0.5], axis=1).astype(np.float32)
+            )
+        )
     return seen
 
 
@@ -58,7 +62,8 @@ def test_make_vec_gives_the_batched_environment_by_default(ours):
     assert isinstance(ours, EnvelopeSelectionVectorEnv)
     assert ours.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert isinstance(
-        gymnasium.make_vec(NAME, num_envs=1, vectorization_mode="vector_entry_point"), EnvelopeSelectionVectorEnv
+        gymnasium.make_vec(NAME, num_envs=1, vectorization_mode="vector_entry_point"),
+        EnvelopeSelectionVectorEnv,
     )
 
 
@@ -89,7 +94,9 @@ def test_processes_change_nothing(history):
     processes = [part._process for part in env._parts[1:]]  # the first part is this process's
     processes[1].terminate()
     processes[1].join()
-    with pytest.raises(StancekitError, match="a worker process of the environment ended with code -15"):
+    with pytest.raises(
+        StancekitError, match="a worker process of the environment ended with code -15"
+    ):
         env.step(np.zeros((4, 36), dtype=np.float32))
     env.close()
     assert not any(process.is_alive() for process in processes)
@@ -105,7 +112,10 @@ def test_reset_without_a_seed_goes_on(ours, history):
 @pytest.mark.parametrize("options", [{}, {"boxes": 2}, {"relaxation": "joint"}])
 def test_batches_by_moreau_have_the_verdicts_of_clarabel(options):
     pytest.importorskip("moreau")
-    envs = [EnvelopeSelectionVectorEnv(6, backend=backend, **options) for backend in ("clarabel", "moreau-cpu")]
+    envs = [
+        EnvelopeSelectionVectorEnv(6, backend=backend, **options)
+        for backend in ("clarabel", "moreau-cpu")
+    ]
     boxes, rng = options.get("boxes", 1), np.random.default_rng(2)
     sampler = distribution("wall-3")
     usual = heuristic_envelope("wall-3", [sampler.sample(rng) for _ in range(3)]).envelopes[0]
@@ -120,7 +130,9 @@ def test_batches_by_moreau_have_the_verdicts_of_clarabel(options):
         assert_same(mine, theirs)
         for name in ("label", "p1_feasible", "chosen", "reward_agreement"):
             np.testing.assert_array_equal(other["final_info"][name], one["final_info"][name])
-        np.testing.assert_allclose(other["final_info"]["margin"], one["final_info"]["margin"], atol=1e-6)
+        np.testing.assert_allclose(
+            other["final_info"]["margin"], one["final_info"]["margin"], atol=1e-6
+        )
         feasible.extend(one["final_info"]["p1_feasible"])
     assert_same(*seen)
     assert 0 < sum(feasible) < len(feasible)
@@ -141,7 +153,10 @@ def test_listed_scenes_are_listed_to_every_sub_environment():
         ({"num_envs": 0}, "num_envs: expected 1 or more, got 0"),
         ({"num_envs": 2, "workers": 3}, "workers: expected 1 to 2, got 3"),
         ({"num_envs": 2, "render_mode": "human"}, "render_mode: expected one of"),
-        ({"num_envs": 2, "backend": "mosek"}, "backend: expected one of clarabel, moreau, moreau-cpu, got 'mosek'"),
+        (
+            {"num_envs": 2, "backend": "mosek"},
+            "backend: expected one of clarabel, moreau, moreau-cpu, got 'mosek'",
+        ),
         ({"num_envs": 2, "problem": "ceiling-3"}, "distribution: expected one of"),
     ],
 )

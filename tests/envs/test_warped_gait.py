@@ -1,4 +1,5 @@
-"""WarpedGait-v0 keeps Gymnasium's contract, and says of an attempt what the optimiser and the verifier say of it."""
+"""WarpedGait-v0 keeps Gymnasium's contract, and says of an attempt what the optimiser and the
+verifier say of it."""
 
 from __future__ import annotations
 
@@ -12,7 +13,15 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from stancekit.envs.distributions.walks import SampledTasks
-from stancekit.envs.warped_gait import HEIGHTS, NOISES, PATCH, PATCH_M, GaitRewardWeights, WarpedGaitEnv, observe
+from stancekit.envs.warped_gait import (
+    HEIGHTS,
+    NOISES,
+    PATCH,
+    PATCH_M,
+    GaitRewardWeights,
+    WarpedGaitEnv,
+    observe,
+)
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.task import GaitSettings
@@ -23,7 +32,9 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.robot.small_urdfs import quadruped
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
-WALK = Walk(robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+WALK = Walk(
+    robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0
+)
 SHORT = SampledTasks(duration_s=2.0, distance_m=(0.1, 0.3), difficulty=(0.1, 0.4))
 FEW = GaitSettings(max_iterations=4)
 
@@ -46,7 +57,8 @@ def stepped():
     return env, observation, reward, terminated, truncated, info
 
 
-# ----------------------------------------------------------------------------------------------------- contract
+# -----------------------------------------------------------------------------------------------------
+# contract
 
 
 def test_gymnasiums_checker_has_nothing_to_say():
@@ -73,7 +85,10 @@ def test_a_seed_reproduces_an_episode_exactly():
 def test_observations_lie_in_their_space_and_info_is_finite_numbers(stepped):
     env, observation, reward, terminated, truncated, info = stepped
     assert env.observation_space.contains(observation)
-    assert all(type(s) is gymnasium.spaces.Box and s.dtype == np.float32 for s in env.observation_space.values())
+    assert all(
+        type(s) is gymnasium.spaces.Box and s.dtype == np.float32
+        for s in env.observation_space.values()
+    )
     assert [type(value) for value in (reward, terminated, truncated)] == [float, bool, bool]
     assert (terminated, truncated) == (True, False)
     assert all(np.isfinite(value) and np.ndim(value) == 0 for value in info.values())
@@ -86,21 +101,34 @@ def test_reset_is_needed_first():
             use()
 
 
-@pytest.mark.parametrize("action", [[0, 0], [2, 0, 0], [0, len(HEIGHTS), 0], [0, 0, len(NOISES)], [-1, 0, 0], 1])
+@pytest.mark.parametrize(
+    "action", [[0, 0], [2, 0, 0], [0, len(HEIGHTS), 0], [0, 0, len(NOISES)], [-1, 0, 0], 1]
+)
 def test_a_bad_action_is_refused(action):
     env = made()
     env.reset(seed=0)
-    with pytest.raises(InvalidInput, match=r"^action: expected three indices in \(0–1, 0–2, 0–2\), got "):
+    with pytest.raises(
+        InvalidInput, match=r"^action: expected three indices in \(0–1, 0–2, 0–2\), got "
+    ):
         env.step(np.array(action))
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"charts": ()}, "charts: expected some of ambient, shear, decoupled, warped, warped-exact, got []"),
-        ({"charts": ("polar",)}, "chart: expected one of ambient, .*, or FILE.py:NAME, got 'polar'"),
+        (
+            {"charts": ()},
+            "charts: expected some of ambient, shear, decoupled, warped, warped-exact, got []",
+        ),
+        (
+            {"charts": ("polar",)},
+            "chart: expected one of ambient, .*, or FILE.py:NAME, got 'polar'",
+        ),
         ({"render_mode": "human"}, "render_mode: expected one of \\['rgb_array'\\], got 'human'"),
-        ({"weights": GaitRewardWeights(seconds=0.1)}, "weights: expected timing with seconds, whose weight is 0.1"),
+        (
+            {"weights": GaitRewardWeights(seconds=0.1)},
+            "weights: expected timing with seconds, whose weight is 0.1",
+        ),
     ],
 )
 def test_bad_settings_are_refused(settings, message):
@@ -109,18 +137,25 @@ def test_bad_settings_are_refused(settings, message):
 
 
 def test_terrains_have_names():
-    with pytest.raises(InvalidInput, match=r"^terrain: expected one of mixed, rough, .*, got 'lava'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^terrain: expected one of mixed, rough, .*, got 'lava'$"
+    ):
         WarpedGaitEnv("lava")
-    with pytest.raises(InvalidInput, match=r"^difficulty: expected 0 ≤ low ≤ high ≤ 1, got 0.5 and 0.2$"):
+    with pytest.raises(
+        InvalidInput, match=r"^difficulty: expected 0 ≤ low ≤ high ≤ 1, got 0.5 and 0.2$"
+    ):
         SampledTasks(difficulty=(0.5, 0.2))
 
 
-# ----------------------------------------------------------------------------------------------- what is said
+# -----------------------------------------------------------------------------------------------
+# what is said
 
 
 def test_a_step_says_what_the_optimiser_and_the_verifier_say(stepped):
     _, _, reward, _, _, info = stepped
-    found = Workbench(on_plain(None), GaitSettings(max_iterations=50)).run(Attempt(chart="decoupled"))
+    found = Workbench(on_plain(None), GaitSettings(max_iterations=50)).run(
+        Attempt(chart="decoupled")
+    )
     verdict = check_trajectory(found.trajectory)
     assert (info["verified"], info["feasible"], info["iterations"]) == (1, 1, found.iterations)
     assert verdict.accepted
@@ -131,10 +166,15 @@ def test_a_step_says_what_the_optimiser_and_the_verifier_say(stepped):
 
 
 def test_reward_terms_add_up_and_time_counts_only_where_it_is_asked_for():
-    env = made(timing=True, weights=GaitRewardWeights(verified=2.0, feasible=0.5, iterations=1.0, seconds=0.1))
+    env = made(
+        timing=True,
+        weights=GaitRewardWeights(verified=2.0, feasible=0.5, iterations=1.0, seconds=0.1),
+    )
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.array([0, 0, 0]))
-    assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
+    assert reward == pytest.approx(
+        sum(value for name, value in info.items() if name.startswith("reward_"))
+    )
     assert info["seconds"] > 0.0
     assert info["reward_seconds"] == pytest.approx(-0.1 * info["seconds"])
     assert (info["reward_verified"], info["reward_feasible"]) == (2.0, 0.5)
@@ -169,7 +209,8 @@ def test_a_noisy_guess_hangs_on_the_seed_of_the_episode():
     assert violation(1) == violation(1) != violation(2)
 
 
-# --------------------------------------------------------------------------------------------- what is observed
+# --------------------------------------------------------------------------------------------- what
+# is observed
 
 
 def test_heights_are_those_of_the_terrain_in_a_frame_that_looks_from_start_to_goal():
@@ -179,7 +220,9 @@ def test_heights_are_those_of_the_terrain_in_a_frame_that_looks_from_start_to_go
     step = PATCH_M / (PATCH - 1)
     ahead = np.array([0.2, 0.1]) / np.hypot(0.2, 0.1)
     assert np.allclose(np.diff(heights, axis=0), step * ahead @ [0.1, -0.05], atol=1e-6)
-    assert np.allclose(np.diff(heights, axis=1), step * np.array([-ahead[1], ahead[0]]) @ [0.1, -0.05], atol=1e-6)
+    assert np.allclose(
+        np.diff(heights, axis=1), step * np.array([-ahead[1], ahead[0]]) @ [0.1, -0.05], atol=1e-6
+    )
     assert np.allclose(seen["goal"], [0.5 * np.hypot(0.2, 0.1), 0.0], atol=1e-7)
     assert np.allclose(seen["start"], -seen["goal"])
     assert np.allclose(seen["facing"], [ahead[0], -ahead[1]], atol=1e-7)
@@ -200,16 +243,22 @@ def test_the_observation_does_not_depend_on_where_north_is():
 def test_a_robot_is_named_as_everywhere(tmp_path):
     pytest.importorskip("pinocchio")
     (tmp_path / "dog.urdf").write_text(quadruped())
-    (tmp_path / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT]\n")
+    (tmp_path / "dog.yaml").write_text(
+        "urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT]\n"
+    )
     drawn = {}
     for robot in ("hexapod", tmp_path / "dog.urdf", str(tmp_path / "dog.yaml"), None):
         env = WarpedGaitEnv("waves", robot=robot, charts=("decoupled",))
         observation, _ = env.reset(seed=0)
         drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
     assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
-    with pytest.raises(InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"):
+    with pytest.raises(
+        InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"
+    ):
         made(robot="hexapod")
-    with pytest.raises(InvalidInput, match=r"^robot: expected anymal, anymal-boxes, hexapod, a1, .*, got 'table'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^robot: expected anymal, anymal-boxes, hexapod, a1, .*, got 'table'$"
+    ):
         WarpedGaitEnv(robot="table")
 
 
@@ -229,7 +278,9 @@ def test_walks_are_drawn_within_their_ranges_until_the_robot_can_stand():
     for task in drawn:
         way = task.goal_xy_m - task.start_xy_m
         assert 0.4 <= np.linalg.norm(way) <= 0.6
-        assert np.allclose(way / np.linalg.norm(way), [np.cos(task.start_yaw_rad), np.sin(task.start_yaw_rad)])
+        assert np.allclose(
+            way / np.linalg.norm(way), [np.cos(task.start_yaw_rad), np.sin(task.start_yaw_rad)]
+        )
 
 
 def test_mixed_walks_are_over_the_grounds_that_walks_had_and_no_word_is_lost_on_it():
@@ -250,23 +301,32 @@ def test_walks_are_drawn_over_any_family_that_has_ground():
     assert len(names & {"stairs", "stones", "gaps", "beams", "rubble", "slopes"}) > 2
     observation, _ = WarpedGaitEnv("stairs", charts=("decoupled",)).reset(seed=0)
     assert np.abs(observation["heights"]).max() > 0.05
-    with pytest.raises(InvalidInput, match=r"^terrain: expected a family of ground to walk on, got walls, all up"):
+    with pytest.raises(
+        InvalidInput, match=r"^terrain: expected a family of ground to walk on, got walls, all up"
+    ):
         WarpedGaitEnv("walls")
-    with pytest.warns(DeprecationWarning, match=r"^stones-spline is what walks had as stones, for one more release: "):
+    with pytest.warns(
+        DeprecationWarning,
+        match=r"^stones-spline is what walks had as stones, for one more release: ",
+    ):
         SampledTasks(terrain="stones-spline")
 
 
 def test_a_robot_that_can_stand_nowhere_is_said_so():
     feet = [
-        replace(foot, reach_min_m=foot.nominal_m - 1e-6, reach_max_m=foot.nominal_m + 1e-6) for foot in anymal().feet
+        replace(foot, reach_min_m=foot.nominal_m - 1e-6, reach_max_m=foot.nominal_m + 1e-6)
+        for foot in anymal().feet
     ]
     steep = replace(anymal(), feet=tuple(feet))
     waves = SampledTasks(terrain="waves", difficulty=(1.0, 1.0), robot=steep)
-    with pytest.raises(PlanningFailed, match=r"^no walk was found on waves in 100 draws; the last: start_xy_m: "):
+    with pytest.raises(
+        PlanningFailed, match=r"^no walk was found on waves in 100 draws; the last: start_xy_m: "
+    ):
         waves(np.random.default_rng(0))
 
 
-# ------------------------------------------------------------------------------------------------ what is shown
+# ------------------------------------------------------------------------------------------------
+# what is shown
 
 
 def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
@@ -280,7 +340,8 @@ def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
     assert not np.array_equal(before, after)
 
 
-# -------------------------------------------------------------------------------------------------------- pools
+# --------------------------------------------------------------------------------------------------------
+# pools
 
 
 POOLED = {"tasks": SHORT, "charts": ("decoupled", "ambient"), "settings": FEW}
@@ -288,7 +349,9 @@ POOLED = {"tasks": SHORT, "charts": ("decoupled", "ambient"), "settings": FEW}
 
 def test_a_pool_solves_an_attempt_once(monkeypatch):
     solves = []
-    monkeypatch.setattr(Workbench, "run", lambda self, attempt: solves.append(attempt) or run(self, attempt))
+    monkeypatch.setattr(
+        Workbench, "run", lambda self, attempt: solves.append(attempt) or run(self, attempt)
+    )
     env = WarpedGaitEnv(pool=2, **POOLED)
     env.reset(seed=1)
     first = env.step(np.array([0, 0, 1]))
@@ -331,7 +394,10 @@ def test_an_attempt_of_a_pool_comes_to_what_it_comes_to_without():
     ("other", "said"),
     [
         ({"charts": ("decoupled",)}, "charts: expected 'decoupled', got 'decoupled, ambient'"),
-        ({"settings": GaitSettings(max_iterations=5)}, "settings.max_iterations: expected 5, got 4"),
+        (
+            {"settings": GaitSettings(max_iterations=5)},
+            "settings.max_iterations: expected 5, got 4",
+        ),
         ({"tasks": replace(SHORT, duration_s=2.5)}, "tasks.duration_s: expected 2.5, got 2.0"),
     ],
 )
@@ -340,12 +406,18 @@ def test_a_pool_of_other_walks_is_refused(other, said, tmp_path):
     WarpedGaitEnv(pool=1, **POOLED).pool.write(path)
     with pytest.raises(InvalidInput) as refused:
         WarpedGaitEnv(pool=path, **{**POOLED, **other})
-    assert str(refused.value) == f"{path}: expected a pool of the environment's walks, charts and settings: {said}"
+    assert (
+        str(refused.value)
+        == f"{path}: expected a pool of the environment's walks, charts and settings: {said}"
+    )
 
 
 @pytest.mark.parametrize(
     ("pool", "said"),
-    [(0, "pool: expected 1 to 100000 walks, got 0"), ("none.npz", "none.npz: expected a file, found nothing there")],
+    [
+        (0, "pool: expected 1 to 100000 walks, got 0"),
+        ("none.npz", "none.npz: expected a file, found nothing there"),
+    ],
 )
 def test_a_pool_that_is_none_is_refused(pool, said):
     with pytest.raises(InvalidInput, match=f"^{said}$"):

@@ -1,4 +1,5 @@
-"""An honest walk in closed form: a crawl on level ground whose forces balance its motion to the last digit."""
+"""An honest walk in closed form: a crawl on level ground whose forces balance its motion to the
+last digit."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ ORDER = (2, 0, 3, 1)
 
 
 def crawl(friction: float = 0.75) -> Trajectory:
-    """The body leans away from a foot, the foot steps, and so on; at last the body goes to the middle of the feet."""
+    """The body leans away from a foot, the foot steps, and so on; at last the body goes to the
+    middle of the feet."""
     robot = anymal()
     nominal = np.array([foot.nominal_m for foot in robot.feet])
     feet, body = nominal[:, :2].copy(), np.zeros(2)
@@ -53,16 +55,27 @@ def crawl(friction: float = 0.75) -> Trajectory:
     toes = np.concatenate([np.array(places), np.array(heights)[..., None]], axis=2)
     contact, count = np.array(stands), len(bodies)
     return Trajectory(
-        times_s=STEP_S * np.arange(count), torso_m=torso, rotation=np.tile(np.eye(3), (count, 1, 1)), feet_m=toes,
-        forces_n=balanced(robot, torso, toes, contact), contact=contact, robot=robot,
-        terrain=HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25, name="level"), friction=friction,
-        adhesive=np.zeros(4, dtype=bool), start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], heading_rad=0.0,
-        still=(True, True), suction_n=2.0 * robot.weight_n,
-    )  # fmt: skip
+        times_s=STEP_S * np.arange(count),
+        torso_m=torso,
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        feet_m=toes,
+        forces_n=balanced(robot, torso, toes, contact),
+        contact=contact,
+        robot=robot,
+        terrain=HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25, name="level"),
+        friction=friction,
+        adhesive=np.zeros(4, dtype=bool),
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+        heading_rad=0.0,
+        still=(True, True),
+        suction_n=2.0 * robot.weight_n,
+    )
 
 
 def balanced(robot: GaitRobot, torso: Array, toes: Array, contact: Array) -> Array:
-    """The smallest forces of the standing feet that the torso's motion needs, without turning, shape (K, 4, 3) [N]."""
+    """The smallest forces of the standing feet that the torso's motion needs, without turning,
+    shape (K, 4, 3) [N]."""
     felt = np.zeros_like(torso)
     felt[1:-1] = np.diff(torso, 2, axis=0) / STEP_S**2
     felt[:, 2] += G

@@ -1,4 +1,5 @@
-"""All families of forgeries: the honest thing bound into every kind, the verifier's word, and the judge's."""
+"""All families of forgeries: the honest thing bound into every kind, the verifier's word, and the
+judge's."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from .crawl import crawl
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """kinds: by name, what forges one of a size; verdict: whether it is accepted, and the group that refused it."""
+    """kinds: by name, what forges one of a size; verdict: whether it is accepted, and the group
+    that refused it."""
 
     name: str
     kinds: Mapping[str, Callable[[float, np.random.Generator], Any]]
@@ -30,26 +32,33 @@ def families() -> Iterator[Family]:
     """Walks, plans, links, postures, proofs."""
     walk = crawl()
     yield Family(
-        name="walks", kinds={name: partial(forge, walk) for name, forge in walks.KINDS.items()},
-        verdict=_of_walk, judge=judge_walks.inexecutable,
-    )  # fmt: skip
+        name="walks",
+        kinds={name: partial(forge, walk) for name, forge in walks.KINDS.items()},
+        verdict=_of_walk,
+        judge=judge_walks.inexecutable,
+    )
     plan = stances.honest_plan()
     yield Family(
-        name="plans", kinds={name: partial(forge, plan) for name, forge in stances.PLANS.items()},
-        verdict=lambda one: _of_report(check_plan(one)), judge=stances.plan_fault,
-    )  # fmt: skip
+        name="plans",
+        kinds={name: partial(forge, plan) for name, forge in stances.PLANS.items()},
+        verdict=lambda one: _of_report(check_plan(one)),
+        judge=stances.plan_fault,
+    )
     yield Family(name="links", kinds=links.KINDS, verdict=links.verdict, judge=links.fault)
     posture = stances.honest_posture()
     yield Family(
-        name="postures", kinds={name: partial(forge, posture) for name, forge in stances.POSTURES.items()},
-        verdict=lambda one: _of_report(check_plan(one)), judge=stances.posture_fault,
-    )  # fmt: skip
+        name="postures",
+        kinds={name: partial(forge, posture) for name, forge in stances.POSTURES.items()},
+        verdict=lambda one: _of_report(check_plan(one)),
+        judge=stances.posture_fault,
+    )
     proofs = stances.proof_kinds()
     yield Family(
-        name="proofs", kinds=proofs,
+        name="proofs",
+        kinds=proofs,
         verdict=lambda pair: (check_certificate(*pair).accepted, "proof"),
         judge=lambda pair: "there is a posture" if stances.has_witness(pair[0]) else "",
-    )  # fmt: skip
+    )
 
 
 def _of_walk(walk: Any) -> tuple[bool, str]:

@@ -1,6 +1,7 @@
 """A judge of walks: what no robot could do, by numpy and the file's own arrays alone.
 
-Its numbers are its own, of what the verifier refuses and half as much again; it shares no code with it.
+Its numbers are its own, of what the verifier refuses and half as much again; it shares no code with
+it.
 """
 
 from __future__ import annotations
@@ -34,12 +35,17 @@ def _body(w: Any) -> str:
     if abs(product - np.eye(3)).max() > 1.5e-6 or (np.linalg.det(w.rotation) < 0).any():
         return "its body is no rigid one"
     points = np.concatenate([w.feet_m.reshape(-1, 3), w.torso_m])[:, :2]
-    low, high = np.array([w.terrain.x_m[0], w.terrain.y_m[0]]), np.array([w.terrain.x_m[-1], w.terrain.y_m[-1]])
+    low, high = (
+        np.array([w.terrain.x_m[0], w.terrain.y_m[0]]),
+        np.array([w.terrain.x_m[-1], w.terrain.y_m[-1]]),
+    )
     if (points < low - 1e-4).any() or (points > high + 1e-4).any():
         return "it leaves the map"
     local = np.einsum("kji,kej->kei", w.rotation, w.feet_m - w.torso_m[:, None])
     for number, foot in enumerate(w.robot.feet):
-        off = np.maximum(foot.reach_min_m - local[:, number], local[:, number] - foot.reach_max_m).max()
+        off = np.maximum(
+            foot.reach_min_m - local[:, number], local[:, number] - foot.reach_max_m
+        ).max()
         if off > 4.5e-3:
             return "a leg is too short or too long"
     half = w.robot.trunk_half_m
@@ -55,7 +61,9 @@ def _body(w: Any) -> str:
 def _feet(w: Any) -> str:
     dt = w.times_s[1] - w.times_s[0]
     step = np.linalg.norm(np.diff(w.feet_m, axis=0), axis=2)
-    if (step / dt > 15.0).any() or (np.linalg.norm(np.diff(w.feet_m, 2, axis=0), axis=2) > 7.5e-3).any():
+    if (step / dt > 15.0).any() or (
+        np.linalg.norm(np.diff(w.feet_m, 2, axis=0), axis=2) > 7.5e-3
+    ).any():
         return "a foot jumps"
     ground = w.terrain.height(w.feet_m[..., :2])
     if (abs(w.feet_m[..., 2] - ground)[w.contact] > 1.5e-3).any():
@@ -83,13 +91,20 @@ def _swings(w: Any) -> str:
             high, count = height[first : last + 1, e], last - first + 1
             if (count + 1) * dt < 0.095:
                 return "a foot swings for no time at all"
-            if high.max() < 4.5e-3 or high.min() < -1.4e-3 or high[count // 4 : count - count // 4].min() < 9e-4:
+            if (
+                high.max() < 4.5e-3
+                or high.min() < -1.4e-3
+                or high[count // 4 : count - count // 4].min() < 9e-4
+            ):
                 return "a foot swings along or through the ground"
     return ""
 
 
 def _ends(w: Any) -> str:
-    if np.hypot(*(w.torso_m[0, :2] - w.start_xy_m)) > 7e-3 or np.hypot(*(w.torso_m[-1, :2] - w.goal_xy_m)) > 7e-3:
+    if (
+        np.hypot(*(w.torso_m[0, :2] - w.start_xy_m)) > 7e-3
+        or np.hypot(*(w.torso_m[-1, :2] - w.goal_xy_m)) > 7e-3
+    ):
         return "it goes from or to another place"
     dt = w.times_s[1] - w.times_s[0]
     speed = np.linalg.norm(np.diff(w.torso_m, axis=0), axis=1) / dt
@@ -102,7 +117,8 @@ def _ends(w: Any) -> str:
 
 
 def _balance(w: Any) -> str:
-    """Momentum and angular momentum from the file's motion against the impulses of its forces, window by window."""
+    """Momentum and angular momentum from the file's motion against the impulses of its forces,
+    window by window."""
     dt, weight = w.times_s[1] - w.times_s[0], w.robot.mass_kg * G
     speed = np.diff(w.torso_m, axis=0) / dt
     gained = w.robot.mass_kg * (speed[1:] - speed[:1])
@@ -111,10 +127,22 @@ def _balance(w: Any) -> str:
     lacks = np.concatenate([np.zeros((1, 3)), gained - pressed])
     arms = np.cross(w.feet_m - w.torso_m[:, None], w.forces_n).sum(axis=1)
     turning = np.einsum("kji,kjl->kil", w.rotation[:-1], w.rotation[1:])
-    rate = 0.5 / dt * np.stack([turning[:, 2, 1] - turning[:, 1, 2], turning[:, 0, 2] - turning[:, 2, 0],
-                                turning[:, 1, 0] - turning[:, 0, 1]], axis=1)  # fmt: skip
+    rate = (
+        0.5
+        / dt
+        * np.stack(
+            [
+                turning[:, 2, 1] - turning[:, 1, 2],
+                turning[:, 0, 2] - turning[:, 2, 0],
+                turning[:, 1, 0] - turning[:, 0, 1],
+            ],
+            axis=1,
+        )
+    )
     spin = np.einsum("kij,jl,kl->ki", w.rotation[:-1], w.robot.inertia_kgm2, rate)
-    turns = np.concatenate([np.zeros((1, 3)), spin[1:] - spin[:1] - np.cumsum(arms[1:-1], axis=0) * dt])
+    turns = np.concatenate(
+        [np.zeros((1, 3)), spin[1:] - spin[:1] - np.cumsum(arms[1:-1], axis=0) * dt]
+    )
     moment = weight * w.robot.stand_height_m
     for apart in (1, 2, 4, 8, 16, 24, 40, 80, 160, 320, 640, len(lacks) - 1):
         if apart >= len(lacks):
@@ -133,8 +161,10 @@ def _cones(w: Any) -> str:
     weight, sucks = w.robot.mass_kg * G, np.where(w.adhesive, w.suction_n or 0.0, 0.0)
     small = 1e-4
     at = w.feet_m[..., :2]
-    slope = [(w.terrain.height(at + one) - w.terrain.height(at - one)) / (2 * small)
-             for one in small * np.eye(2)]  # fmt: skip
+    slope = [
+        (w.terrain.height(at + one) - w.terrain.height(at - one)) / (2 * small)
+        for one in small * np.eye(2)
+    ]
     up = np.stack([-slope[0], -slope[1], np.ones_like(slope[0])], axis=2)
     up /= np.linalg.norm(up, axis=2, keepdims=True)
     normal = (w.forces_n * up).sum(axis=2)
@@ -146,7 +176,9 @@ def _cones(w: Any) -> str:
         return "a leg presses with more than three times the weight"
     if not w.adhesive.any() and np.ptp(w.terrain.heights_m) < 1e-9:
         need = w.robot.mass_kg * np.diff(w.torso_m, 2, axis=0) / (w.times_s[1] - w.times_s[0]) ** 2
-        beyond = np.maximum(np.linalg.norm(need[:, :2], axis=1) - w.friction * (need[:, 2] + weight), 0.0)
+        beyond = np.maximum(
+            np.linalg.norm(need[:, :2], axis=1) - w.friction * (need[:, 2] + weight), 0.0
+        )
         if beyond.sum() * (w.times_s[1] - w.times_s[0]) > 3e-3 * weight:
             return "level ground of this friction does not push it as it goes"
     return ""

@@ -1,7 +1,9 @@
-"""Links inside each other, from twice the verifier's tolerance on, in plans and walks whose contacts are honest.
+"""Links inside each other, from twice the verifier's tolerance on, in plans and walks whose
+contacts are honest.
 
-A ball is put on each of two links of the robot, so that they graze each other at one moment. The judge knows the balls,
-places them by pinocchio at a thousand moments, and has their depth in closed form.
+A ball is put on each of two links of the robot, so that they graze each other at one moment. The
+judge knows the balls, places them by pinocchio at a thousand moments, and has their depth in closed
+form.
 """
 
 from __future__ import annotations
@@ -54,8 +56,8 @@ terrain: {kind: flat, friction: 0.7}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Strung:
-    """A plan or a walk whose robot has two balls: links they are of, their centres in them [m], and the joints at the
-    moments of its motion, shape (T, J) [rad]."""
+    """A plan or a walk whose robot has two balls: links they are of, their centres in them [m], and
+    the joints at the moments of its motion, shape (T, J) [rad]."""
 
     answer: Plan | Trajectory
     links: tuple[str, str]
@@ -75,8 +77,8 @@ def honest_plan() -> Plan:
 
 
 def strung(answer: Plan | Trajectory, when: float, size: float, rng: np.random.Generator) -> Strung:
-    """Two balls that are ``size`` tolerances inside each other at most. when: how far from one moment that the verifier
-    looks at to the next, 0 at the first of them."""
+    """Two balls that are ``size`` tolerances inside each other at most. when: how far from one
+    moment that the verifier looks at to the next, 0 at the first of them."""
     model, angles = _motion(answer)
     leg = model.legs[rng.integers(len(model.legs))]
     shank = leg.foot.replace("FOOT", "SHANK")
@@ -85,17 +87,28 @@ def strung(answer: Plan | Trajectory, when: float, size: float, rng: np.random.G
     moved = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     row = int(rng.choice(np.argsort(moved)[-5:])) if when else 0
     middle = _placed(model, angles[row] + when * (angles[row + 1] - angles[row]), shank, at)
-    aside = np.cross(centres[row + 1] - centres[row] if when else [1.0, 0.0, 0.0], rng.normal(size=3))
+    aside = np.cross(
+        centres[row + 1] - centres[row] if when else [1.0, 0.0, 0.0], rng.normal(size=3)
+    )
     apart = 2.0 * RADIUS_M - size * TOLERANCE_M
     links, places = ("base", shank), (middle + apart * aside / np.linalg.norm(aside), at)
     balls = tuple(
-        Shape(link=link, kind="sphere", size_m=np.array([RADIUS_M]), rotation=np.eye(3), origin_m=at, collides=True)
+        Shape(
+            link=link,
+            kind="sphere",
+            size_m=np.array([RADIUS_M]),
+            rotation=np.eye(3),
+            origin_m=at,
+            collides=True,
+        )
         for link, at in zip(links, places, strict=True)
     )
     return Strung(
-        answer=_with_model(answer, replace(model, shapes=(*model.shapes, *balls))), links=links, centres_m=places,
+        answer=_with_model(answer, replace(model, shapes=(*model.shapes, *balls))),
+        links=links,
+        centres_m=places,
         angles=angles,
-    )  # fmt: skip
+    )
 
 
 def fault(forged: Strung) -> str:
@@ -104,7 +117,10 @@ def fault(forged: Strung) -> str:
     shares = np.arange(FINER + 1)[:, None] / FINER
     for before, after in pairwise(forged.angles):
         for angles in before + shares * (after - before):
-            one, other = (_placed(model, angles, *each) for each in zip(forged.links, forged.centres_m, strict=True))
+            one, other = (
+                _placed(model, angles, *each)
+                for each in zip(forged.links, forged.centres_m, strict=True)
+            )
             if 2.0 * RADIUS_M - np.linalg.norm(one - other) > 1.5 * TOLERANCE_M:
                 return "two links are inside each other"
     return ""
@@ -122,10 +138,16 @@ def verdict(forged: Strung) -> tuple[bool, str]:
 
 KINDS: dict[str, Callable[[float, np.random.Generator], Strung]] = {
     f"{'walk' if walks else 'plan'}, {name}": (
-        lambda size, rng, walks=walks, when=when: strung(stepping() if walks else honest_plan(), when, size, rng)
+        lambda size, rng, walks=walks, when=when: strung(
+            stepping() if walks else honest_plan(), when, size, rng
+        )
     )
     for walks in (False, True)
-    for name, when in (("at its beginning", 0.0), ("on the way", 0.5), ("shortly after a moment", 0.2))
+    for name, when in (
+        ("at its beginning", 0.0),
+        ("on the way", 0.5),
+        ("shortly after a moment", 0.2),
+    )
 }
 
 
@@ -143,7 +165,9 @@ def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
 def _with_model(answer: Plan | Trajectory, model: RobotModel) -> Any:
     if isinstance(answer, Trajectory):
         return replace(answer, robot=replace(answer.robot, model=model))
-    return replace(answer, problem=replace(answer.problem, robot=replace(answer.problem.robot, model=model)))
+    return replace(
+        answer, problem=replace(answer.problem, robot=replace(answer.problem.robot, model=model))
+    )
 
 
 @cache
@@ -160,5 +184,7 @@ def _placed(model: RobotModel, angles: Array, link: str, at: Array) -> Array:
     for name, angle in zip(names, angles, strict=True):
         state[known.joints[known.getJointId(name)].idx_q] = angle
     pinocchio.framesForwardKinematics(known, data, state)
-    base, frame = (data.oMf[known.getFrameId(name, pinocchio.FrameType.BODY)] for name in ("base", link))
+    base, frame = (
+        data.oMf[known.getFrameId(name, pinocchio.FrameType.BODY)] for name in ("base", link)
+    )
     return np.asarray(base.actInv(frame.act(at)))

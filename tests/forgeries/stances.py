@@ -20,7 +20,8 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 TOLERANCE = 1e-6
-"""The verifier's, non-dimensional: of forces by the weight, of lengths by the course's length scale."""
+"""The verifier's, non-dimensional: of forces by the weight, of lengths by the course's length
+scale."""
 
 
 def honest_plan() -> Plan:
@@ -40,10 +41,13 @@ def honest_posture() -> Plan:
             return posture
 
 
-# ------------------------------------------------------------------------------------------------------- judge
+# -------------------------------------------------------------------------------------------------------
+# judge
 
 
-def stance_fault(com: Array, turn: Array, toes: Array, forces: Array, weight: float, length: float) -> str:
+def stance_fault(
+    com: Array, turn: Array, toes: Array, forces: Array, weight: float, length: float
+) -> str:
     """Balance of one stance, toes and forces of the limbs that carry, shape (N, 3)."""
     net = forces.sum(axis=0) - [0.0, 0.0, weight]
     if abs(net).max() > 1.5 * TOLERANCE * weight:
@@ -53,7 +57,9 @@ def stance_fault(com: Array, turn: Array, toes: Array, forces: Array, weight: fl
     return ""
 
 
-def contact_fault(toe: Array, force: Array, patch: Any, weight: float, length: float, bounds: Any) -> str:
+def contact_fault(
+    toe: Array, force: Array, patch: Any, weight: float, length: float, bounds: Any
+) -> str:
     """One toe on its patch, and its force in the cone and within its bounds."""
     corners, room = patch.vertices_m, 1.5 * TOLERANCE * length
     high = (corners - corners.mean(axis=0)) @ patch.normal
@@ -68,14 +74,21 @@ def contact_fault(toe: Array, force: Array, patch: Any, weight: float, length: f
     beyond = max(np.linalg.norm(local[1:]) - patch.friction * local[0], -local[0])
     if beyond > 1.3 * TOLERANCE * weight:
         return "a force is outside its cone"
-    if (local < bounds[0] - 1.5 * TOLERANCE * weight).any() or (local > bounds[1] + 1.5 * TOLERANCE * weight).any():
+    if (local < bounds[0] - 1.5 * TOLERANCE * weight).any() or (
+        local > bounds[1] + 1.5 * TOLERANCE * weight
+    ).any():
         return "a force is larger than a limb's"
     return ""
 
 
 def posture_fault(posture: Plan) -> str:
     """Why nobody stands like that; empty where the judge does not know."""
-    problem, com, turn, forces = posture.problem, posture.com_m[0], posture.rotation_rad[0], posture.forces_n[0]
+    problem, com, turn, forces = (
+        posture.problem,
+        posture.com_m[0],
+        posture.rotation_rad[0],
+        posture.forces_n[0],
+    )
     length, weight = problem.length_scale_m, problem.weight_n
     room = 1.5 * TOLERANCE * length
     if np.linalg.norm(com - problem.com_nominal_m[0]) > problem.com_radius_m[0] + room:
@@ -96,13 +109,18 @@ def plan_fault(plan: Plan) -> str:
     """Why nobody climbs like that; empty where the judge does not know."""
     course, length, weight = plan.problem, plan.problem.length_scale_m, plan.problem.weight_n
     room = 1.5 * TOLERANCE * length
-    if (np.linalg.norm(plan.com_m - course.com_nominal_m, axis=1) > course.com_radius_m + room).any():
+    if (
+        np.linalg.norm(plan.com_m - course.com_nominal_m, axis=1) > course.com_radius_m + room
+    ).any():
         return "the body is elsewhere"
     if abs(plan.rotation_rad).max() > course.tilt_limit_rad + 1.5 * TOLERANCE:
         return "the body is tilted"
     if (np.linalg.norm(np.diff(plan.com_m, axis=0), axis=1) > course.steps.com_m + room).any():
         return "the body goes too far at once"
-    if (np.linalg.norm(np.diff(plan.rotation_rad, axis=0), axis=1) > course.steps.rotation_rad + 1.5 * TOLERANCE).any():
+    if (
+        np.linalg.norm(np.diff(plan.rotation_rad, axis=0), axis=1)
+        > course.steps.rotation_rad + 1.5 * TOLERANCE
+    ).any():
         return "the body turns too far at once"
     for frame in range(1, course.frames):
         moved = plan.toes_at(frame) - plan.toes_at(frame - 1)
@@ -110,13 +128,20 @@ def plan_fault(plan: Plan) -> str:
             return "a toe goes too far at once"
     bounds = course.force_min * weight, course.force_max * weight
     for row, stance in enumerate(course.stances):
-        limbs, com, turn = list(stance.limbs), plan.com_m[stance.frame], plan.rotation_rad[stance.frame]
+        limbs, com, turn = (
+            list(stance.limbs),
+            plan.com_m[stance.frame],
+            plan.rotation_rad[stance.frame],
+        )
         toes, forces = plan.toes_at(stance.frame)[limbs], plan.forces_n[row]
         if abs(np.delete(forces, limbs, axis=0)).max(initial=0.0) > 0.0:
             return "a limb that moves carries"
         for limb, toe, force in zip(limbs, toes, forces[limbs], strict=True):
             of = course.robot.limbs[limb]
-            if np.linalg.norm(toe - com - of.shoulder_m - np.cross(turn, of.shoulder_m)) > of.reach_m + room:
+            if (
+                np.linalg.norm(toe - com - of.shoulder_m - np.cross(turn, of.shoulder_m))
+                > of.reach_m + room
+            ):
                 return "a limb is too short"
             held = course.holds[stance.frame][limb]
             patch = course.footholds[held].candidates[plan.choice[held]]
@@ -127,16 +152,23 @@ def plan_fault(plan: Plan) -> str:
     return ""
 
 
-# -------------------------------------------------------------------------------------------------------- kinds
+# --------------------------------------------------------------------------------------------------------
+# kinds
 
 
-def _moved(name: str, change: Callable[[Any, Array, float, np.random.Generator], Array]) -> Callable[..., Any]:
+def _moved(
+    name: str, change: Callable[[Any, Array, float, np.random.Generator], Array]
+) -> Callable[..., Any]:
     """A forgery of one array of a plan or a posture."""
 
     def forge(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
         scale, length = plan.problem.weight_n, plan.problem.length_scale_m
         array = np.array(getattr(plan, name))
-        unit = TOLERANCE * size * (scale if name == "forces_n" else 1.0 if name == "rotation_rad" else length)
+        unit = (
+            TOLERANCE
+            * size
+            * (scale if name == "forces_n" else 1.0 if name == "rotation_rad" else length)
+        )
         return replace(plan, **{name: change(plan, array, unit, rng)})
 
     return forge
@@ -251,14 +283,21 @@ def _swapped_stances(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
 def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     """The patches of a foothold without friction: another task under the same answer."""
     footholds = tuple(
-        replace(one, candidates=tuple(patch.with_friction(patch.friction / (3.0 * size)) for patch in one.candidates))
+        replace(
+            one,
+            candidates=tuple(
+                patch.with_friction(patch.friction / (3.0 * size)) for patch in one.candidates
+            ),
+        )
         for one in plan.problem.footholds
     )
     return replace(plan, problem=replace(plan.problem, footholds=footholds))
 
 
 def _heavier(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
-    robot = replace(plan.problem.robot, mass_kg=plan.problem.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size))
+    robot = replace(
+        plan.problem.robot, mass_kg=plan.problem.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size)
+    )
     return replace(plan, problem=replace(plan.problem, robot=robot))
 
 
@@ -271,11 +310,13 @@ PLANS: dict[str, Callable[..., Any]] = SHARED | {
 }
 
 
-# ------------------------------------------------------------------------------------------------------- proofs
+# -------------------------------------------------------------------------------------------------------
+# proofs
 
 
 def has_witness(problem: Problem) -> bool:
-    """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is one."""
+    """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is
+    one."""
     posture = ExactPlanner().solve(problem).solution
     return posture is not None and posture_fault(posture) == ""
 
@@ -284,25 +325,38 @@ def proof_kinds() -> dict[str, Callable[..., Any]]:
     """Proofs about icy patches, put to the problem with its friction, which has a posture."""
     problem = honest_posture().problem
     for friction in (0.2, 0.1, 0.05, 0.02, 0.0):
-        contacts = tuple(replace(one, patch=one.patch.with_friction(friction)) for one in problem.contacts)
+        contacts = tuple(
+            replace(one, patch=one.patch.with_friction(friction)) for one in problem.contacts
+        )
         proof = ExactPlanner().solve(problem.posture_with(contacts=contacts)).certificate
         if proof is not None:
             break
     assert proof is not None
     kinds: dict[str, Callable[[Certificate, float, np.random.Generator], Certificate]] = {
         "of another problem": lambda one, size, rng: one,
-        "multipliers larger": lambda one, size, rng: replace(one, multipliers=size * one.multipliers),
-        "multipliers smaller": lambda one, size, rng: replace(one, multipliers=one.multipliers / size**4),
-        "multipliers turned round": lambda one, size, rng: replace(one, multipliers=-size * one.multipliers),
-        "multipliers shuffled": lambda one, size, rng: replace(one, multipliers=rng.permuted(one.multipliers, axis=1)),
+        "multipliers larger": lambda one, size, rng: replace(
+            one, multipliers=size * one.multipliers
+        ),
+        "multipliers smaller": lambda one, size, rng: replace(
+            one, multipliers=one.multipliers / size**4
+        ),
+        "multipliers turned round": lambda one, size, rng: replace(
+            one, multipliers=-size * one.multipliers
+        ),
+        "multipliers shuffled": lambda one, size, rng: replace(
+            one, multipliers=rng.permuted(one.multipliers, axis=1)
+        ),
         "noise on multipliers": lambda one, size, rng: replace(
             one, multipliers=one.multipliers + 0.01 * size * rng.normal(size=one.multipliers.shape)
         ),
         "multipliers beyond numbers": lambda one, size, rng: replace(
-            one, multipliers=one.multipliers * np.where(rng.random(one.multipliers.shape) < 0.1, np.inf, 1e150)
+            one,
+            multipliers=one.multipliers
+            * np.where(rng.random(one.multipliers.shape) < 0.1, np.inf, 1e150),
         ),
         "nothing is left to prove": lambda one, size, rng: Certificate(
-            tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]), multipliers=np.zeros((0, one.multipliers.shape[1]))
+            tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]),
+            multipliers=np.zeros((0, one.multipliers.shape[1])),
         ),
         "a cut that covers nothing": lambda one, size, rng: Certificate(
             tree=np.array([[2.0, 0.0, 0.0, 0.5, 0.5 + 1e-6 * size], *np.zeros((2, 5))]),

@@ -1,4 +1,5 @@
-"""An honest walk of a robot with legs of its own: it lifts one foot and puts it down where it was."""
+"""An honest walk of a robot with legs of its own: it lifts one foot and puts it down where it
+was."""
 
 from __future__ import annotations
 
@@ -29,17 +30,32 @@ def dressed(effort: float = 60.0) -> str:
 
 @cache
 def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
-    """On level ground, the body shifts away from LF, which swings and comes down where it was, and back."""
+    """On level ground, the body shifts away from LF, which swings and comes down where it was, and
+    back."""
     model = model_of(dressed(effort))
-    toes = np.array([leg.nominal_m - leg.radius_m * np.array([0.0, 0.0, 1.0]) for leg in model.legs]) - model.body.com_m
+    toes = (
+        np.array([leg.nominal_m - leg.radius_m * np.array([0.0, 0.0, 1.0]) for leg in model.legs])
+        - model.body.com_m
+    )
     feet = [
-        Foot(name=leg.name, nominal_m=toe, reach_min_m=toe - 0.2, reach_max_m=toe + 0.2, hip_m=leg.hip_m)
+        Foot(
+            name=leg.name,
+            nominal_m=toe,
+            reach_min_m=toe - 0.2,
+            reach_max_m=toe + 0.2,
+            hip_m=leg.hip_m,
+        )
         for leg, toe in zip(model.legs, toes, strict=True)
     ]
     robot = GaitRobot(
-        name="quadruped", mass_kg=model.body.mass_kg, inertia_kgm2=model.body.inertia_kgm2, feet=tuple(feet),
-        stand_height_m=model.stand_height_m, trunk_half_m=np.array([0.3, 0.125, 0.05]), model=model,
-    )  # fmt: skip
+        name="quadruped",
+        mass_kg=model.body.mass_kg,
+        inertia_kgm2=model.body.inertia_kgm2,
+        feet=tuple(feet),
+        stand_height_m=model.stand_height_m,
+        trunk_half_m=np.array([0.3, 0.125, 0.05]),
+        model=model,
+    )
     times = STEP_S * np.arange(COUNT)
     begin = 0.5 * (times[-1] - swing_s)
     air = np.clip((times - begin) / swing_s, 0.0, 1.0)
@@ -50,8 +66,18 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
     places[:, model.leg_names.index("LF"), 2] = 0.05 * 64.0 * (air * (1.0 - air)) ** 3
     line = np.linspace(-2.0, 2.0, 17)
     return Trajectory(
-        times_s=times, torso_m=torso, rotation=np.tile(np.eye(3), (COUNT, 1, 1)), feet_m=places,
-        forces_n=balanced(robot, torso, places, contact), contact=contact, robot=robot,
-        terrain=HeightField(line, line, np.zeros((17, 17)), "level"), friction=0.7, adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], heading_rad=0.0, still=(True, True),
-    )  # fmt: skip
+        times_s=times,
+        torso_m=torso,
+        rotation=np.tile(np.eye(3), (COUNT, 1, 1)),
+        feet_m=places,
+        forces_n=balanced(robot, torso, places, contact),
+        contact=contact,
+        robot=robot,
+        terrain=HeightField(line, line, np.zeros((17, 17)), "level"),
+        friction=0.7,
+        adhesive=np.zeros(4, dtype=bool),
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+        heading_rad=0.0,
+        still=(True, True),
+    )

@@ -1,6 +1,8 @@
-"""Forged walks: each a fault in an honest crawl, as small as asked for, with the rest repaired where it can be.
+"""Forged walks: each a fault in an honest crawl, as small as asked for, with the rest repaired
+where it can be.
 
-A kind takes the honest walk, a size in units of what the verifier writes down as its tolerance, and ``rng`` for where.
+A kind takes the honest walk, a size in units of what the verifier writes down as its tolerance, and
+``rng`` for where.
 """
 
 from __future__ import annotations
@@ -33,11 +35,15 @@ def changed(walk: Trajectory, **arrays: Any) -> Trajectory:
     return replace(walk, **arrays)
 
 
-def rebalanced(walk: Trajectory, feet: Array | None = None, contact: Array | None = None) -> Trajectory:
+def rebalanced(
+    walk: Trajectory, feet: Array | None = None, contact: Array | None = None
+) -> Trajectory:
     """With feet or contacts of its own, and forces that hold the body all the same."""
     toes = walk.feet_m if feet is None else feet
     down = walk.contact if contact is None else contact
-    return replace(walk, feet_m=toes, contact=down, forces_n=balanced(walk.robot, walk.torso_m, toes, down))
+    return replace(
+        walk, feet_m=toes, contact=down, forces_n=balanced(walk.robot, walk.torso_m, toes, down)
+    )
 
 
 def swings(walk: Trajectory) -> list[tuple[int, int, int]]:
@@ -59,7 +65,8 @@ def a_moment(walk: Trajectory, rng: np.random.Generator, room: int = 60) -> int:
     return int(rng.integers(room, walk.samples - room))
 
 
-# --------------------------------------------------------------------------------------------- feet that slide
+# --------------------------------------------------------------------------------------------- feet
+# that slide
 
 
 @kind
@@ -68,11 +75,15 @@ def skating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
     ahead = 0.05 * size * (np.arange(walk.samples) / walk.samples)[:, None] * [1.0, 0.0, 0.0]
     contact, every = np.zeros_like(walk.contact), int(rng.integers(1, 9))
     turn = (np.arange(walk.samples) // every) % 2 == 0
-    contact[turn[:, None] & [True, False, False, True]] = contact[~turn[:, None] & [False, True, True, False]] = True
+    contact[turn[:, None] & [True, False, False, True]] = contact[
+        ~turn[:, None] & [False, True, True, False]
+    ] = True
     torso = walk.torso_m[:1] + ahead
     feet = walk.feet_m[:1] + ahead[:, None]
     forces = np.where(contact[..., None], [0.0, 0.0, 0.5 * walk.robot.weight_n], 0.0)
-    return changed(walk, torso_m=torso, feet_m=feet, contact=contact, forces_n=forces, goal_xy_m=torso[-1, :2])
+    return changed(
+        walk, torso_m=torso, feet_m=feet, contact=contact, forces_n=forces, goal_xy_m=torso[-1, :2]
+    )
 
 
 @kind
@@ -86,7 +97,9 @@ def sliding(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
     """A foot slides by so many millimetres in half a second while it stands, and stays there."""
     foot, first, _ = a_swing(walk, rng)
     begin = int(rng.integers(10, first - 110)) if first > 130 else 10
-    share = np.clip((np.arange(walk.samples) - begin) / 100, 0.0, 1.0) * (np.arange(walk.samples) < first)
+    share = np.clip((np.arange(walk.samples) - begin) / 100, 0.0, 1.0) * (
+        np.arange(walk.samples) < first
+    )
     feet = np.array(walk.feet_m)
     way = rng.uniform(0.0, 2.0 * np.pi)
     feet[:first, foot, :2] += 1e-3 * size * share[:first, None] * [np.cos(way), np.sin(way)]
@@ -103,7 +116,8 @@ def slipping_at_once(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 @kind
 def swapped_contacts(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
-    """All feet rest on the ground, and contacts swap so fast that no foot stands or swings for a tenth of a second."""
+    """All feet rest on the ground, and contacts swap so fast that no foot stands or swings for a
+    tenth of a second."""
     every, contact = max(1, int(20 / size)), np.array(walk.contact)
     begin = int(rng.integers(20, 60))
     for k in range(begin, begin + 6 * every):
@@ -130,7 +144,8 @@ def short_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Traj
     return rebalanced(walk, contact=contact)
 
 
-# --------------------------------------------------------------------------------------------- ice and weight
+# --------------------------------------------------------------------------------------------- ice
+# and weight
 
 
 @kind
@@ -150,7 +165,8 @@ def little_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> 
 
 @kind
 def residual_as_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
-    """On ice, the horizontal forces left out of the file: the balances lack what only friction could give."""
+    """On ice, the horizontal forces left out of the file: the balances lack what only friction
+    could give."""
     forces = walk.forces_n * [0.0, 0.0, 1.0]
     return changed(walk, forces_n=forces, friction=0.0)
 
@@ -208,12 +224,15 @@ def floating(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 @kind
 def heavier_robot(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """Another mass under the same forces."""
-    return changed(walk, robot=replace(walk.robot, mass_kg=walk.robot.mass_kg * (1.0 + 0.02 * size)))
+    return changed(
+        walk, robot=replace(walk.robot, mass_kg=walk.robot.mass_kg * (1.0 + 0.02 * size))
+    )
 
 
 @kind
 def moment_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
-    """Front feet carry a little more than the balance of moments gives them, hind feet less, all the time."""
+    """Front feet carry a little more than the balance of moments gives them, hind feet less, all
+    the time."""
     forces = np.array(walk.forces_n)
     more = 2e-3 * size * walk.robot.weight_n * walk.robot.stand_height_m / 0.72
     for pair, sign in (([0, 1], 1.0), ([2, 3], -1.0)):
@@ -245,7 +264,8 @@ def played_backwards_forces(walk: Trajectory, size: float, rng: np.random.Genera
     return changed(walk, forces_n=np.roll(walk.forces_n, round(20 * size), axis=0))
 
 
-# ---------------------------------------------------------------------------------------------- forces of feet
+# ----------------------------------------------------------------------------------------------
+# forces of feet
 
 
 @kind
@@ -274,14 +294,18 @@ def sucking(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
     forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
     more = forces[at, 0, 2] + sucks + 1e-3 * size * walk.robot.weight_n
     forces[at : at + 20, :, 2] += more * np.array([-1.0, 1.0, 1.0, -1.0])
-    return changed(walk, forces_n=forces, suction_n=sucks, adhesive=np.array([True, False, False, True]))
+    return changed(
+        walk, forces_n=forces, suction_n=sucks, adhesive=np.array([True, False, False, True])
+    )
 
 
 @kind
 def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """Feet that stick press against each other with more than suction and friction hold."""
     forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
-    push = float((walk.friction * (forces[at, :2, 2] + sucks)).max() + 1e-3 * size * walk.robot.weight_n)
+    push = float(
+        (walk.friction * (forces[at, :2, 2] + sucks)).max() + 1e-3 * size * walk.robot.weight_n
+    )
     forces[at : at + 20, 0, 1] -= push
     forces[at : at + 20, 1, 1] += push
     return changed(walk, forces_n=forces, suction_n=sucks, adhesive=np.ones(4, dtype=bool))
@@ -290,7 +314,11 @@ def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 @kind
 def squeezing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """Feet that stick press against each other with a force that no leg has."""
-    forces, at, push = np.array(walk.forces_n), int(rng.integers(5, 30)), 2.0 * size * walk.robot.weight_n
+    forces, at, push = (
+        np.array(walk.forces_n),
+        int(rng.integers(5, 30)),
+        2.0 * size * walk.robot.weight_n,
+    )
     forces[at : at + 20, 0, 1] -= push
     forces[at : at + 20, 1, 1] += push
     return changed(walk, forces_n=forces, suction_n=1e5, adhesive=np.ones(4, dtype=bool))
@@ -325,7 +353,8 @@ def contact_before_touching(walk: Trajectory, size: float, rng: np.random.Genera
     return rebalanced(walk, contact=contact)
 
 
-# ---------------------------------------------------------------------------------------------------- swings
+# ----------------------------------------------------------------------------------------------------
+# swings
 
 
 @kind
@@ -373,12 +402,16 @@ def through_a_post(walk: Trajectory, size: float, rng: np.random.Generator) -> T
     x, y = walk.feet_m[(first + last) // 2, foot, :2]
     high = walk.feet_m[(first + last) // 2, foot, 2] + 1e-3 * size
     post = HeightField.from_function(
-        lambda u, v: high * np.exp(-(((u - x) / 0.012) ** 2) - ((v - y) / 0.012) ** 2), 1.2, 0.005, name="level"
+        lambda u, v: high * np.exp(-(((u - x) / 0.012) ** 2) - ((v - y) / 0.012) ** 2),
+        1.2,
+        0.005,
+        name="level",
     )
     return changed(walk, terrain=post)
 
 
-# ---------------------------------------------------------------------------------------------- body and ends
+# ----------------------------------------------------------------------------------------------
+# body and ends
 
 
 @kind
@@ -427,9 +460,18 @@ def facing_elsewhere(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 def part(walk: Trajectory, first: int, end: int) -> Trajectory:
     """Some samples, with start and goal where they are."""
-    rows = {name: getattr(walk, name)[first:end] for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact")}
+    rows = {
+        name: getattr(walk, name)[first:end]
+        for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact")
+    }
     torso = rows["torso_m"]
-    return changed(walk, times_s=walk.times_s[: end - first], start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], **rows)
+    return changed(
+        walk,
+        times_s=walk.times_s[: end - first],
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+        **rows,
+    )
 
 
 def speeding(walk: Trajectory, speed: float) -> int:
@@ -498,7 +540,9 @@ def off_the_map(walk: Trajectory, size: float, rng: np.random.Generator) -> Traj
 def another_terrain(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """The same walk over ground that is inclined, or wavy."""
     slope = 2e-3 * size / 0.2
-    bent = HeightField.from_function(lambda u, v: slope * (u if size < 3 else 0.3 * np.sin(4.0 * v)), 2.0, 0.1)
+    bent = HeightField.from_function(
+        lambda u, v: slope * (u if size < 3 else 0.3 * np.sin(4.0 * v)), 2.0, 0.1
+    )
     return changed(walk, terrain=bent)
 
 
@@ -512,9 +556,16 @@ def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
     forces = balanced(walk.robot, torso, feet, walk.contact)
     heading = float(np.arctan2(turn[1, 0], turn[0, 0]))
     return changed(
-        walk, feet_m=feet, torso_m=torso, rotation=turn @ walk.rotation, forces_n=forces, terrain=ground,
-        start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], heading_rad=heading,
-    )  # fmt: skip
+        walk,
+        feet_m=feet,
+        torso_m=torso,
+        rotation=turn @ walk.rotation,
+        forces_n=forces,
+        terrain=ground,
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+        heading_rad=heading,
+    )
 
 
 @kind

@@ -1,5 +1,5 @@
-"""What the tests of planners share: a walk whose forces are known in closed form, small courses between two walls, and
-the lift of a course written a second time."""
+"""What the tests of planners share: a walk whose forces are known in closed form, small courses
+between two walls, and the lift of a course written a second time."""
 
 from __future__ import annotations
 
@@ -38,9 +38,11 @@ def programs() -> Programs:
 
 @pytest.fixture(scope="session")
 def walk() -> Callable[..., Plan]:
-    """``walk(frames, gait)``: level ground, the body at constant speed, every stance held by vertical forces.
+    """``walk(frames, gait)``: level ground, the body at constant speed, every stance held by
+    vertical forces.
 
-    Three toes that carry share the weight as barycentric coordinates do, more toes by the least sum of squares.
+    Three toes that carry share the weight as barycentric coordinates do, more toes by the least sum
+    of squares.
     """
     return _walk
 
@@ -63,33 +65,55 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
                 patches = (_square(toe + 0.1 * np.eye(3)[2], 0.0), _square(toe, 0.6))
                 start = k == 0
                 stands = toe if start else None
-                footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches[start:], toe_m=stands))
+                footholds.append(
+                    Foothold(limb=limb.name, frame=k, candidates=patches[start:], toe_m=stands)
+                )
                 toes.append(toe)
     course = Problem(
-        name=f"walk-{gait}", robot=robot, terrain=(_square(np.zeros(3), 0.6, 2.0),), footholds=tuple(footholds),
-        lifts=lifts, next_lift=lifted[frames - 1], com_nominal_m=com, com_radius_m=np.full(frames, 0.02),
-        goal_m=com[-1] + [0.1, 0.0, 0.0], steps=StepLimits(com_m=0.05, toe_m=0.2, progress_m=0.02),
-    )  # fmt: skip
+        name=f"walk-{gait}",
+        robot=robot,
+        terrain=(_square(np.zeros(3), 0.6, 2.0),),
+        footholds=tuple(footholds),
+        lifts=lifts,
+        next_lift=lifted[frames - 1],
+        com_nominal_m=com,
+        com_radius_m=np.full(frames, 0.02),
+        goal_m=com[-1] + [0.1, 0.0, 0.0],
+        steps=StepLimits(com_m=0.05, toe_m=0.2, progress_m=0.02),
+    )
     forces = np.zeros((len(course.stances), 6, 3))
     for row, stance in enumerate(course.stances):
         limbs = list(stance.limbs)
         under = np.array(toes)[course.holds[stance.frame, limbs]]
         balance = np.vstack([np.ones(len(limbs)), under[:, :2].T])
-        forces[row, limbs, 2] = course.weight_n * np.linalg.pinv(balance) @ [1.0, *com[stance.frame, :2]]
+        forces[row, limbs, 2] = (
+            course.weight_n * np.linalg.pinv(balance) @ [1.0, *com[stance.frame, :2]]
+        )
     choice = [len(foothold.candidates) - 1 for foothold in footholds]
     return Plan(
-        problem=course, com_m=com, rotation_rad=np.zeros((frames, 3)), toes_m=toes, choice=choice, forces_n=forces,
+        problem=course,
+        com_m=com,
+        rotation_rad=np.zeros((frames, 3)),
+        toes_m=toes,
+        choice=choice,
+        forces_n=forces,
         provenance={"method": "closed form"},
-    )  # fmt: skip
+    )
 
 
 def _square(centre: np.ndarray, friction: float, half: float = 0.1) -> Patch:
-    return Patch(vertices_m=centre + half * SQUARE, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction)
+    return Patch(
+        vertices_m=centre + half * SQUARE,
+        normal=[0, 0, 1],
+        shear_reference=[1, 0, 0],
+        friction=friction,
+    )
 
 
 @pytest.fixture(scope="session")
 def climb() -> Callable[..., Problem]:
-    """``climb(seed, frames=2, regions=1, ice=0.0)``: four limbs on tilted patches of two walls, one limb moves a frame.
+    """``climb(seed, frames=2, regions=1, ice=0.0)``: four limbs on tilted patches of two walls, one
+    limb moves a frame.
 
     Some seeds have a plan and some do not. ice: the chance that a patch has no friction.
     """
@@ -102,17 +126,27 @@ def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Pr
     com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
     lifts = ((), *((FOUR[k % 4],) for k in range(frames - 1)))
     footholds = tuple(
-        Foothold(limb=limb.name, frame=k, candidates=tuple(_tilted(rng, com[k], limb, ice) for _ in range(regions)))
+        Foothold(
+            limb=limb.name,
+            frame=k,
+            candidates=tuple(_tilted(rng, com[k], limb, ice) for _ in range(regions)),
+        )
         for k in range(frames)
         for limb in robot.limbs
         if k == 0 or limb.name in lifts[k]
     )
     return Problem(
-        name=f"climb-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
-        footholds=footholds, lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
-        com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
+        name=f"climb-{seed}",
+        robot=robot,
+        terrain=tuple(p for put in footholds for p in put.candidates),
+        footholds=footholds,
+        lifts=lifts,
+        next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
+        com_nominal_m=com,
+        com_radius_m=np.full(frames, 0.05),
+        goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
         steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
-    )  # fmt: skip
+    )
 
 
 def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Problem:
@@ -128,10 +162,13 @@ def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Pr
 
 
 def _polygon(rng: np.random.Generator, patch: Patch) -> Patch:
-    """The same place, normal and friction; the border is around a circle, up to a thousandth of it off the plane."""
+    """The same place, normal and friction; the border is around a circle, up to a thousandth of it
+    off the plane."""
     count, radius = int(rng.integers(3, 7)), rng.uniform(0.04, 0.07)
     angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
-    flat = radius * np.outer(np.cos(angle), patch.frame[:, 1]) + radius * np.outer(np.sin(angle), patch.frame[:, 2])
+    flat = radius * np.outer(np.cos(angle), patch.frame[:, 1]) + radius * np.outer(
+        np.sin(angle), patch.frame[:, 2]
+    )
     off = rng.uniform(-1e-3, 1e-3, (count, 1)) * radius * patch.normal
     return replace(patch, vertices_m=patch.vertices_m.mean(axis=0) + flat + off)
 
@@ -147,23 +184,32 @@ def _tilted(rng: np.random.Generator, com: np.ndarray, limb: object, ice: float)
     centre = com + np.add(away, [limb.shoulder_m[0], 0.0, 0.0]) + rng.uniform(-0.06, 0.06, 3)
     corners = 0.05 * np.array([first + second, first - second, -first - second, second - first])
     friction = 0.0 if rng.random() < ice else rng.uniform(0.35, 0.9)
-    return Patch(vertices_m=centre + corners, normal=normal, shear_reference=[0.0, 0.0, 1.0], friction=friction)
+    return Patch(
+        vertices_m=centre + corners,
+        normal=normal,
+        shear_reference=[0.0, 0.0, 1.0],
+        friction=friction,
+    )
 
 
 @pytest.fixture(scope="session")
 def rough() -> Callable[..., Problem]:
-    """``rough(seed, frames=2, regions=1, ice=0.0)``: such a course on polygons of 3 to 6 corners, not quite flat.
+    """``rough(seed, frames=2, regions=1, ice=0.0)``: such a course on polygons of 3 to 6 corners,
+    not quite flat.
 
-    A foothold has one or more candidates, ``regions`` at most, and the first limb's toe stands already.
+    A foothold has one or more candidates, ``regions`` at most, and the first limb's toe stands
+    already.
     """
     return cache(_rough)
 
 
 @pytest.fixture(scope="session")
 def written_course() -> Callable[[Problem], tuple[cp.Problem, list[list[cp.Variable]]]]:
-    """``written_course(course)``: the lift from the course's own numbers, one sentence of the paper after another.
+    """``written_course(course)``: the lift from the course's own numbers, one sentence of the paper
+    after another.
 
-    The problem, objective in m², and the shares λ by foothold and candidate. No line is shared with the planners.
+    The problem, objective in m², and the shares λ by foothold and candidate. No line is shared with
+    the planners.
     """
     return _written_course
 
@@ -189,18 +235,26 @@ def _written_course(course: Problem) -> tuple[cp.Problem, list[list[cp.Variable]
             if put.frame <= k:
                 standing[k, put.limb] = put_index
         for limb in robot.limbs:
-            shoulder = com[k] + limb.shoulder_m - _times(limb.shoulder_m) @ turn[k]  # Θ × v = −v × Θ
+            shoulder = (
+                com[k] + limb.shoulder_m - _times(limb.shoulder_m) @ turn[k]
+            )  # Θ × v = −v × Θ
             rows.append(cp.norm(toes[standing[k, limb.name]] - shoulder) <= limb.reach_m)
             if limb.reach_rows is not None:  # where the body does not turn these are as they are
                 assert course.tilt_limit_rad == 0.0
                 rows.append(
-                    limb.reach_rows.normals @ (toes[standing[k, limb.name]] - com[k]) <= limb.reach_rows.bounds_m
+                    limb.reach_rows.normals @ (toes[standing[k, limb.name]] - com[k])
+                    <= limb.reach_rows.bounds_m
                 )
     for stance in course.stances:
-        force, moment = np.array([0.0, 0.0, -1.0]), _times(np.array([0.0, 0.0, -1.0])) @ com[stance.frame] * -1.0
+        force, moment = (
+            np.array([0.0, 0.0, -1.0]),
+            _times(np.array([0.0, 0.0, -1.0])) @ com[stance.frame] * -1.0,
+        )
         for i in stance.limbs:
             p = standing[stance.frame, robot.limb_names[i]]
-            for patch, border, share in zip(course.footholds[p].candidates, borders[p], shares[p], strict=True):
+            for patch, border, share in zip(
+                course.footholds[p].candidates, borders[p], shares[p], strict=True
+            ):
                 for u, vertex in enumerate(border):
                     f = cp.Variable(3)  # λ_u f in the contact frame
                     rows += [cp.norm(f[1:]) <= patch.friction * f[0]]
@@ -232,26 +286,31 @@ def _times(v: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def ragged() -> Callable[..., Problem]:
-    """``ragged(seed, frames=2, candidates=3, ice=0.3)``: four limbs between two walls, one moves a frame.
+    """``ragged(seed, frames=2, candidates=3, ice=0.3)``: four limbs between two walls, one moves a
+    frame.
 
-    A toe has up to so many candidate patches, each of 3 to 5 corners, with no friction at the chance of ``ice``. One
-    toe of the first frame already stands where frames > 1. Some seeds have a plan and some do not.
+    A toe has up to so many candidate patches, each of 3 to 5 corners, with no friction at the
+    chance of ``ice``. One toe of the first frame already stands where frames > 1. Some seeds have a
+    plan and some do not.
     """
     return cache(_ragged)
 
 
 @pytest.fixture(scope="session")
 def bounded() -> Callable[..., Problem]:
-    """``bounded(subject, seed, room_m=0.1, of=None)``: every limb, or these, in a polytope about its nominal toe.
+    """``bounded(subject, seed, room_m=0.1, of=None)``: every limb, or these, in a polytope about
+    its nominal toe.
 
-    Six half-spaces to random sides, each ``room_m`` from where the first toe lies from the nominal COM, or less.
+    Six half-spaces to random sides, each ``room_m`` from where the first toe lies from the nominal
+    COM, or less.
     """
     return _bounded
 
 
 @pytest.fixture(scope="session")
 def paired() -> Callable[..., Problem]:
-    """``paired(course, seed, room_m=0.2)``: every two feet in a polytope about where they begin from one another.
+    """``paired(course, seed, room_m=0.2)``: every two feet in a polytope about where they begin
+    from one another.
 
     Six half-spaces to random sides, each ``room_m`` away, or less.
     """
@@ -282,11 +341,19 @@ def _bounded(
         normals = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         normals, size = np.vstack([normals, -normals]), rng.uniform(0.5, 2.0, 6)
         bounds = normals @ (toe - com) + room_m * rng.uniform(0.6, 1.0, 6)
-        return ReachRows(normals=size[:, None] * normals, bounds_m=size * bounds) if of is None or name in of else None
+        return (
+            ReachRows(normals=size[:, None] * normals, bounds_m=size * bounds)
+            if of is None or name in of
+            else None
+        )
 
     if subject.is_posture:
-        each = [(c, rows(c.leg, c.patch.centre_m, subject.com_nominal_m[0])) for c in subject.contacts]
-        return subject.posture_with(contacts=tuple(replace(contact, reach_rows=its) for contact, its in each))
+        each = [
+            (c, rows(c.leg, c.patch.centre_m, subject.com_nominal_m[0])) for c in subject.contacts
+        ]
+        return subject.posture_with(
+            contacts=tuple(replace(contact, reach_rows=its) for contact, its in each)
+        )
     limbs = []
     for limb, first in zip(subject.robot.limbs, subject.holds[0], strict=True):
         toe = subject.footholds[first].candidates[0].centre_m
@@ -296,7 +363,8 @@ def _bounded(
 
 @pytest.fixture(scope="session")
 def soled() -> Callable[..., Problem]:
-    """``soled(subject, seed)``: every second foot a small sole of three or four points, at its candidate's own yaw."""
+    """``soled(subject, seed)``: every second foot a small sole of three or four points, at its
+    candidate's own yaw."""
     return _soled
 
 
@@ -314,7 +382,10 @@ def _soled(subject: Problem, seed: int) -> Problem:
         )
         return subject.posture_with(contacts=tuple(contacts))
     limbs = tuple(replace(limb, sole_m=sole(i)) for i, limb in enumerate(subject.robot.limbs))
-    puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.footholds)
+    puts = (
+        replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates))))
+        for put in subject.footholds
+    )
     return replace(subject, robot=replace(subject.robot, limbs=limbs), footholds=tuple(puts))
 
 
@@ -335,15 +406,24 @@ def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -
             if k == 0 or limb.name in lifts[k]:
                 stands = k == 0 and frames > 1 and limb.name == FOUR[1]
                 count = 1 if stands else int(rng.integers(1, candidates + 1))
-                patches = tuple(_patch(rng, com[k], limb, 0.0 if stands else ice) for _ in range(count))
+                patches = tuple(
+                    _patch(rng, com[k], limb, 0.0 if stands else ice) for _ in range(count)
+                )
                 toe = patches[0].vertices_m.mean(axis=0) if stands else None
                 footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches, toe_m=toe))
     return Problem(
-        name=f"ragged-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
-        footholds=tuple(footholds), lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
-        com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
-        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01), weights=Weights(com_path=0.03),
-    )  # fmt: skip
+        name=f"ragged-{seed}",
+        robot=robot,
+        terrain=tuple(p for put in footholds for p in put.candidates),
+        footholds=tuple(footholds),
+        lifts=lifts,
+        next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
+        com_nominal_m=com,
+        com_radius_m=np.full(frames, 0.05),
+        goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
+        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
+        weights=Weights(com_path=0.03),
+    )
 
 
 def _patch(rng: np.random.Generator, com: np.ndarray, limb: Limb, ice: float) -> Patch:
@@ -358,7 +438,12 @@ def _patch(rng: np.random.Generator, com: np.ndarray, limb: Limb, ice: float) ->
     away = [0.06 * np.sign(limb.shoulder_m[0]) + limb.shoulder_m[0], side * 0.36, -0.03]
     centre = com + away + rng.uniform(-0.06, 0.06, 3)
     friction = 0.0 if rng.random() < ice else rng.uniform(0.35, 0.9)
-    return Patch(vertices_m=centre + 0.07 * corners, normal=normal, shear_reference=[0.0, 0.0, 1.0], friction=friction)
+    return Patch(
+        vertices_m=centre + 0.07 * corners,
+        normal=normal,
+        shear_reference=[0.0, 0.0, 1.0],
+        friction=friction,
+    )
 
 
 def _near(scaled: Scaled, seed: int) -> Point:

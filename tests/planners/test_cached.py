@@ -1,4 +1,5 @@
-"""Properties that are worked out once hold no lock that a forked child, or another instance, would wait for."""
+"""Properties that are worked out once hold no lock that a forked child, or another instance, would
+wait for."""
 
 import multiprocessing
 import re

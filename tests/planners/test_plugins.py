@@ -1,4 +1,5 @@
-"""Things by name: from a table, from another package's entry point, from a program, and from a file."""
+"""Things by name: from a table, from another package's entry point, from a program, and from a
+file."""
 
 from __future__ import annotations
 
@@ -14,12 +15,22 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry
 
-SHAPES = {"fraction": "fractions:Fraction", "decimal": "decimal:Decimal", "gone": "no_such_module:Thing"}
+SHAPES = {
+    "fraction": "fractions:Fraction",
+    "decimal": "decimal:Decimal",
+    "gone": "no_such_module:Thing",
+}
 
 
 def numbers() -> Registry[type]:
     """A registry of classes."""
-    return Registry("number", "test.numbers", SHAPES, expected="a class", accepts=lambda it: isinstance(it, type))
+    return Registry(
+        "number",
+        "test.numbers",
+        SHAPES,
+        expected="a class",
+        accepts=lambda it: isinstance(it, type),
+    )
 
 
 def test_a_name_of_the_table_is_imported_when_it_is_asked_for() -> None:
@@ -29,11 +40,15 @@ def test_a_name_of_the_table_is_imported_when_it_is_asked_for() -> None:
     assert numbers().names() == ("fraction", "decimal", "gone")
 
 
-def test_listing_and_taking_one_import_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_listing_and_taking_one_import_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("plugin_one", "plugin_two"):
         (tmp_path / f"{name}.py").write_text("class Thing: ...\n")
     monkeypatch.syspath_prepend(tmp_path)
-    registry: Registry[type] = Registry("thing", "test.things", {"one": "plugin_one:Thing", "two": "plugin_two:Thing"})
+    registry: Registry[type] = Registry(
+        "thing", "test.things", {"one": "plugin_one:Thing", "two": "plugin_two:Thing"}
+    )
     assert registry.names() == ("one", "two")
     assert not {"plugin_one", "plugin_two"} & set(sys.modules)
     assert registry.get("one").__module__ == "plugin_one"
@@ -49,7 +64,9 @@ def test_a_program_registers_a_thing_or_where_it_is() -> None:
     assert registry.names()[-2:] == ("mine", "yours")
 
 
-def test_another_package_brings_its_own_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_package_brings_its_own_by_an_entry_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     info = tmp_path / "other_robots-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other-robots\nVersion: 1.0\n")
@@ -61,9 +78,13 @@ def test_another_package_brings_its_own_by_an_entry_point(tmp_path: Path, monkey
     registry = numbers()
     assert set(registry.names()) == {*SHAPES, "odd", "broken"}
     assert registry.get("odd").__name__ == "Odd"
-    with pytest.raises(InvalidInput, match=r"number gone: cannot be imported"):  # the package's own name comes first
+    with pytest.raises(
+        InvalidInput, match=r"number gone: cannot be imported"
+    ):  # the package's own name comes first
         registry.get("gone")
-    with pytest.raises(InvalidInput, match=r"^number broken of other_robots:Missing: expected 'Missing' in it"):
+    with pytest.raises(
+        InvalidInput, match=r"^number broken of other_robots:Missing: expected 'Missing' in it"
+    ):
         registry.get("broken")
 
 
@@ -84,14 +105,28 @@ def test_a_file_is_run_once_and_may_define_dataclasses(tmp_path: Path) -> None:
     ("content", "name", "said"),
     [
         (None, "Mine", "{path}: expected a file, found nothing there"),
-        ("x = 1\nclass Yours: ...\n", "Mine", "{path}: expected 'Mine' in it, found no such name; it defines Yours"),
+        (
+            "x = 1\nclass Yours: ...\n",
+            "Mine",
+            "{path}: expected 'Mine' in it, found no such name; it defines Yours",
+        ),
         ("Mine = 3\n", "Mine", "number {path}:Mine: expected a class, got 3"),
-        ("import no_such_module\n", "Mine", "{path}: cannot be run: ModuleNotFoundError: No module named "),
+        (
+            "import no_such_module\n",
+            "Mine",
+            "{path}: cannot be run: ModuleNotFoundError: No module named ",
+        ),
         ("class Mine\n", "Mine", "{path}: cannot be run: SyntaxError: "),
-        ("raise SystemError('two\\nlines')\n", "Mine", "{path}: cannot be run: SystemError: two lines"),
+        (
+            "raise SystemError('two\\nlines')\n",
+            "Mine",
+            "{path}: cannot be run: SystemError: two lines",
+        ),
     ],
 )
-def test_what_is_wrong_with_a_file_is_one_line(content: str | None, name: str, said: str, tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_file_is_one_line(
+    content: str | None, name: str, said: str, tmp_path: Path
+) -> None:
     path = tmp_path / "mine.py"
     if content is not None:
         path.write_text(content)
@@ -116,7 +151,9 @@ def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
     thread = threading.Thread(target=lambda: numbers().get(f"{path}:Mine"))
     thread.start()
     time.sleep(0.2)
-    child = multiprocessing.get_context("fork").Process(target=lambda: numbers().get(f"{path}:Mine"))
+    child = multiprocessing.get_context("fork").Process(
+        target=lambda: numbers().get(f"{path}:Mine")
+    )
     child.start()
     child.join(20.0)
     code = child.exitcode
@@ -128,8 +165,15 @@ def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
 def test_names_that_nobody_has_are_refused_with_those_that_there_are() -> None:
     with pytest.raises(InvalidInput) as caught:
         numbers().get("real")
-    assert str(caught.value) == "number: expected one of fraction, decimal, gone, or FILE.py:NAME, got 'real'"
-    with pytest.raises(InvalidInput, match=r"^number: expected FILE\.py:NAME, got no name after mine\.py$"):
+    assert (
+        str(caught.value)
+        == "number: expected one of fraction, decimal, gone, or FILE.py:NAME, got 'real'"
+    )
+    with pytest.raises(
+        InvalidInput, match=r"^number: expected FILE\.py:NAME, got no name after mine\.py$"
+    ):
         numbers().get("mine.py")
-    with pytest.raises(InvalidInput, match=r"^number gone: cannot be imported: ModuleNotFoundError: "):
+    with pytest.raises(
+        InvalidInput, match=r"^number gone: cannot be imported: ModuleNotFoundError: "
+    ):
         numbers().get("gone")

@@ -47,8 +47,11 @@ def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
 
 @pytest.fixture(scope="session")
 def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less of a way."""
-    page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
+    """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less
+    of a way."""
+    page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(
+        encoding="utf-8"
+    )
     (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     folder = tmp_path_factory.mktemp("desk")
     for whole, part in (("frames: 6", "frames: 3"), ("goal_m: [0.10,", "goal_m: [0.04,")):
@@ -64,11 +67,17 @@ def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def gait() -> Attempted:
     """The hexapod's tripod gait over waves 6 cm high, two cycles."""
-    waves = HeightField.from_function(lambda x, y: 0.03 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.0, 0.1, name="waves")
+    waves = HeightField.from_function(
+        lambda x, y: 0.03 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.0, 0.1, name="waves"
+    )
     task = Walk(
-        robot=hexapod_walker(), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.1, 0.05]), duration_s=2.0,
+        robot=hexapod_walker(),
+        terrain=waves,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.1, 0.05]),
+        duration_s=2.0,
         gait="tripod",
-    )  # fmt: skip
+    )
     found = Workbench(task, GaitSettings()).run(Attempt(chart="decoupled"))
     assert found.report.accepted, found.report.message
     return found

@@ -1,4 +1,5 @@
-"""The wrench that brings a body to its place, and who gives it: sums, cones, and a quadruped that walks with it."""
+"""The wrench that brings a body to its place, and who gives it: sums, cones, and a quadruped that
+walks with it."""
 
 from __future__ import annotations
 
@@ -50,13 +51,18 @@ def controller(**options: float) -> BodyController:
 def sample(friction: float = 0.7) -> Samples:
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
     return at_rest(
-        feet_m=FEET, forces_n=0.25 * WEIGHT * up,
-        foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
-    )  # fmt: skip
+        feet_m=FEET,
+        forces_n=0.25 * WEIGHT * up,
+        foothold=(0, 1, 2, 3),
+        normals=up,
+        friction=np.full(4, friction),
+    )
 
 
 def test_ground_is_steep_where_friction_alone_does_not_hold_on_it() -> None:
-    lean = np.arctan(0.7) + np.array([-0.01, 0.01, 0.5 * np.pi - np.arctan(0.7), np.pi - np.arctan(0.7)])
+    lean = np.arctan(0.7) + np.array(
+        [-0.01, 0.01, 0.5 * np.pi - np.arctan(0.7), np.pi - np.arctan(0.7)]
+    )
     normals = np.stack([np.sin(lean), np.zeros(4), np.cos(lean)], axis=1)
     assert replace(sample(), normals=normals).steep.tolist() == [False, True, True, True]
     assert not replace(sample(1e-6)).steep.any()
@@ -66,11 +72,14 @@ def total(forces: Array) -> Array:
     return np.concatenate([forces.sum(axis=0), np.cross(FEET, forces).sum(axis=0)])
 
 
-def pose(turn: Rotation = Rotation.identity(), origin: Array | None = None, speed: Array | None = None) -> BodyPose:
+def pose(
+    turn: Rotation = Rotation.identity(), origin: Array | None = None, speed: Array | None = None
+) -> BodyPose:
     return BodyPose(
-        origin_m=np.zeros(3) if origin is None else origin, rotation=turn.as_matrix(),
+        origin_m=np.zeros(3) if origin is None else origin,
+        rotation=turn.as_matrix(),
         velocity=np.zeros(6) if speed is None else speed,
-    )  # fmt: skip
+    )
 
 
 def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -> None:
@@ -79,11 +88,17 @@ def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -
     low = of.wrench(pose(), pose(origin=np.array([0.0, 0.0, -0.01])))
     np.testing.assert_allclose(low, [0.0, 0.0, MASS * 160.0 * 0.01, 0.0, 0.0, 0.0], atol=1e-9)
     turning = of.wrench(pose(), pose(speed=np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0])))
-    np.testing.assert_allclose(turning, [0.0, 0.0, 0.0, 0.0, -30.0 * 0.1 * INERTIA[1, 1], 0.0], atol=1e-9)
-    yawed = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi])
-    tipped = Rotation.from_rotvec([0.01, 0.0, 0.0]) * yawed  # about the world's x, which is the body's y
     np.testing.assert_allclose(
-        of.wrench(pose(yawed), pose(tipped))[3:], [-250.0 * 0.01 * INERTIA[1, 1], 0.0, 0.0], atol=1e-6
+        turning, [0.0, 0.0, 0.0, 0.0, -30.0 * 0.1 * INERTIA[1, 1], 0.0], atol=1e-9
+    )
+    yawed = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi])
+    tipped = (
+        Rotation.from_rotvec([0.01, 0.0, 0.0]) * yawed
+    )  # about the world's x, which is the body's y
+    np.testing.assert_allclose(
+        of.wrench(pose(yawed), pose(tipped))[3:],
+        [-250.0 * 0.01 * INERTIA[1, 1], 0.0, 0.0],
+        atol=1e-6,
     )
 
 
@@ -93,7 +108,9 @@ def test_forces_of_feet_add_up_to_what_was_planned_and_the_wrench() -> None:
     for _ in range(20):
         wrench = rng.uniform(-1.0, 1.0, 6) * [10.0, 10.0, 20.0, 3.0, 3.0, 1.0]
         forces = controller().forces(wrench, now, FEET, now.forces_n, ALL)
-        np.testing.assert_allclose(total(forces) - total(now.forces_n), wrench, atol=0.02 * np.linalg.norm(wrench))
+        np.testing.assert_allclose(
+            total(forces) - total(now.forces_n), wrench, atol=0.02 * np.linalg.norm(wrench)
+        )
 
 
 def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -> None:
@@ -113,7 +130,9 @@ def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -
 
 
 @pytest.mark.parametrize(("planned", "given"), [(0.5, 0.5), (0.9, 0.9), (1.0, 0.95)])
-def test_a_plan_that_uses_more_of_the_cone_than_feedback_may_keeps_its_forces(planned: float, given: float) -> None:
+def test_a_plan_that_uses_more_of_the_cone_than_feedback_may_keeps_its_forces(
+    planned: float, given: float
+) -> None:
     lean = np.array([planned * 0.6, 0.0, 1.0])
     now = replace(sample(friction=0.6), forces_n=np.tile(0.25 * WEIGHT * lean, (4, 1)))
     forces = controller().forces(np.zeros(6), now, FEET, now.forces_n, ALL)
@@ -137,18 +156,26 @@ def test_a_body_beside_its_place_is_not_tipped_by_forces_planned_for_it_there() 
     tips = np.cross(FEET - away, now.forces_n).sum(axis=0) - total(now.forces_n)[3:]
     np.testing.assert_allclose(tips, -np.cross(away, [0.0, 0.0, WEIGHT]))
     forces = controller().forces(np.zeros(6), now, FEET - away, now.forces_n, ALL)
-    np.testing.assert_allclose(np.cross(FEET - away, forces).sum(axis=0), total(now.forces_n)[3:], atol=0.03)
+    np.testing.assert_allclose(
+        np.cross(FEET - away, forces).sum(axis=0), total(now.forces_n)[3:], atol=0.03
+    )
 
 
 @pytest.fixture(scope="module")
 def walked() -> Attempted:
     """A small quadruped, two seconds over low waves."""
     model = model_of(quadruped(bone=BONE), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
-    waves = HeightField.from_function(lambda x, y: 0.02 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.5, 0.1, name="waves")
+    waves = HeightField.from_function(
+        lambda x, y: 0.02 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.5, 0.1, name="waves"
+    )
     task = Walk(
-        robot=walker_of(model), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.5,
+        robot=walker_of(model),
+        terrain=waves,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.2, 0.1]),
+        duration_s=2.5,
         friction=0.6,
-    )  # fmt: skip
+    )
     found = Workbench(task, GaitSettings()).run(Attempt(chart="decoupled"))
     assert found.report.accepted, found.report.message
     return found
@@ -181,10 +208,14 @@ def test_a_quadruped_of_a_file_walks_as_planned(as_planned: RunReport) -> None:
     assert run.slip_m.max() < 8e-3
     assert run.bump_s == 0.0
     assert 0.0 < run.torque_share.max() < 0.9
-    np.testing.assert_allclose((run.trace.com_m[-1] - run.trace.com_m[0])[:2], [0.2, 0.1], atol=0.02)
+    np.testing.assert_allclose(
+        (run.trace.com_m[-1] - run.trace.com_m[0])[:2], [0.2, 0.1], atol=0.02
+    )
 
 
-def test_without_the_wrench_its_body_strays_farther(accepted: AcceptedGait, as_planned: RunReport) -> None:
+def test_without_the_wrench_its_body_strays_farther(
+    accepted: AcceptedGait, as_planned: RunReport
+) -> None:
     off = BodyFeedback(position_s2=0.0, velocity_s=0.0, rotation_s2=0.0, turn_s=0.0)
     without = run_with(accepted, off).execution
     assert without is not None
@@ -215,7 +246,9 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 50.0])
-def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(crawl: Plan, rate_hz: float) -> None:
+def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(
+    crawl: Plan, rate_hz: float
+) -> None:
     report = simulate(crawl, rate_hz=rate_hz)
     assert report.succeeded, report.message
     assert report.execution is not None
@@ -223,10 +256,17 @@ def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(cra
     assert report.execution.slip_m.max() < 0.008
 
 
-def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(accepted: AcceptedGait) -> None:
-    weaker = model_of(quadruped(effort=12.0, bone=BONE), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
+def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(
+    accepted: AcceptedGait,
+) -> None:
+    weaker = model_of(
+        quadruped(effort=12.0, bone=BONE), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3}
+    )
     other = replace(accepted.robot, model=weaker)
-    with make_world("mujoco", other) as made, pytest.raises(InvalidInput, match="the plan is for another"):
+    with (
+        make_world("mujoco", other) as made,
+        pytest.raises(InvalidInput, match="the plan is for another"),
+    ):
         Runner(made).prepare(accepted)
     own = replace(accepted.trajectory, robot=replace(accepted.trajectory.robot, model=weaker))
     with pytest.raises(InvalidInput, match=r"rejected: torque \(.H_KFE\)"):

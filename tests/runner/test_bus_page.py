@@ -22,7 +22,8 @@ SECTION = PAGE[
     PAGE.index("## 2. The same on an emulated bus") : PAGE.index("## 3. Servos on a desk")
 ]
 TRIES = 3
-"""Runs of a command that the host's own watchdog stopped, because the machine did not run the host."""
+"""Runs of a command that the host's own watchdog stopped, because the machine did not run the
+host."""
 
 
 def shown(language: str, text: str) -> list[str]:

@@ -1,4 +1,5 @@
-"""The closed loop: what it makes of measurements, and that it finds its way with less friction than was planned for."""
+"""The closed loop: what it makes of measurements, and that it finds its way with less friction than
+was planned for."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 PLANNER = TwoStageCoursePlanner()
 
 
-def looped(share: float, settings: LoopSettings, frames: int = 3) -> tuple[LoopReport, list[Observation]]:
+def looped(
+    share: float, settings: LoopSettings, frames: int = 3
+) -> tuple[LoopReport, list[Observation]]:
     seen: list[Observation] = []
 
     def policy(observation: Observation) -> Planner:
@@ -56,7 +59,9 @@ def test_windows_are_walked_one_after_the_other_from_where_the_robot_stands() ->
     assert standing is not None
     assert state is not None
     away = np.linalg.norm(state.feet_m - standing.toes_m, axis=1)
-    np.testing.assert_allclose(away, 0.012, atol=1e-3)  # a foot's radius from the surface on which it stands
+    np.testing.assert_allclose(
+        away, 0.012, atol=1e-3
+    )  # a foot's radius from the surface on which it stands
     assert report.deviation_m < 0.01
 
 
@@ -89,7 +94,9 @@ def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with(
     )
 
 
-def test_where_bodies_can_do_one_key_frame_at_a_time_that_is_what_is_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_bodies_can_do_one_key_frame_at_a_time_that_is_what_is_planned(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     decided, prepared = list[str](), list[int]()
     prepare, decide = Runner.prepare, Runner.decide
 
@@ -107,7 +114,12 @@ def test_where_bodies_can_do_one_key_frame_at_a_time_that_is_what_is_planned(mon
     monkeypatch.setattr(Runner, "decide", note)
     report, _ = looped(0.7, LoopSettings(replan_m=0.008), frames=3)
     assert report.succeeded, report.message
-    tries = ["bend the plan", "the next key frames alone", "bend the next key frames", "the next key frame alone"]
+    tries = [
+        "bend the plan",
+        "the next key frames alone",
+        "bend the next key frames",
+        "the next key frame alone",
+    ]
     assert [what for what in decided if what in tries][:4] == tries
     assert prepared[0] == 3
     assert len(prepared) > 2
@@ -132,8 +144,12 @@ def dropping(settings: LoopSettings) -> LoopReport:
     """All surfaces lose friction while limbs swing."""
     course = read_course("walls", frames=3)
     world = SlippingWorld(course.robot, share=0.68)
-    world.inject("friction differs", 0.75)  # simulated time; at this pace limbs swing from 0.6 to 0.9 s
-    return ClosedLoop(course, Runner(world, settings=FAST), lambda observation: PLANNER, settings).run()
+    world.inject(
+        "friction differs", 0.75
+    )  # simulated time; at this pace limbs swing from 0.6 to 0.9 s
+    return ClosedLoop(
+        course, Runner(world, settings=FAST), lambda observation: PLANNER, settings
+    ).run()
 
 
 def test_feet_that_slide_while_others_swing_are_caught_and_the_rest_is_planned_anew() -> None:

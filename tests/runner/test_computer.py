@@ -1,4 +1,5 @@
-"""What is said of an installation and a computer: extras by the package's own metadata, and the pace of a bus."""
+"""What is said of an installation and a computer: extras by the package's own metadata, and the
+pace of a bus."""
 
 import sys
 from importlib.metadata import PackageNotFoundError

@@ -1,4 +1,5 @@
-"""The driver on an emulated bus: what it checks, what it sends, what it says when something goes wrong."""
+"""The driver on an emulated bus: what it checks, what it sends, what it says when something goes
+wrong."""
 
 from __future__ import annotations
 
@@ -40,8 +41,15 @@ def mirrored(port: str) -> Calibration:
     """Every third servo turned round, every fifth with its zero elsewhere; the rest at START."""
     joints = {}
     for i, (name, each) in enumerate(nominal(JOINTS, port=port).joints.items()):
-        turned = replace(each, direction=-1 if i % 3 == 0 else 1, zero_tick=2048 + 100 * (i % 5 == 0), current_a=1.5)
-        lower, upper = sorted(turned.direction * (tick - turned.zero_tick) * table.RAD for tick in (1, 4094))
+        turned = replace(
+            each,
+            direction=-1 if i % 3 == 0 else 1,
+            zero_tick=2048 + 100 * (i % 5 == 0),
+            current_a=1.5,
+        )
+        lower, upper = sorted(
+            turned.direction * (tick - turned.zero_tick) * table.RAD for tick in (1, 4094)
+        )
         limits = {"lower_rad": max(each.lower_rad, lower), "upper_rad": min(each.upper_rad, upper)}
         joints[name] = replace(turned, **limits, rest_rad=float(START[i]))
     return Calibration(port=port, watchdog_s=0.6, latency_ms=LATENCY_MS, joints=joints)
@@ -90,7 +98,9 @@ def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(
         assert bus.servos.get(index, 63) & 0x34 == 0x34
 
 
-def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(bus: EmulatedBus, world: DynamixelWorld) -> None:
+def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(
+    bus: EmulatedBus, world: DynamixelWorld
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     begin, away = time.monotonic(), 0.0
@@ -99,12 +109,16 @@ def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(bus: EmulatedB
         away = max(away, float(abs(state.angles_rad - state.sent_rad).max()))
     assert time.monotonic() - begin > 49 * 0.02
     np.testing.assert_allclose(state.sent_rad, wave(49), atol=0.51 * table.RAD)
-    np.testing.assert_allclose(bus.state()["goal_rad"], world.calibration.shafts(JOINTS, state.sent_rad), atol=1e-9)
+    np.testing.assert_allclose(
+        bus.state()["goal_rad"], world.calibration.shafts(JOINTS, state.sent_rad), atol=1e-9
+    )
     assert 0.0 < away < 0.1  # the lag of the servo's loop, at up to .63 rad/s
     assert bus.state()["goal_writes"] == 24 * 51
 
 
-def test_a_target_is_clipped_to_what_a_joint_can_turn_and_to_its_limits(world: DynamixelWorld) -> None:
+def test_a_target_is_clipped_to_what_a_joint_can_turn_and_to_its_limits(
+    world: DynamixelWorld,
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     before = world.step(START).sent_rad
@@ -159,7 +173,9 @@ def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
     with pytest.raises(InvalidInput, match="before step"):
         world.step(START)
     if kind in UNSEEN:
-        with pytest.raises(HardwareFault, match=r"bus watchdogs stop the servos 0\.6 s after the last packet$"):
+        with pytest.raises(
+            HardwareFault, match=r"bus watchdogs stop the servos 0\.6 s after the last packet$"
+        ):
             world.hold()
     else:
         world.hold()
@@ -173,7 +189,9 @@ def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
     assert seen["watchdog"].count(255) == (24 - off)
 
 
-def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(bus: EmulatedBus, world: DynamixelWorld) -> None:
+def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(
+    bus: EmulatedBus, world: DynamixelWorld
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     before = world.bus.retried
@@ -184,13 +202,17 @@ def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(bus: EmulatedBu
     assert world.armed
 
 
-def test_a_host_that_paused_finds_its_servos_stopped(bus: EmulatedBus, world: DynamixelWorld) -> None:
+def test_a_host_that_paused_finds_its_servos_stopped(
+    bus: EmulatedBus, world: DynamixelWorld
+) -> None:
     world.reset(*STILL)
     world.torque(True)
     for k in range(10):
         world.step(wave(k))
     time.sleep(0.9)
-    with pytest.raises(HardwareFault, match=r"and 21 more: its bus watchdog stopped it: the host was silent$"):
+    with pytest.raises(
+        HardwareFault, match=r"and 21 more: its bus watchdog stopped it: the host was silent$"
+    ):
         world.step(wave(10))
     assert bus.state()["refused_goals"] == 24
     world.torque(True)
@@ -213,7 +235,9 @@ for k in range(1000):
 
 def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_path: Path) -> None:
     with BusProcess(START.tolist()) as bus:
-        nominal(JOINTS, port=bus.path, watchdog_s=0.6, latency_ms=LATENCY_MS).write(tmp_path / "servos.yaml")
+        nominal(JOINTS, port=bus.path, watchdog_s=0.6, latency_ms=LATENCY_MS).write(
+            tmp_path / "servos.yaml"
+        )
         command = [sys.executable, "-c", HOST, str(tmp_path / "servos.yaml")]
         host = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert host.stdout is not None
@@ -240,7 +264,9 @@ def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
     world.torque(True)
     bus.inject("silent servo")
     time.sleep(0.05)
-    with pytest.raises(HardwareFault, match=r"^servo \d+ \(\w+\): no answer; is it connected and powered\?$"):
+    with pytest.raises(
+        HardwareFault, match=r"^servo \d+ \(\w+\): no answer; is it connected and powered\?$"
+    ):
         world.relax()
     assert bus.state()["torque"].count(True) == 1
 
@@ -249,20 +275,31 @@ def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: Emulat
     with DynamixelWorld(ROBOT, mirrored(bus.path)) as world:
         world.reset(*STILL)
         world.torque(True)
-    other = replace(mirrored(bus.path), joints={n: replace(s, current_a=1.0) for n, s in mirrored("").joints.items()})
-    with DynamixelWorld(ROBOT, other) as world, pytest.raises(InvalidInput, match=r"relax the robot first$"):
+    other = replace(
+        mirrored(bus.path),
+        joints={n: replace(s, current_a=1.0) for n, s in mirrored("").joints.items()},
+    )
+    with (
+        DynamixelWorld(ROBOT, other) as world,
+        pytest.raises(InvalidInput, match=r"relax the robot first$"),
+    ):
         world.reset(*STILL)
     assert all(bus.state()["torque"])
 
 
-def test_a_port_has_one_owner_and_must_be_one(bus: EmulatedBus, world: DynamixelWorld, tmp_path: Path) -> None:
+def test_a_port_has_one_owner_and_must_be_one(
+    bus: EmulatedBus, world: DynamixelWorld, tmp_path: Path
+) -> None:
     world.reset(*STILL)
     for port, why in {
         bus.path: "expected a free port, somebody else has it open",
         str(tmp_path / "absent"): "expected a serial port, found nothing there",
         str(tmp_path): "Is a directory",
     }.items():
-        with pytest.raises(InvalidInput) as refused, DynamixelWorld(ROBOT, mirrored(port)) as second:
+        with (
+            pytest.raises(InvalidInput) as refused,
+            DynamixelWorld(ROBOT, mirrored(port)) as second,
+        ):
             second.reset(*STILL)
         assert str(refused.value) == f"port {port}: {why}"
     (tmp_path / "file").write_text("")
@@ -275,8 +312,16 @@ def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
     lower = replace(right.joints["LF_hip"], lower_rad=0.9, rest_rad=None)
     deaf = replace(right, baud=115200, latency_ms=2.0)  # nobody answers, however long it waits
     for wrong, kind, message in (
-        (replace(right, model="XM430-W350"), InvalidInput, r"servos XM430-W350 \(model 1020\): servo 1 \(LF_yaw\) is "),
-        (deaf, InvalidInput, r"found 1 to 24 at 1000000: set baud to 1000000 in the calibration file, or the servos'"),
+        (
+            replace(right, model="XM430-W350"),
+            InvalidInput,
+            r"servos XM430-W350 \(model 1020\): servo 1 \(LF_yaw\) is ",
+        ),
+        (
+            deaf,
+            InvalidInput,
+            r"found 1 to 24 at 1000000: set baud to 1000000 in the calibration file, or the servos'",
+        ),
         (
             replace(right, joints=right.joints | {"LF_hip": lower}),
             InvalidInput,
@@ -291,6 +336,9 @@ def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, seed: int) -> None:
     calibration, joint = spoiled(mirrored(bus.path), np.random.default_rng(seed))
-    with DynamixelWorld(ROBOT, calibration) as world, pytest.raises(InvalidInput, match=rf"\({joint}\): expected"):
+    with (
+        DynamixelWorld(ROBOT, calibration) as world,
+        pytest.raises(InvalidInput, match=rf"\({joint}\): expected"),
+    ):
         world.reset(*STILL)
     assert bus.state()["goal_writes"] == 0

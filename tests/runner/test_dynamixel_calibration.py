@@ -16,7 +16,12 @@ from hypothesis import strategies as st
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, JointServo, ServoTicks, nominal
+from stancekit.runner.worlds.dynamixel.calibration import (
+    Calibration,
+    JointServo,
+    ServoTicks,
+    nominal,
+)
 
 JOINTS = joint_names(hexapod())
 
@@ -34,7 +39,10 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         lambda d: d["joints"]["LF_knee"].update(id=2),
         "joints.LF_knee.id: expected its own id, got 2, which LF_hip has",
     ),
-    "a joint missing": (lambda d: d["joints"].pop("RR_hip"), "joints: expected joint RR_hip, got nothing"),
+    "a joint missing": (
+        lambda d: d["joints"].pop("RR_hip"),
+        "joints: expected joint RR_hip, got nothing",
+    ),
     "a joint too many": (
         lambda d: d["joints"].update(tail=dict(d["joints"]["LF_yaw"], id=99)),
         "joints: unknown joint tail",
@@ -59,7 +67,10 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         lambda d: d["joints"]["LF_hip"].update(current_a=5.8),
         "joints.LF_hip.current_a: expected up to 5.51, the most of an XM540-W270, got 5.8",
     ),
-    "an unknown key": (lambda d: d["joints"]["LF_hip"].update(offset=1), "joints.LF_hip.offset: unknown key"),
+    "an unknown key": (
+        lambda d: d["joints"]["LF_hip"].update(offset=1),
+        "joints.LF_hip.offset: unknown key",
+    ),
     "another format": (
         lambda d: d.update(format="stancekit/servos/2"),
         "format: expected stancekit/servos/1, got 'stancekit/servos/2'",
@@ -102,8 +113,12 @@ def test_a_calibration_comes_back_from_its_file_as_it_was(tmp_path: Path) -> Non
 
 
 @given(st.integers(1, 4094), st.sampled_from([-1, 1]), st.floats(-1.0, 1.0))
-def test_an_angle_comes_back_from_its_tick_within_half_a_tick(zero: int, direction: int, angle: float) -> None:
-    servo = JointServo(id=1, zero_tick=zero, direction=direction, lower_rad=-0.001, upper_rad=0.001, current_a=1.0)
+def test_an_angle_comes_back_from_its_tick_within_half_a_tick(
+    zero: int, direction: int, angle: float
+) -> None:
+    servo = JointServo(
+        id=1, zero_tick=zero, direction=direction, lower_rad=-0.001, upper_rad=0.001, current_a=1.0
+    )
     turning = ServoTicks([servo])
     ticks = turning.ticks(np.array([angle]))
     assert np.sign(ticks[0] - zero) in (0, direction * np.sign(angle))

@@ -1,4 +1,5 @@
-"""The emulated bus against packets of the public manual and the real SDK, its shafts against closed forms."""
+"""The emulated bus against packets of the public manual and the real SDK, its shafts against closed
+forms."""
 
 from __future__ import annotations
 
@@ -20,19 +21,33 @@ from stancekit.runner.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIP
 PACKETS = {
     "ping": (p2.packet(1, p2.PING), "FF FF FD 00 01 03 00 01 19 4E"),
     "ping everyone": (p2.packet(254, p2.PING), "FF FF FD 00 FE 03 00 01 31 42"),
-    "answer to a ping": (p2.status(1, 0, b"\x06\x04\x26"), "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"),
-    "answer of the second": (p2.status(2, 0, b"\x06\x04\x26"), "FF FF FD 00 02 07 00 55 00 06 04 26 6F 6D"),
+    "answer to a ping": (
+        p2.status(1, 0, b"\x06\x04\x26"),
+        "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D",
+    ),
+    "answer of the second": (
+        p2.status(2, 0, b"\x06\x04\x26"),
+        "FF FF FD 00 02 07 00 55 00 06 04 26 6F 6D",
+    ),
     "read": (p2.packet(1, p2.READ, b"\x84\0\x04\0"), "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"),
-    "answer to a read": (p2.status(1, 0, b"\xa6\0\0\0"), "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"),
+    "answer to a read": (
+        p2.status(1, 0, b"\xa6\0\0\0"),
+        "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
+    ),
     "write": (
-        p2.packet(1, p2.WRITE, b"\x74\0\0\x02\0\0"), "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
+        p2.packet(1, p2.WRITE, b"\x74\0\0\x02\0\0"),
+        "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
     ),
     "answer to a write": (p2.status(1, 0), "FF FF FD 00 01 04 00 55 00 A1 0C"),
     "reboot": (p2.packet(1, p2.REBOOT), "FF FF FD 00 01 03 00 08 2F 4E"),
     "sync read": (
-        p2.packet(254, p2.SYNC_READ, b"\x84\0\x04\0\x01\x02"), "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
+        p2.packet(254, p2.SYNC_READ, b"\x84\0\x04\0\x01\x02"),
+        "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
     ),
-    "second answer to it": (p2.status(2, 0, b"\x1f\x08\0\0"), "FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE"),
+    "second answer to it": (
+        p2.status(2, 0, b"\x1f\x08\0\0"),
+        "FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE",
+    ),
     "sync write": (
         p2.packet(254, p2.SYNC_WRITE, bytes.fromhex("74000400 01 96000000 02 AA000000")),
         "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
@@ -45,7 +60,7 @@ PACKETS = {
         p2.fast_status([(3, 0, b"\xa6\0\0\0"), (7, 0, b"\x1f\x08\0\0"), (4, 0, b"\xff\x03\0\0")]),
         "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 00 07 1F 08 00 00 16 CA 00 04 FF 03 00 00 D1 9E",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", PACKETS)
@@ -60,14 +75,17 @@ def test_the_crc_is_that_of_the_sdk(data: bytes) -> None:
 
 
 @given(st.lists(st.sampled_from([0x00, 0x55, 0xFD, 0xFE, 0xFF]), max_size=40), st.integers(1, 7))
-def test_what_was_stuffed_comes_out_whole_in_whatever_pieces_it_came(data: list[int], piece: int) -> None:
+def test_what_was_stuffed_comes_out_whole_in_whatever_pieces_it_came(
+    data: list[int], piece: int
+) -> None:
     sent = b"\xff\xff" + p2.packet(7, p2.WRITE, bytes(data)) + p2.packet(8, p2.PING)
     reader, found = p2.Reader(), list[p2.Request]()
     for start in range(0, len(sent), piece):
         found += reader.feed(sent[start : start + piece])
     assert [(each.servo, each.instruction, each.parameters, each.sound) for each in found] == [
-        (7, p2.WRITE, bytes(data), True), (8, p2.PING, b"", True),
-    ]  # fmt: skip
+        (7, p2.WRITE, bytes(data), True),
+        (8, p2.PING, b"", True),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +96,8 @@ def bus() -> Iterator[EmulatedBus]:
 
 @pytest.fixture(scope="module", autouse=True)
 def patience() -> Iterator[None]:
-    """The SDK waits 34 ms for an answer; on a busy machine the emulator may take longer to be woken."""
+    """The SDK waits 34 ms for an answer; on a busy machine the emulator may take longer to be
+    woken."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 150)
         yield
@@ -121,11 +140,15 @@ def test_sync_reads_fast_or_not_agree_and_indirect_data_are_what_they_point_to(p
     assert packets.read4ByteTxRx(port, 3, 224) == (expected[1], 0, 0)
 
 
-def test_a_header_in_an_answer_reaches_the_sdk_but_one_that_the_sdk_sends_is_lost(bus: EmulatedBus, port: Any) -> None:
+def test_a_header_in_an_answer_reaches_the_sdk_but_one_that_the_sdk_sends_is_lost(
+    bus: EmulatedBus, port: Any
+) -> None:
     offset = int.from_bytes(b"\xff\xff\xfd\xff", "little", signed=True)
     bus.servos._put(1, 20, offset)
     assert packets.read4ByteTxRx(port, 2, 20) == (offset & 0xFFFFFFFF, 0, 0)
-    assert packets.write4ByteTxRx(port, 2, 20, offset)[0] == sdk.COMM_RX_TIMEOUT  # the SDK's stuffing has no effect
+    assert (
+        packets.write4ByteTxRx(port, 2, 20, offset)[0] == sdk.COMM_RX_TIMEOUT
+    )  # the SDK's stuffing has no effect
     assert packets.ping(port, 2)[1] == 0
 
 
@@ -168,7 +191,8 @@ def test_a_servo_at_another_baud_rate_is_silent(bus: EmulatedBus) -> None:
 
 
 def alone(**registers: int) -> Servos:
-    """One servo in current-based position control, its torque on, its table as given by r<address>."""
+    """One servo in current-based position control, its torque on, its table as given by
+    r<address>."""
     servos = Servos([1])
     for address, value, size in ((11, 5, 1), (102, 2047, 2), (112, 32767, 4), (64, 1, 1)):
         given_value = registers.pop(f"r{address}", value)
@@ -197,11 +221,15 @@ def test_a_long_way_is_turned_at_the_profile_velocity_and_no_current_exceeds_its
     for k in range(100):
         servos.advance(1.5 + 0.005 * (k + 1))
         most = max(most, abs(servos.current[0]))
-    assert (servos.position[0] - before) / 0.5 == pytest.approx(40 * 0.229 * 2 * np.pi / 60, rel=0.01)
+    assert (servos.position[0] - before) / 0.5 == pytest.approx(
+        40 * 0.229 * 2 * np.pi / 60, rel=0.01
+    )
     assert 0.0 < most <= 300 * 2.69e-3
 
 
-def test_a_servo_that_hears_nothing_stops_where_it_is_and_takes_no_goal_until_that_is_cleared() -> None:
+def test_a_servo_that_hears_nothing_stops_where_it_is_and_takes_no_goal_until_that_is_cleared() -> (
+    None
+):
     servos = alone(r98=5, r112=40)
     servos.hear(0, 1.0)
     assert servos.write(0, 116, (2048 + 1500).to_bytes(4, "little")) == 0

@@ -1,4 +1,5 @@
-"""First contact with a bus that is not as it should be, and measurements that are not true: one line each."""
+"""First contact with a bus that is not as it should be, and measurements that are not true: one
+line each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A selector as a policy: whom it is asked about, what is planned within its choice, and what happens to a bad one."""
+"""A selector as a policy: whom it is asked about, what is planned within its choice, and what
+happens to a bad one."""
 
 from __future__ import annotations
 
@@ -17,7 +18,13 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.envelope_choice import EnvelopeOrLift, SelectorPolicy, about, chosen, triangular
+from stancekit.runner.control.envelope_choice import (
+    EnvelopeOrLift,
+    SelectorPolicy,
+    about,
+    chosen,
+    triangular,
+)
 from stancekit.runner.control.replanning import Observation
 
 LEARNED = expert_envelopes("wall")
@@ -29,7 +36,9 @@ class Always:
     def __init__(self, action: NDArray[Any]) -> None:
         self.action, self.requests = action, list[Mapping[str, NDArray[Any]]]()
 
-    def predict(self, observation: Mapping[str, NDArray[Any]], state: Any = None) -> tuple[NDArray[Any], Any]:
+    def predict(
+        self, observation: Mapping[str, NDArray[Any]], state: Any = None
+    ) -> tuple[NDArray[Any], Any]:
         self.requests.append(observation)
         return self.action, state
 
@@ -45,13 +54,17 @@ def vector(learned: EnvelopeSet) -> NDArray[Any]:
     return np.concatenate([box.to_vector() for box in learned.envelopes])
 
 
-def test_it_is_asked_about_every_stance_of_its_legs_or_their_images_and_its_boxes_are_planned_with() -> None:
+def test_it_is_asked_about_every_stance_of_its_legs_or_their_images_and_its_boxes_are_planned_with() -> (
+    None
+):
     selector = Always(vector(LEARNED))
     found = chosen(selector, LEARNED, WINDOW)
     assert found is not None
     assert len(selector.requests) == len(WINDOW.stances) > 2
     assert selector.requests[0]["friction"].shape == (3,)
-    assert selector.requests[0]["vertices"].shape == (3 * 3 * 3,)  # of triangles, as selectors learn from them
+    assert selector.requests[0]["vertices"].shape == (
+        3 * 3 * 3,
+    )  # of triangles, as selectors learn from them
     for mine, other in zip(found.boxes, boxes_of(WINDOW, LEARNED), strict=True):
         np.testing.assert_array_equal(mine.low, other.low)
         np.testing.assert_array_equal(mine.high, other.high)
@@ -68,7 +81,10 @@ def test_it_is_asked_about_every_stance_of_its_legs_or_their_images_and_its_boxe
 def test_a_stance_on_the_other_side_is_shown_in_the_mirror_and_all_from_the_nominal_com() -> None:
     selector = Always(vector(LEARNED))
     chosen(selector, LEARNED, WINDOW)
-    shoulders = np.array([limb.shoulder_m for limb in WINDOW.robot.select(LEARNED.legs)]) / WINDOW.length_scale_m
+    shoulders = (
+        np.array([limb.shoulder_m for limb in WINDOW.robot.select(LEARNED.legs)])
+        / WINDOW.length_scale_m
+    )
     sides = np.sign(shoulders[:, 1])
     for seen in selector.requests:
         np.testing.assert_allclose(seen["shoulders"].reshape(-1, 3), shoulders, atol=1e-6)
@@ -78,14 +94,20 @@ def test_a_stance_on_the_other_side_is_shown_in_the_mirror_and_all_from_the_nomi
         around = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(around, axis=1)
         np.testing.assert_allclose(np.abs(np.vecdot(around, frames[:, :, 0])), length, rtol=1e-5)
-        assert np.all(np.abs(corners.mean(axis=1) - shoulders)[:, [0, 2]] < 0.4)  # beside the legs, wherever the frame
+        assert np.all(
+            np.abs(corners.mean(axis=1) - shoulders)[:, [0, 2]] < 0.4
+        )  # beside the legs, wherever the frame
 
 
 def test_of_a_large_patch_a_triangle_about_where_the_toe_will_be_is_observed() -> None:
     square = Patch(
-        vertices_m=np.array([[-0.5, -0.5, 0.1], [0.5, -0.5, 0.1], [0.5, 0.5, 0.1], [-0.5, 0.5, 0.1]]),
-        normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5,
-    )  # fmt: skip
+        vertices_m=np.array(
+            [[-0.5, -0.5, 0.1], [0.5, -0.5, 0.1], [0.5, 0.5, 0.1], [-0.5, 0.5, 0.1]]
+        ),
+        normal=[0, 0, 1],
+        shear_reference=[1, 0, 0],
+        friction=0.5,
+    )
     corners = about(square, np.array([0.2, 0.7, 0.9]), 0.06)
     np.testing.assert_allclose(np.linalg.norm(corners - [0.2, 0.5, 0.1], axis=1), 0.06)
     np.testing.assert_allclose(corners.mean(axis=0), [0.2, 0.5, 0.1])
@@ -111,7 +133,10 @@ def test_what_is_planned_where_nothing_was_chosen_counts_as_planned_without() ->
 
 def test_a_selector_that_would_never_be_asked_is_refused() -> None:
     policy = SelectorPolicy(Always(vector(LEARNED)), expert_envelopes("wall", legs=FIVE_LEGS))
-    with pytest.raises(InvalidInput, match="expected a selector for stances of walls, got one for RF, RM, RR, LF, LR"):
+    with pytest.raises(
+        InvalidInput,
+        match="expected a selector for stances of walls, got one for RF, RM, RR, LF, LR",
+    ):
         policy.check_fits(WINDOW)
     SelectorPolicy(Always(vector(LEARNED)), LEARNED).check_fits(WINDOW)
 
@@ -120,4 +145,6 @@ def test_of_a_patch_with_more_corners_its_largest_triangle_is_observed() -> None
     corners = np.array([[0.0, 0.0, 0.1], [0.3, 0.0, 0.1], [0.3, 0.1, 0.1], [0.1, 0.2, 0.1]])
     patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
     np.testing.assert_array_equal(triangular(patch).vertices_m, corners[[0, 1, 3]])
-    assert triangular(triangular(patch)).vertices_m.tolist() == triangular(patch).vertices_m.tolist()
+    assert (
+        triangular(triangular(patch)).vertices_m.tolist() == triangular(patch).vertices_m.tolist()
+    )

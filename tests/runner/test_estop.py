@@ -11,7 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.runner.safety.estop import SIGNALS, file_source, key_source, on_signals, raw_keys, reader_source, watched
+from stancekit.runner.safety.estop import (
+    SIGNALS,
+    file_source,
+    key_source,
+    on_signals,
+    raw_keys,
+    reader_source,
+    watched,
+)
 from stancekit.runner.safety.latch import Source, StopLatch, Stopped
 from stancekit.runner.safety.watchdog import Watchdog
 
@@ -120,7 +128,9 @@ def test_a_hang_up_that_nohup_ignores_stays_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_a_source_that_hangs_does_not_keep_the_watch_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_source_that_hangs_does_not_keep_the_watch_from_ending(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("stancekit.runner.safety.estop.JOIN_S", 0.01)
     hung = threading.Event()
     latch = listening(lambda: str(hung.wait(5.0)))
@@ -177,5 +187,8 @@ def test_a_process_that_stood_still_is_stopped_before_anything_is_sent_again() -
         assert not latch.tripped
         now[0] = 2.5  # SIGSTOP, and SIGCONT later: its own thread did not run, either
         latch.listen(dog.look)
-        with pytest.raises(Stopped, match=r"the process stood still for [12]\.\d+ s, limit 1 s"), latch.sending():
+        with (
+            pytest.raises(Stopped, match=r"the process stood still for [12]\.\d+ s, limit 1 s"),
+            latch.sending(),
+        ):
             raise AssertionError("it was let through")

@@ -35,7 +35,9 @@ def climbed(step: Callable[[str], Plan]) -> Execution:
 
 @pytest.mark.parametrize("world", ["mujoco", "bullet"])
 @pytest.mark.parametrize("course", ["stairs", "walls"])
-def test_a_step_is_executed_as_planned(course: str, world: str, step: Callable[[str], Plan]) -> None:
+def test_a_step_is_executed_as_planned(
+    course: str, world: str, step: Callable[[str], Plan]
+) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
     run = executed(step(course), world)
     assert run.succeeded, run.message
@@ -50,8 +52,12 @@ def test_a_step_is_executed_as_planned(course: str, world: str, step: Callable[[
 
 def test_at_the_end_every_foot_presses_as_planned(climbed: Execution) -> None:
     trace = climbed.trace
-    np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0)
-    np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
+    np.testing.assert_allclose(
+        trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0
+    )
+    np.testing.assert_allclose(
+        trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5
+    )
 
 
 def test_the_trace_is_consistent(climbed: Execution) -> None:
@@ -64,7 +70,9 @@ def test_the_trace_is_consistent(climbed: Execution) -> None:
     assert 0.0 < offset.max() < 0.015
 
 
-def test_the_same_plan_runs_the_same_way_twice(step: Callable[[str], Plan], climbed: Execution) -> None:
+def test_the_same_plan_runs_the_same_way_twice(
+    step: Callable[[str], Plan], climbed: Execution
+) -> None:
     again = executed(step("walls"))
     np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
     np.testing.assert_array_equal(again.trace.forces_n, climbed.trace.forces_n)
@@ -84,14 +92,18 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
 
 
 def test_what_is_not_good_enough_is_said_in_full(step: Callable[[str], Plan]) -> None:
-    run = executed(step("walls"), settings=replace(FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7)))
+    run = executed(
+        step("walls"), settings=replace(FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7))
+    )
     assert not run.succeeded
     assert run.fallen_s is None
     assert "the centre of mass ended" in run.message
     assert "put down at frame" in run.message
 
 
-def test_the_report_is_json_and_the_trace_an_archive(climbed: Execution, tmp_path: pytest.TempPathFactory) -> None:
+def test_the_report_is_json_and_the_trace_an_archive(
+    climbed: Execution, tmp_path: pytest.TempPathFactory
+) -> None:
     said = json.loads(json.dumps(climbed.to_json(), allow_nan=False))
     assert said["world"] == "mujoco"
     assert len(said["slip_m"]) == 9

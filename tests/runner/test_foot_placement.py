@@ -16,7 +16,12 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.control.body_feedback import BodyPose
-from stancekit.runner.control.foot_placement import GIVES_M, WITH_FEET, ContactFeedback, FootPlacement
+from stancekit.runner.control.foot_placement import (
+    GIVES_M,
+    WITH_FEET,
+    ContactFeedback,
+    FootPlacement,
+)
 from stancekit.runner.worlds.world import State
 from tests.planners.robot.small_urdfs import quadruped
 from tests.runner.at_rest import at_rest
@@ -38,30 +43,43 @@ def standing(kinematics: Kinematics) -> tuple[Array, Samples]:
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
     forces = 0.25 * kinematics.robot.mass_kg * kinematics.gravity_m_s2 * up
     return angles, at_rest(
-        feet_m=kinematics.feet(angles), forces_n=forces,
-        foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, 0.6),
-    )  # fmt: skip
+        feet_m=kinematics.feet(angles),
+        forces_n=forces,
+        foothold=(0, 1, 2, 3),
+        normals=up,
+        friction=np.full(4, 0.6),
+    )
 
 
 def state(angles: Array, position: Array, velocity: Array | None = None) -> State:
     return State(
-        time_s=0.0, position_m=position, rotation=np.eye(3), velocity=np.zeros(6) if velocity is None else velocity,
-        angles_rad=angles, rates_rad_s=np.zeros(12), torques_nm=np.zeros(12), feet_m=NONE, forces_n=NONE, bump_n=0.0,
+        time_s=0.0,
+        position_m=position,
+        rotation=np.eye(3),
+        velocity=np.zeros(6) if velocity is None else velocity,
+        angles_rad=angles,
+        rates_rad_s=np.zeros(12),
+        torques_nm=np.zeros(12),
+        feet_m=NONE,
+        forces_n=NONE,
+        bump_n=0.0,
         sent_rad=angles,
-    )  # fmt: skip
+    )
 
 
 def of(kinematics: Kinematics, first: Samples, step_s: float = 0.0) -> FootPlacement:
     weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
     return FootPlacement(
         first, kinematics, ContactFeedback(), weight_n=weight, step_s=step_s, period_s=PERIOD_S
-    )  # fmt: skip
+    )
 
 
 PLACE = BodyPose(origin_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6))
 
 
-def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(kinematics: Kinematics) -> None:
+def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(
+    kinematics: Kinematics,
+) -> None:
     angles, now = standing(kinematics)
     up = replace(now, foothold=np.array((-1, 1, 2, 3)), feet_m=now.feet_m + UP)
     feet = of(kinematics, up)
@@ -82,7 +100,11 @@ def test_a_foot_whose_sensor_is_noisy_does_not_land_on_its_noise_and_lands_where
     kinematics: Kinematics, noise_n: float
 ) -> None:
     angles, now = standing(kinematics)
-    rng, seen, none_late = np.random.default_rng(3), (state(angles, np.zeros(3)), PLACE), np.zeros(4, dtype=np.bool_)
+    rng, seen, none_late = (
+        np.random.default_rng(3),
+        (state(angles, np.zeros(3)), PLACE),
+        np.zeros(4, dtype=np.bool_),
+    )
     lift = np.zeros((4, 3))
     lift[0] = 10.0 * UP
     feet, last = of(kinematics, now), replace(now, foothold=np.array((-1, 1, 2, 3)))
@@ -114,7 +136,10 @@ def test_a_foot_that_lands_early_stops_at_once(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
     heights = np.array([0.005, 0.0, -0.005, -0.01])  # the ground is higher than was planned
     first = np.eye(4)[:, :1] * [0.0, 0.0, 1.0]
-    path = [replace(now, foothold=np.array((-1, 1, 2, 3)), feet_m=now.feet_m + height * first) for height in heights]
+    path = [
+        replace(now, foothold=np.array((-1, 1, 2, 3)), feet_m=now.feet_m + height * first)
+        for height in heights
+    ]
     feet, seen = of(kinematics, path[0]), (state(angles, np.zeros(3)), PLACE)
     feet.follow(path[0], path[1], np.array([60.0, 50.0, 50.0, 50.0]), NONE, seen)
     assert feet.touched[0]
@@ -127,18 +152,30 @@ def test_a_foot_that_lands_early_stops_at_once(kinematics: Kinematics) -> None:
 
 def test_a_body_is_pulled_half_way_over_feet_that_stepped_aside(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
-    feet = of(kinematics, replace(now, foothold=np.array((-1, -1, -1, -1)), feet_m=now.feet_m + UP), step_s=0.15)
+    feet = of(
+        kinematics,
+        replace(now, foothold=np.array((-1, -1, -1, -1)), feet_m=now.feet_m + UP),
+        step_s=0.15,
+    )
     for _ in range(2):
         feet.follow(now, now, np.full(4, 50.0), NONE, (state(angles, BESIDE), PLACE))
     np.testing.assert_allclose(feet.shift_m, WITH_FEET * BESIDE, atol=1e-9)
 
 
-def test_a_foot_on_noisy_ground_comes_down_as_far_as_its_ground_may_be_and_no_farther(kinematics: Kinematics) -> None:
+def test_a_foot_on_noisy_ground_comes_down_as_far_as_its_ground_may_be_and_no_farther(
+    kinematics: Kinematics,
+) -> None:
     _, then = standing(kinematics)
     now = replace(then, foothold=np.full(4, -1))
     depths = np.array([0.0, 0.004, 0.012, 0.02])
     feet = FootPlacement(
-        now, kinematics, ContactFeedback(), weight_n=100.0, step_s=0.0, period_s=PERIOD_S, touch_downs_m=depths
+        now,
+        kinematics,
+        ContactFeedback(),
+        weight_n=100.0,
+        step_s=0.0,
+        period_s=PERIOD_S,
+        touch_downs_m=depths,
     )
     before, waited = feet.moved_m, np.zeros(4)
     for _ in range(round(2.0 / PERIOD_S)):

@@ -1,4 +1,5 @@
-"""The friction that feet felt, as an interval: what slides say, what stances that held say, and what is forgotten."""
+"""The friction that feet felt, as an interval: what slides say, what stances that held say, and
+what is forgotten."""
 
 from __future__ import annotations
 
@@ -20,27 +21,47 @@ ALONG = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def felt(
-    ratios: Array, speeds_m_s: tuple[float, float], foothold: tuple[int, int] = (0, 1), load_n: float = 30.0,
+    ratios: Array,
+    speeds_m_s: tuple[float, float],
+    foothold: tuple[int, int] = (0, 1),
+    load_n: float = 30.0,
     carried: float = 1.0,
-) -> Record:  # fmt: skip
-    """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move along at a speed.
-    carried: of the load that is planned."""
+) -> Record:
+    """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move
+    along at a speed. carried: of the load that is planned."""
     record = Record()
     for k, ratio in enumerate(ratios):
         sample = at_rest(
-            feet_m=np.zeros((2, 3)), forces_n=load_n * UP,
-            foothold=foothold, normals=UP, friction=np.full(2, MU),
-        )  # fmt: skip
+            feet_m=np.zeros((2, 3)),
+            forces_n=load_n * UP,
+            foothold=foothold,
+            normals=UP,
+            friction=np.full(2, MU),
+        )
         target = Target(
-            targets_rad=np.zeros(1), sample=sample, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(1),
-            torques_nm=np.zeros(1), rolled_m=np.zeros((2, 3)), error_m=np.zeros(2),
-        )  # fmt: skip
+            targets_rad=np.zeros(1),
+            sample=sample,
+            origin_m=np.zeros(3),
+            shift_m=np.zeros(3),
+            angles_rad=np.zeros(1),
+            torques_nm=np.zeros(1),
+            rolled_m=np.zeros((2, 3)),
+            error_m=np.zeros(2),
+        )
         moved = (np.array(speeds_m_s) * PERIOD_S * k)[:, None] * ALONG
         state = State(
-            time_s=k * PERIOD_S, position_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6),
-            angles_rad=np.zeros(1), rates_rad_s=np.zeros(1), torques_nm=np.zeros(1), feet_m=moved,
-            forces_n=carried * load_n * (UP + (ratio * MU)[:, None] * ALONG), bump_n=0.0, sent_rad=np.zeros(1),
-        )  # fmt: skip
+            time_s=k * PERIOD_S,
+            position_m=np.zeros(3),
+            rotation=np.eye(3),
+            velocity=np.zeros(6),
+            angles_rad=np.zeros(1),
+            rates_rad_s=np.zeros(1),
+            torques_nm=np.zeros(1),
+            feet_m=moved,
+            forces_n=carried * load_n * (UP + (ratio * MU)[:, None] * ALONG),
+            bump_n=0.0,
+            sent_rad=np.zeros(1),
+        )
         record.add(target, state, 0.0)
     return record
 
@@ -75,15 +96,22 @@ def test_the_interval_holds_what_there_is_nine_times_of_ten() -> None:
         truth = rng.uniform(0.4, 0.9)
         slides = truth + 0.02 * rng.standard_normal()
         noise = 0.01 * rng.standard_normal((40, 2))
-        ratios = np.stack([np.full(40, slides), np.full(40, truth * rng.uniform(0.3, 1.0))], axis=1) + noise
+        ratios = (
+            np.stack([np.full(40, slides), np.full(40, truth * rng.uniform(0.3, 1.0))], axis=1)
+            + noise
+        )
         found = interval(felt(ratios, (0.05, 0.0)))
         hits += found.low <= truth <= found.high
     assert 170 <= hits <= 200
 
 
 @pytest.mark.parametrize("truth", [0.65, 0.75])
-def test_feet_that_hold_at_the_border_of_their_cones_do_not_push_it_above_what_slid(truth: float) -> None:
-    slid = [felt(np.full((40, 2), truth), (0.05, 0.0)) for _ in range(5)]  # in simulation both read the truth exactly
+def test_feet_that_hold_at_the_border_of_their_cones_do_not_push_it_above_what_slid(
+    truth: float,
+) -> None:
+    slid = [
+        felt(np.full((40, 2), truth), (0.05, 0.0)) for _ in range(5)
+    ]  # in simulation both read the truth exactly
     held = [felt(np.full((40, 2), truth), (0.0, 0.0)) for _ in range(18)]
     found = interval(*slid, *held)
     assert (found.slides, found.held) == (4, 41)
@@ -92,7 +120,9 @@ def test_feet_that_hold_at_the_border_of_their_cones_do_not_push_it_above_what_s
     assert truth + 0.01 < found.high < truth + 0.05
 
 
-def test_slides_that_differ_make_it_wider_and_the_same_ones_over_and_over_do_not_make_it_narrow() -> None:
+def test_slides_that_differ_make_it_wider_and_the_same_ones_over_and_over_do_not_make_it_narrow() -> (
+    None
+):
     agree = [felt(np.full((40, 2), [0.65, 0.4]), (0.05, 0.0)) for _ in range(12)]
     differ = [felt(np.full((40, 2), [ratio, 0.4]), (0.05, 0.0)) for ratio in (0.6, 0.64, 0.68, 0.7)]
     one, same, wide = interval(agree[0]), interval(*agree), interval(*differ)
@@ -106,7 +136,9 @@ def test_what_a_later_slide_contradicts_is_forgotten_and_what_is_below_it_stays(
     found = interval(before, slid)
     assert found.share == pytest.approx(0.6, abs=0.01)
     assert found.held == 2  # the .5 of before and the .3 of now
-    other_way = interval(slid, before)  # held with more than had slid: the estimate goes up, and says so
+    other_way = interval(
+        slid, before
+    )  # held with more than had slid: the estimate goes up, and says so
     assert other_way.share > found.share
 
 
@@ -132,7 +164,10 @@ def test_what_bears_nothing_flies_or_creeps_says_nothing(record: Record) -> None
 
 
 def test_a_foot_that_was_just_put_down_may_still_find_its_place() -> None:
-    air, down = felt(np.zeros((10, 2)), (0.0, 0.0), foothold=(-1, 1)), felt(np.full((18, 2), 0.5), (0.05, 0.0))
+    air, down = (
+        felt(np.zeros((10, 2)), (0.0, 0.0), foothold=(-1, 1)),
+        felt(np.full((18, 2), 0.5), (0.05, 0.0)),
+    )
     record = Record(pairs=[*air.pairs, *down.pairs], began_s=[0.0] * 28)
     assert interval(record).slides == 0
     assert all(a.time_s <= b.time_s for (_, a), (_, b) in pairwise(down.pairs))

@@ -1,4 +1,5 @@
-"""Gaits on worlds: walked as planned by the hexapod in both simulators, and refused before any motion where not."""
+"""Gaits on worlds: walked as planned by the hexapod in both simulators, and refused before any
+motion where not."""
 
 from __future__ import annotations
 
@@ -49,7 +50,9 @@ def test_a_gait_is_walked_as_planned(accepted: AcceptedGait, world: str) -> None
     assert run.com_final_m < 3e-3
     assert run.com_worst_m < 5e-3
     assert run.slip_m.max() < 3e-3
-    assert run.force_rms_n < 8.0  # 16 N a foot: on ground that holds by itself feet share the load as their loops do
+    assert (
+        run.force_rms_n < 8.0
+    )  # 16 N a foot: on ground that holds by itself feet share the load as their loops do
     assert run.bump_s == 0.0
     walked_m = run.trace.com_m[-1] - run.trace.com_m[0]
     np.testing.assert_allclose(walked_m[:2], [0.1, 0.05], atol=5e-3)
@@ -64,7 +67,9 @@ def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_repor
     assert ", put down at " in report.message
 
 
-def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(accepted: AcceptedGait) -> None:
+def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(
+    accepted: AcceptedGait,
+) -> None:
     world, settings = MemoryWorld(), RunSettings(limits=PATIENT)
     report = Runner(world, dry=False, settings=settings).run(accepted)
     assert report.succeeded, report.message
@@ -75,11 +80,16 @@ def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(accepted: 
     assert report.joint_worst_rad < 0.1
 
 
-def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(gait: Attempted, tmp_path: Path) -> None:
+def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(
+    gait: Attempted, tmp_path: Path
+) -> None:
     path = tmp_path / "walk.json"
     pushed = replace(gait.trajectory, forces_n=1.3 * gait.trajectory.forces_n)
     write_trajectory(path, pushed, check_trajectory(pushed))
-    with pytest.raises(InvalidInput, match=r"walk.json: expected a gait that the verifier accepted, this one it rej"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"walk.json: expected a gait that the verifier accepted, this one it rej",
+    ):
         AcceptedGait.from_file(path)
     write_trajectory(path, gait.trajectory, gait.report)
     path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
@@ -92,15 +102,23 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(gait:
 
 def test_feet_that_stick_are_in_no_world(accepted: AcceptedGait) -> None:
     sticky = replace(accepted.trajectory, adhesive=np.arange(6) < 2)
-    with pytest.raises(InvalidInput, match=r"this one cannot: no world has feet that stick, as \w+, \w+ do"):
+    with pytest.raises(
+        InvalidInput, match=r"this one cannot: no world has feet that stick, as \w+, \w+ do"
+    ):
         AcceptedGait.verified(sticky, "walk")
 
 
 @pytest.mark.parametrize(
     ("servo", "why"),
     [
-        (Servo(velocity_rad_s=0.8), r"gait: joint ..*: it would take .* times the velocity that it may have"),
-        (Servo(torque_nm=2.0), r"motion: .* s, joint .*: .* Nm at rest, expected less than 0.9 of its 2 Nm"),
+        (
+            Servo(velocity_rad_s=0.8),
+            r"gait: joint ..*: it would take .* times the velocity that it may have",
+        ),
+        (
+            Servo(torque_nm=2.0),
+            r"motion: .* s, joint .*: .* Nm at rest, expected less than 0.9 of its 2 Nm",
+        ),
         (Servo(lower_rad=(-1.9, -1.8, -2.6, 1.7)), r"its foot stays .* mm from where it should be"),
     ],
 )

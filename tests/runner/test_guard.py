@@ -1,4 +1,5 @@
-"""The guard around every world: what gets through, what stops it, and that nothing is sent after a stop."""
+"""The guard around every world: what gets through, what stops it, and that nothing is sent after a
+stop."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ START = np.tile([0.0, 0.3, 0.0, 1.2], 6)
 POSE = np.array([0.0, 0.0, 0.2]), np.eye(3)
 
 
-def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = PATIENT, **options: object) -> SafeWorld:
+def guarded(
+    world: MemoryWorld, *, dry: bool = False, limits: Limits = PATIENT, **options: object
+) -> SafeWorld:
     safe = SafeWorld(world, dry=dry, limits=limits, **options)  # type: ignore[arg-type]
     safe.reset((), START, *POSE)
     if not dry:
@@ -31,7 +34,9 @@ def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = PATIENT, 
 
 
 @given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=24, max_size=24), min_size=1, max_size=6))
-def test_whatever_is_asked_for_stays_within_positions_velocities_and_steps(asked: list[list[float]]) -> None:
+def test_whatever_is_asked_for_stays_within_positions_velocities_and_steps(
+    asked: list[list[float]],
+) -> None:
     world = MemoryWorld()
     limits = replace(PATIENT, margin_rad=0.1, velocity_share=0.5, step_rad=0.015, path_rad=10.0)
     safe = guarded(world, limits=limits)
@@ -69,7 +74,9 @@ def test_a_command_that_is_no_number_is_refused_and_stops(wrong: float) -> None:
     safe = guarded(world)
     asked = START.copy()
     asked[5] = wrong
-    with pytest.raises(Stopped, match=rf"command refused: expected 24 finite targets, got {wrong} for LM_hip"):
+    with pytest.raises(
+        Stopped, match=rf"command refused: expected 24 finite targets, got {wrong} for LM_hip"
+    ):
         safe.step(asked)
     for _ in range(3):
         with pytest.raises(Stopped):
@@ -90,10 +97,12 @@ def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     for k in range(1, 11):
         safe.step(START + 0.02 * k * (np.arange(24) == 7))
     with pytest.raises(
-        Stopped, match=r"joint LM_knee: 0.220 rad from where it was sent, more than 0.11 rad for 0.05 s$"
+        Stopped,
+        match=r"joint LM_knee: 0.220 rad from where it was sent, more than 0.11 rad for 0.05 s$",
     ):
         safe.step(START + 0.22 * (np.arange(24) == 7))
-    # .12 rad in step 6 is the first beyond; five periods of 10 ms are not longer than .05 s, six are
+    # .12 rad in step 6 is the first beyond; five periods of 10 ms are not longer than .05 s, six
+    # are
     assert len(world.commands) == 11
 
 
@@ -107,16 +116,22 @@ def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
         for k in range(1, 20):
             safe.step(START + k * turned)
 
-    with pytest.raises(Stopped, match=r"for 0.05 s; no joint has moved at all: does the robot take commands\?"):
+    with pytest.raises(
+        Stopped, match=r"for 0.05 s; no joint has moved at all: does the robot take commands\?"
+    ):
         moved()
 
 
 @pytest.mark.parametrize("share", [2, 3])
-def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_that_it_does(share: int) -> None:
+def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_that_it_does(
+    share: int,
+) -> None:
     world = MemoryWorld()
     safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     world.stuck, count = [7], iter(range(1000))
-    world.spoil = lambda state: replace(state, angles_rad=state.sent_rad) if next(count) % share == 0 else state
+    world.spoil = lambda state: (
+        replace(state, angles_rad=state.sent_rad) if next(count) % share == 0 else state
+    )
 
     def moved() -> None:
         for k in range(1, 80):
@@ -130,13 +145,17 @@ def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop() -> No
     world = MemoryWorld()
     safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     count = iter(range(1000))
-    world.spoil = lambda state: replace(state, angles_rad=state.sent_rad + 0.2) if next(count) % 4 == 0 else state
+    world.spoil = lambda state: (
+        replace(state, angles_rad=state.sent_rad + 0.2) if next(count) % 4 == 0 else state
+    )
     for _ in range(100):
         safe.step(START)
     assert safe.sent == 100
 
 
-def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_report_says_why() -> None:
+def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_report_says_why() -> (
+    None
+):
     world = MemoryWorld()
     safe = guarded(world)
     safe.step(START)
@@ -162,7 +181,9 @@ def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
     world = MemoryWorld()
     safe = guarded(world)
     world.spoil = lambda state: replace(state, angles_rad=np.full(24, np.nan))
-    with pytest.raises(HardwareFault, match="expected finite measurements, got others in angles_rad"):
+    with pytest.raises(
+        HardwareFault, match="expected finite measurements, got others in angles_rad"
+    ):
         safe.step(START)
     assert safe.latch.tripped
 
@@ -172,12 +193,30 @@ def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
     [
         (lambda state: None, r"expected a State, got None"),
         (vars, r"expected a State, got \{"),
-        (lambda state: replace(state, angles_rad=state.angles_rad[:-1]), r"expected shape \(24,\) of angles_rad, got"),
-        (lambda state: replace(state, forces_n=np.zeros(18)), r"expected shape \(6, 3\) of forces_n, got \(18,\)"),
-        (lambda state: replace(state, rotation=None), r"expected (numbers in|shape \(3, 3\) of) rotation, got"),
-        (lambda state: replace(state, sent_rad=["x"] * 24), r"expected numbers in sent_rad, got others"),
-        (lambda state: replace(state, torques_nm=[[0.0], [0.0, 1.0]]), r"expected numbers in torques_nm, got others"),
-        (lambda state: replace(state, time_s=np.inf), r"expected finite measurements, got others in time_s"),
+        (
+            lambda state: replace(state, angles_rad=state.angles_rad[:-1]),
+            r"expected shape \(24,\) of angles_rad, got",
+        ),
+        (
+            lambda state: replace(state, forces_n=np.zeros(18)),
+            r"expected shape \(6, 3\) of forces_n, got \(18,\)",
+        ),
+        (
+            lambda state: replace(state, rotation=None),
+            r"expected (numbers in|shape \(3, 3\) of) rotation, got",
+        ),
+        (
+            lambda state: replace(state, sent_rad=["x"] * 24),
+            r"expected numbers in sent_rad, got others",
+        ),
+        (
+            lambda state: replace(state, torques_nm=[[0.0], [0.0, 1.0]]),
+            r"expected numbers in torques_nm, got others",
+        ),
+        (
+            lambda state: replace(state, time_s=np.inf),
+            r"expected finite measurements, got others in time_s",
+        ),
     ],
 )
 def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
@@ -193,19 +232,29 @@ def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
     ("attribute", "value", "said"),
     [
         ("name", 3, "world: name: expected 1 to 200 printable letters, got 3"),
-        ("kind", "toy", "world memory: kind: expected one of simulation, recording, hardware, got 'toy'"),
+        (
+            "kind",
+            "toy",
+            "world memory: kind: expected one of simulation, recording, hardware, got 'toy'",
+        ),
         ("latch", None, "world memory: latch: expected a StopLatch, got None"),
         ("robot", "hexapod", "world memory: robot: expected a Robot, got 'hexapod'"),
         ("servo", {}, "world memory: servo: expected a Servo, got {}"),
         ("rate_hz", 0.0, "world memory: rate_hz: expected a number above 0, got 0"),
         ("rate_hz", "fast", "world memory: rate_hz: expected numbers of shape (), got 'fast'"),
         ("joints", [1, 2], "world memory: joints: expected a tuple of names, got [1, 2]"),
-        ("joints", ("a", "b"), "world memory: capabilities: expected those of its joints, got others'"),
+        (
+            "joints",
+            ("a", "b"),
+            "world memory: capabilities: expected those of its joints, got others'",
+        ),
         ("capabilities", 7, "world memory: capabilities: expected a WorldCapabilities, got 7"),
         ("step", None, "world memory: expected the verb step, got none"),
     ],
 )
-def test_an_object_that_is_no_world_is_refused_in_one_line(attribute: str, value: Any, said: str) -> None:
+def test_an_object_that_is_no_world_is_refused_in_one_line(
+    attribute: str, value: Any, said: str
+) -> None:
     world = MemoryWorld()
     setattr(world, attribute, value)
     with pytest.raises(InvalidInput, match=f"^{re.escape(said)}$"):
@@ -256,7 +305,9 @@ def test_a_stop_source_is_asked_before_every_command() -> None:
     assert len(world.commands) == 1
 
 
-@pytest.mark.parametrize(("ending", "armed", "torque"), [("hold", False, True), ("torque-off", False, False)])
+@pytest.mark.parametrize(
+    ("ending", "armed", "torque"), [("hold", False, True), ("torque-off", False, False)]
+)
 def test_a_robot_is_left_as_was_asked_for(ending: str, armed: bool, torque: bool) -> None:
     world = MemoryWorld()
     safe = guarded(world)
@@ -289,7 +340,10 @@ def test_a_device_that_cannot_be_relaxed_is_left_to_its_own_watchdog() -> None:
     safe = guarded(world)
     world.relax = lambda: silent(world)  # type: ignore[method-assign]
     ended = end(safe, "torque-off", None, 1.0)
-    assert (ended.left, ended.message) == ("left to the device", "memory: LF_knee (id 4): no answer")
+    assert (ended.left, ended.message) == (
+        "left to the device",
+        "memory: LF_knee (id 4): no answer",
+    )
 
 
 def test_a_world_is_an_actuator_by_what_it_can_do() -> None:

@@ -1,4 +1,5 @@
-"""The heartbeat monitor: what it does for a host that is killed or stands still, and when it does nothing."""
+"""The heartbeat monitor: what it does for a host that is killed or stands still, and when it does
+nothing."""
 
 from __future__ import annotations
 
@@ -53,10 +54,14 @@ def until(true: Callable[[], bool], limit_s: float) -> float:
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(ros: Literal[1, 2], number: signal.Signals) -> None:
+def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(
+    ros: Literal[1, 2], number: signal.Signals
+) -> None:
     with RosBridge(JOINTS, START, ros=ros) as bridge:
         arguments = [str(bridge.port), str(ros), str(LIMIT_S)]
-        host = subprocess.Popen([sys.executable, "-c", HOST, *arguments], stderr=subprocess.PIPE, text=True)
+        host = subprocess.Popen(
+            [sys.executable, "-c", HOST, *arguments], stderr=subprocess.PIPE, text=True
+        )
         try:
             until(lambda: bridge.state()["position_rad"][0] > 0.1, 30.0)  # on its way, and beating
             before = commands(bridge).count("cancel")  # of the probe
@@ -71,7 +76,11 @@ def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(ros: Literal[1
             host.send_signal(signal.SIGCONT)
             host.kill()
             said = host.communicate()[1]
-        why = "the host is gone" if number == signal.SIGKILL else f"the host was silent for {LIMIT_S:g} s"
+        why = (
+            "the host is gone"
+            if number == signal.SIGKILL
+            else f"the host was silent for {LIMIT_S:g} s"
+        )
         assert (
             f"stancekit: heartbeat monitor: {why}: a cancel was sent for all goals of /joint_trajectory_controller"
             in said
@@ -93,13 +102,18 @@ def test_it_cancels_nothing_while_the_host_beats_or_rests_or_takes_its_leave() -
         assert monitor.gone() is None
 
 
-def test_for_servos_it_opens_nothing_and_says_who_stops_them(capfd: pytest.CaptureFixture[str]) -> None:
+def test_for_servos_it_opens_nothing_and_says_who_stops_them(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     with HeartbeatMonitor(0.1) as monitor:
         monitor.beat()
         until(lambda: monitor.gone() is not None, 5.0)
         assert monitor.gone() == "the heartbeat monitor is gone"
         monitor.beat()  # to nobody
-    assert capfd.readouterr().err == f"stancekit: heartbeat monitor: the host was silent for 0.1 s: {BUS}\n"
+    assert (
+        capfd.readouterr().err
+        == f"stancekit: heartbeat monitor: the host was silent for 0.1 s: {BUS}\n"
+    )
 
 
 def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
@@ -114,7 +128,9 @@ def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
     assert latch.reason == "the heartbeat monitor is gone"
 
 
-def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
+def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> (
+    None
+):
     def beaten() -> bool:
         monitor.beat()
         return monitor.gone() is not None
@@ -148,7 +164,9 @@ def test_a_close_that_finds_no_room_or_no_reader_ends_the_monitor_all_the_same(
     assert capfd.readouterr().err == ""
 
 
-def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     began = subprocess.Popen
 
@@ -174,7 +192,10 @@ def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.Mon
     with RosBridge(JOINTS, START) as bridge:
         setup = same_names(JOINTS, port=bridge.port)
         lost = RosLink(setup.host, setup.port, setup.timeout_s)  # never opened, so of no use
-        assert _cancelled(setup, lost) == "a cancel was sent for all goals of /joint_trajectory_controller"
+        assert (
+            _cancelled(setup, lost)
+            == "a cancel was sent for all goals of /joint_trajectory_controller"
+        )
         assert commands(bridge).count("cancel") == ROUNDS
     assert [link.ros for link in links] == [None]
 
@@ -182,5 +203,8 @@ def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.Mon
 def test_where_no_rosbridge_is_it_does_not_begin() -> None:
     with RosBridge(JOINTS, START) as bridge:
         port = bridge.port
-    with pytest.raises(InvalidInput, match=f"heartbeat monitor: rosbridge ws://127.0.0.1:{port}: expected a rosbridge"):
+    with pytest.raises(
+        InvalidInput,
+        match=f"heartbeat monitor: rosbridge ws://127.0.0.1:{port}: expected a rosbridge",
+    ):
         HeartbeatMonitor(1.0, same_names(JOINTS, port=port)).__enter__()

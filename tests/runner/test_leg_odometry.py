@@ -1,4 +1,5 @@
-"""Leg odometry against the poses that joints were found for, and against a world that measures the body."""
+"""Leg odometry against the poses that joints were found for, and against a world that measures the
+body."""
 
 from __future__ import annotations
 
@@ -32,13 +33,23 @@ def state_of(angles: np.ndarray) -> State:
     """Joints alone."""
     nothing = np.zeros((6, 3))
     return State(
-        time_s=0.0, position_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6), angles_rad=angles,
-        rates_rad_s=np.zeros(24), torques_nm=np.zeros(24), feet_m=nothing, forces_n=nothing, bump_n=0.0,
+        time_s=0.0,
+        position_m=np.zeros(3),
+        rotation=np.eye(3),
+        velocity=np.zeros(6),
+        angles_rad=angles,
+        rates_rad_s=np.zeros(24),
+        torques_nm=np.zeros(24),
+        feet_m=nothing,
+        forces_n=nothing,
+        bump_n=0.0,
         sent_rad=angles,
-    )  # fmt: skip
+    )
 
 
-def test_joints_that_go_where_they_are_sent_say_where_the_body_is(step: Callable[[str], Plan]) -> None:
+def test_joints_that_go_where_they_are_sent_say_where_the_body_is(
+    step: Callable[[str], Plan],
+) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
     targets = joint_profile(PlanMotion(step("walls")), kinematics).targets
     record = Record(pairs=[(target, state_of(target.angles_rad)) for target in targets])
@@ -51,7 +62,9 @@ def test_joints_that_go_where_they_are_sent_say_where_the_body_is(step: Callable
     assert odometry_error_m(record, kinematics) < 5e-4
 
 
-def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(step: Callable[[str], Plan]) -> None:
+def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(
+    step: Callable[[str], Plan],
+) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
     targets = joint_profile(PlanMotion(step("walls")), kinematics).targets[:20]
     sunk = np.array([0.0, 0.0, -0.01])
@@ -82,25 +95,36 @@ def test_it_says_what_a_world_measures_where_a_blind_run_goes(step: Callable[[st
     wanted = np.array([target.origin_m for target, _ in kept.pairs])
     assert np.linalg.norm(origins - measured, axis=1).max() < 0.005
     assert np.linalg.norm(measured - wanted, axis=1).max() > 1e-4
-    shorter = Record(pairs=[(target, replace(state, angles_rad=target.angles_rad)) for target, state in kept.pairs[:5]])
+    shorter = Record(
+        pairs=[
+            (target, replace(state, angles_rad=target.angles_rad))
+            for target, state in kept.pairs[:5]
+        ]
+    )
     assert odometry_error_m(shorter, prepared.kinematics) < 5e-4
 
 
 @pytest.fixture(scope="module")
 def climbed() -> dict[bool, RunReport]:
-    """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they and the feet say fed
-    back."""
-    outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=3)))
+    """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they
+    and the feet say fed back."""
+    outcome = with_whole_body(
+        plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=3))
+    )
     assert outcome.solution is not None
 
     def run(odometry: bool) -> RunReport:
-        settings = RunSettings(check_limits=False, blind=True, odometry=odometry, timing=Timing().at_pace(2.0))
+        settings = RunSettings(
+            check_limits=False, blind=True, odometry=odometry, timing=Timing().at_pace(2.0)
+        )
         return simulate(outcome.solution, settings=settings)
 
     return {odometry: run(odometry) for odometry in (False, True)}
 
 
-def test_fed_back_it_keeps_the_body_nearer_to_its_plan_than_joints_alone(climbed: dict[bool, RunReport]) -> None:
+def test_fed_back_it_keeps_the_body_nearer_to_its_plan_than_joints_alone(
+    climbed: dict[bool, RunReport],
+) -> None:
     alone, fed = climbed[False].execution, climbed[True].execution
     assert climbed[False].succeeded
     assert climbed[True].succeeded

@@ -1,4 +1,5 @@
-"""The log: what is written comes back, whatever ends the writer, and nothing else is taken for a log."""
+"""The log: what is written comes back, whatever ends the writer, and nothing else is taken for a
+log."""
 
 from __future__ import annotations
 
@@ -20,11 +21,22 @@ from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_j
 from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld
 
-PLAN: dict[str, Any] = {"format": FORMAT, "digest": "d", "course": "walls", "joints": ["a"], "rate_hz": 100.0}
+PLAN: dict[str, Any] = {
+    "format": FORMAT,
+    "digest": "d",
+    "course": "walls",
+    "joints": ["a"],
+    "rate_hz": 100.0,
+}
 
 
 def command(k: int) -> dict[str, Any]:
-    return {"time_s": 0.01 * k, "asked_rad": np.arange(24) + k, "sent_rad": np.zeros(24), "planned_rad": [0.0] * 24}
+    return {
+        "time_s": 0.01 * k,
+        "asked_rad": np.arange(24) + k,
+        "sent_rad": np.zeros(24),
+        "planned_rad": [0.0] * 24,
+    }
 
 
 def test_messages_come_back_in_order_and_the_file_is_whole(tmp_path: Path) -> None:
@@ -36,8 +48,10 @@ def test_messages_come_back_in_order_and_the_file_is_whole(tmp_path: Path) -> No
     recorded = read_log(path)
     assert recorded.whole
     assert [(message.topic, message.time_ns) for message in recorded.messages] == [
-        ("plan", 5), ("command", 6), ("decision", 7),
-    ]  # fmt: skip
+        ("plan", 5),
+        ("command", 6),
+        ("decision", 7),
+    ]
     assert recorded.of("plan") == [PLAN]
     assert recorded.of("command")[0]["asked_rad"] == list(range(1, 25))
 
@@ -56,8 +70,9 @@ def test_the_index_of_the_file_is_one_that_other_readers_take(tmp_path: Path) ->
             if schema is not None
         ]
     assert [row[:3] for row in found] == [
-        ("stancekit.plan", "jsonschema", "plan"), ("stancekit.command", "jsonschema", "command"),
-    ]  # fmt: skip
+        ("stancekit.plan", "jsonschema", "plan"),
+        ("stancekit.command", "jsonschema", "command"),
+    ]
     assert found[0][3] == PLAN
 
 
@@ -69,7 +84,11 @@ def test_every_topic_has_a_schema_that_names_its_keys(tmp_path: Path) -> None:
     with McapLog(path) as log:
         log.write("plan", PLAN)
     with open(path, "rb") as stream:
-        schemas = {r.name: json.loads(r.data) for r in StreamReader(stream).records if isinstance(r, Schema)}
+        schemas = {
+            r.name: json.loads(r.data)
+            for r in StreamReader(stream).records
+            if isinstance(r, Schema)
+        }
     assert {name: set(schema["required"]) for name, schema in schemas.items()} == {
         f"stancekit.{topic}": set(keys) for topic, keys in TOPICS.items()
     }
@@ -103,7 +122,9 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path: Path) -> None:
         "    log.write('decision', {'what': 'go', 'why': str(k)})\n"
         "    print(k, flush=True)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True) as writer:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True
+    ) as writer:
         assert writer.stdout is not None
         said = [int(writer.stdout.readline()) for _ in range(200)]
         os.kill(writer.pid, signal.SIGKILL)
@@ -151,7 +172,9 @@ def test_a_kill_before_any_call_leaves_the_older_log_or_the_new_one(tmp_path: Pa
 
 
 @pytest.mark.parametrize("older", [b"", b"an older log"])
-def test_a_disk_that_is_full_ends_the_log_once_and_what_was_written_stays(tmp_path: Path, older: bytes) -> None:
+def test_a_disk_that_is_full_ends_the_log_once_and_what_was_written_stays(
+    tmp_path: Path, older: bytes
+) -> None:
     path = tmp_path / "run.mcap"
 
     def write() -> int:
@@ -181,7 +204,10 @@ def test_two_runs_do_not_write_one_log(tmp_path: Path) -> None:
     for _ in range(2):  # in its own place, then beside an older one
         with McapLog(path) as log:
             log.write("plan", PLAN)
-            with McapLog(path) as other, pytest.raises(InvalidInput, match="expected a log of its own, another run"):
+            with (
+                McapLog(path) as other,
+                pytest.raises(InvalidInput, match="expected a log of its own, another run"),
+            ):
                 other.write("plan", PLAN)
             log.write("decision", {"what": "go", "why": "on"})
         assert len(read_log(path).messages) == 2

@@ -24,13 +24,31 @@ def drives() -> Drives:
 def state(sent: Array, angles: Array, rates: Array) -> State:
     no, still = np.zeros(3), np.zeros(6)
     return State(
-        time_s=0.0, position_m=no, rotation=np.eye(3), velocity=still, angles_rad=angles, rates_rad_s=rates,
-        torques_nm=angles, feet_m=np.zeros((6, 3)), forces_n=np.zeros((6, 3)), bump_n=0.0, sent_rad=sent,
-    )  # fmt: skip
+        time_s=0.0,
+        position_m=no,
+        rotation=np.eye(3),
+        velocity=still,
+        angles_rad=angles,
+        rates_rad_s=rates,
+        torques_nm=angles,
+        feet_m=np.zeros((6, 3)),
+        forces_n=np.zeros((6, 3)),
+        bump_n=0.0,
+        sent_rad=sent,
+    )
 
 
-def found(loops: LoopStiffness, of: Drives, share: float, *, seconds: float, felt: bool = True, air: int = 0) -> float:
-    """What is found of loops of this share; joints in the air, the first so many, say the contrary."""
+def found(
+    loops: LoopStiffness,
+    of: Drives,
+    share: float,
+    *,
+    seconds: float,
+    felt: bool = True,
+    air: int = 0,
+) -> float:
+    """What is found of loops of this share; joints in the air, the first so many, say the
+    contrary."""
     rng, stand = np.random.default_rng(2), np.arange(len(of.joints)) >= air
     for _ in range(round(seconds / PERIOD_S)):
         torque, rates = rng.normal(size=(2, len(stand))) * [[3.0], [0.5]]
@@ -54,10 +72,14 @@ def test_forces_that_are_felt_late_say_little_at_first() -> None:
     of = drives()
     loops = LoopStiffness(of, PERIOD_S, 5.0)
     assert found(loops, of, 1.0, seconds=0.02, felt=False) > 0.85
-    assert found(loops, of, 1.0, seconds=10.0, felt=False) == pytest.approx(1.0 / FARTHEST, abs=0.02)
+    assert found(loops, of, 1.0, seconds=10.0, felt=False) == pytest.approx(
+        1.0 / FARTHEST, abs=0.02
+    )
 
 
 def test_nothing_is_found_of_loops_that_are_not_asked_or_not_known() -> None:
     of = drives()
     assert found(LoopStiffness(of, PERIOD_S, 0.0), of, 0.7, seconds=1.0) == 1.0
-    assert found(LoopStiffness(replace(of, yields=False), PERIOD_S, 5.0), of, 0.7, seconds=1.0) == 1.0
+    assert (
+        found(LoopStiffness(replace(of, yields=False), PERIOD_S, 5.0), of, 0.7, seconds=1.0) == 1.0
+    )

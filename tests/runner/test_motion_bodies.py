@@ -40,7 +40,9 @@ def targets(plan: Plan) -> list[Target]:
     return undisturbed(PlanMotion(plan), Kinematics(plan.problem.robot))
 
 
-def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targets: list[Target]) -> None:
+def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(
+    targets: list[Target],
+) -> None:
     chosen = list(spaced(targets))
     assert chosen[0] is targets[0]
     assert chosen[-1] is targets[-1]
@@ -51,7 +53,9 @@ def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targe
     assert len(chosen) < len(targets) / 3
 
 
-def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(plan: Plan, targets: list[Target]) -> None:
+def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(
+    plan: Plan, targets: list[Target]
+) -> None:
     """The motion moves the middles of round feet; a plan's toes are the points that touch."""
     first = postures(targets[:1], Kinematics(plan.problem.robot))
     np.testing.assert_allclose(first.toes_m[0], plan.toes_at(0), atol=1e-9)
@@ -59,7 +63,8 @@ def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(plan
 
 
 def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
-    """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2 mm, joints to 1°."""
+    """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2
+    mm, joints to 1°."""
     solver = Kinematics(plan.problem.robot)
     whole = with_joints(plan, solver)
     motion = PlanMotion(whole)
@@ -91,11 +96,17 @@ def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan)
     assert shift < 0.015
     assert 0.0 < report.group("motion").figures["worst"]["frame"] <= plan.problem.frames - 1
     assert check_plan(whole, joints=True).group("motion").verdict == "holds"
-    with pytest.raises(InvalidInput, match=r"sign: expected a plan that the verifier accepts, .* bodies collide"):
+    with pytest.raises(
+        InvalidInput, match=r"sign: expected a plan that the verifier accepts, .* bodies collide"
+    ):
         Accepted.verified(lit, "sign")
     runner = Runner(MemoryWorld())
-    wanted = "sign: expected a motion in which no bodies collide: frame .*: body is .* mm inside patch "
-    with pytest.raises(InvalidInput, match=wanted):  # a plan without angles: the runner chooses them
+    wanted = (
+        "sign: expected a motion in which no bodies collide: frame .*: body is .* mm inside patch "
+    )
+    with pytest.raises(
+        InvalidInput, match=wanted
+    ):  # a plan without angles: the runner chooses them
         runner.prepare(Accepted.verified(bare, "sign"))
     accepted = Accepted.verified(whole, "stairs")
     assert accepted.digest == check_plan(whole, joints=True).digest  # of all groups

@@ -26,7 +26,9 @@ def test_the_worst_load_is_that_on_the_way_and_not_at_the_end() -> None:
 def test_peaks_means_and_shares_are_those_of_the_torques() -> None:
     times = np.arange(0.0, 10.0, 0.01)
     torques = np.stack([4.0 * np.sin(2 * np.pi * times), np.full_like(times, -1.0)], axis=1)
-    needs = JointNeeds.of(("a", "b"), (SERVO, ActuatorModel(stall_nm=5.0, no_load_rad_s=1.0)), torques, 0.01)
+    needs = JointNeeds.of(
+        ("a", "b"), (SERVO, ActuatorModel(stall_nm=5.0, no_load_rad_s=1.0)), torques, 0.01
+    )
     assert needs.peak_nm == pytest.approx([4.0, 1.0], rel=1e-3)
     assert needs.rms_nm == pytest.approx([4.0 / np.sqrt(2.0), 1.0], rel=1e-6)
     assert needs.share_of_stall == pytest.approx([0.4, 0.2], rel=1e-3)

@@ -17,7 +17,8 @@ from stancekit.runner.control.tracker import Tracker
 
 
 def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Array, Array]:
-    """Joint targets with pressing less those without, after forces were missing: of those that are asked for a half.
+    """Joint targets with pressing less those without, after forces were missing: of those that are
+    asked for a half.
 
     deaf: the foot that feels nothing. settings: of the pressing.
     """

@@ -1,4 +1,5 @@
-"""The choice of postures along a motion: optimal, continuous, the same at every pace, and possible where feet go."""
+"""The choice of postures along a motion: optimal, continuous, the same at every pace, and possible
+where feet go."""
 
 from __future__ import annotations
 
@@ -23,7 +24,14 @@ from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, Continued, RedundancyResolution, _cheapest
+from stancekit.runner.motion.redundancy import (
+    JUMP_RAD,
+    LEFT,
+    TURNED,
+    Continued,
+    RedundancyResolution,
+    _cheapest,
+)
 from stancekit.runner.motion.time_parametrization import joint_profile
 
 
@@ -55,7 +63,10 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
 
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
     kinematics = Kinematics(plan.problem.robot)
-    fast, slow = (RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
+    fast, slow = (
+        RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics)
+        for pace in (1.0, 0.5)
+    )
     for time_s in np.linspace(0.0, PlanMotion(plan).duration_s, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
 
@@ -77,13 +88,16 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
 
 
 def twisted(plan: Plan) -> Plan:
-    """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the straight line."""
+    """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the
+    straight line."""
     joints = np.array([answer.angles for answer in plan_angles(plan)])
     joints[1, 5:7] += [-2.0, 2.0]
     return replace(plan, joints_rad=joints)
 
 
-def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stands_as_planned(plan: Plan) -> None:
+def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stands_as_planned(
+    plan: Plan,
+) -> None:
     kinematics = Kinematics(plan.problem.robot)
     motion = PlanMotion(twisted(plan))
     own = JointPath(motion.path, kinematics).postures(motion.moments(motion.knots_s)).angles
@@ -100,7 +114,9 @@ def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stan
 def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stancekit.planners.motion.joints.STRAY_M", -1.0)  # as if no limb followed its foot's path
+    monkeypatch.setattr(
+        "stancekit.planners.motion.joints.STRAY_M", -1.0
+    )  # as if no limb followed its foot's path
     kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
     path = JointPath(motion.path, kinematics)
     moments = motion.moments(motion.knots_s)
@@ -128,7 +144,9 @@ def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("index", [2, 3, 4])
-def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_smoothly(index: int) -> None:
+def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_smoothly(
+    index: int,
+) -> None:
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
     plan = TwoStageCoursePlanner().solve(course).solution
     assert plan is not None

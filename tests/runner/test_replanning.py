@@ -1,4 +1,5 @@
-"""What is tried where a course has no plan from where the robot stands, with planners that refuse as they are told."""
+"""What is tried where a course has no plan from where the robot stands, with planners that refuse
+as they are told."""
 
 from __future__ import annotations
 
@@ -30,11 +31,17 @@ def standing() -> Standing:
     plan = PLANNER.solve(COURSE).solution
     assert plan is not None
     patches = tuple(plan.problem.patch(int(index), plan.choice) for index in plan.problem.holds[0])
-    return Standing(com_m=plan.com_m[0], rotation_rad=plan.rotation_rad[0], toes_m=plan.toes_at(0), patches=patches)
+    return Standing(
+        com_m=plan.com_m[0],
+        rotation_rad=plan.rotation_rad[0],
+        toes_m=plan.toes_at(0),
+        patches=patches,
+    )
 
 
 class Unless:
-    """Solves windows but those that a condition refuses; ``seen``: all lifts that it was asked for."""
+    """Solves windows but those that a condition refuses; ``seen``: all lifts that it was asked
+    for."""
 
     def __init__(self, refuses: Callable[[Problem], bool]) -> None:
         self.refuses, self.seen = refuses, list[tuple[tuple[str, ...], ...]]()
@@ -49,17 +56,23 @@ class Unless:
 def replanner(planner: Unless) -> tuple[Replanner, list[str]]:
     decided = list[str]()
     runner: Any = SimpleNamespace(
-        settings=RunSettings(), state=None, decide=lambda what, why: decided.append(f"{what}: {why}")
+        settings=RunSettings(),
+        state=None,
+        decide=lambda what, why: decided.append(f"{what}: {why}"),
     )
     friction: Any = SimpleNamespace(interval=SimpleNamespace(share=1.0, planned_on=1.0, slides=0))
-    return Replanner(COURSE, lambda observation: planner, LoopSettings(shares=(1.0,)), runner, friction), decided
+    return Replanner(
+        COURSE, lambda observation: planner, LoopSettings(shares=(1.0,)), runner, friction
+    ), decided
 
 
 def lifted(plan: Plan) -> list[int]:
     return [len(names) for names in plan.problem.lifts]
 
 
-def test_where_three_feet_together_cannot_be_lifted_one_after_the_other_is(standing: Standing) -> None:
+def test_where_three_feet_together_cannot_be_lifted_one_after_the_other_is(
+    standing: Standing,
+) -> None:
     planner = Unless(lambda course: len(course.lifts[1]) > 1)
     planning, decided = replanner(planner)
     plan = planning.plan(0, standing).plan

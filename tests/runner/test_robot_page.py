@@ -1,4 +1,5 @@
-"""The page that takes somebody from simulation to servos: its course can be planned, its code runs, its keys exist."""
+"""The page that takes somebody from simulation to servos: its course can be planned, its code runs,
+its keys exist."""
 
 import json
 import re
@@ -62,14 +63,25 @@ def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
     command = [sys.executable, "-m", "stancekit.cli.main"]
     (snippet,) = (text for language, text in found if language == "python")
     exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
-    words = [*command, *shlex.split(lines[0], comments=True)[1:], "--port", "0"]  # 9090 may be somebody else's
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
+    words = [
+        *command,
+        *shlex.split(lines[0], comments=True)[1:],
+        "--port",
+        "0",
+    ]  # 9090 may be somebody else's
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as emulator:
         assert emulator.stdin is not None
         assert emulator.stdout is not None
         port = json.loads(emulator.stdout.readline())["port"]
-        Path("ros.yaml").write_text(Path("ros.yaml").read_text().replace("port: 9090", f"port: {port}"))
+        Path("ros.yaml").write_text(
+            Path("ros.yaml").read_text().replace("port: 9090", f"port: {port}")
+        )
         for line in lines[1:]:
-            done = subprocess.run([*command, *shlex.split(line, comments=True)[1:]], capture_output=True, text=True)
+            done = subprocess.run(
+                [*command, *shlex.split(line, comments=True)[1:]], capture_output=True, text=True
+            )
             assert done.returncode == 0, f"{line}: {done.stdout}{done.stderr}"
         emulator.stdin.close()
         assert emulator.wait(20) == 0
@@ -78,13 +90,17 @@ def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
 def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:
     table = PAGE[PAGE.index("| key |") : PAGE.index("What to know about rosbridges")]
     message = {
-        key for row in table.splitlines()[2:] for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")
+        key
+        for row in table.splitlines()[2:]
+        for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")
     }
     assert message == {item.name for item in fields(RosSetup)} - {"format", "timeout_s"}
 
 
 def test_the_table_of_actuators_has_all_of_their_keys_and_its_file_is_read(tmp_path: Path) -> None:
-    rows = PAGE[PAGE.index("| of an actuator |") : PAGE.index("A run says what the plan needs")].splitlines()[2:]
+    rows = PAGE[
+        PAGE.index("| of an actuator |") : PAGE.index("A run says what the plan needs")
+    ].splitlines()[2:]
     said = {key for row in rows if row for key in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert said == {item.name for item in fields(ActuatorModel)}
     (text,) = (text for language, text in BLOCKS if language == "yml")

@@ -1,4 +1,5 @@
-"""A robot behind an emulated rosbridge as a world: streaming, and every way that it can go wrong."""
+"""A robot behind an emulated rosbridge as a world: streaming, and every way that it can go
+wrong."""
 
 from __future__ import annotations
 
@@ -38,7 +39,9 @@ def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_streamed_targets_are_followed_with_a_lag_of_the_lead_and_no_more(ros: Literal[1, 2]) -> None:
+def test_streamed_targets_are_followed_with_a_lag_of_the_lead_and_no_more(
+    ros: Literal[1, 2],
+) -> None:
     with armed(ros) as (bridge, world):
         speed, begin = 0.5, time.monotonic()
         for k in range(40):
@@ -46,14 +49,18 @@ def test_streamed_targets_are_followed_with_a_lag_of_the_lead_and_no_more(ros: L
         assert time.monotonic() - begin > 39 / world.rate_hz  # and more, where states came late
         lag_s = (state.sent_rad - state.angles_rad) / speed
         assert np.all(lag_s > 0.03)
-        assert np.all(lag_s < world.setup.lead_s + 3.0 / world.rate_hz + 0.04)  # the lead, the joints, and old news
+        assert np.all(
+            lag_s < world.setup.lead_s + 3.0 / world.rate_hz + 0.04
+        )  # the lead, the joints, and old news
         np.testing.assert_allclose(state.rates_rad_s, speed, atol=0.1)
         rested(bridge, world.setup.lead_s)
         assert commands(bridge) == ["stream"] * 41
         sent = [message["msg"] for message in bridge.received if message["op"] == "publish"]
         assert len(sent) == 41
         for message, (_, came_s) in zip(sent, bridge.log, strict=True):
-            stamp_s = stamp_of(message)  # the robot's clock, not this machine's, and no later than it came
+            stamp_s = stamp_of(
+                message
+            )  # the robot's clock, not this machine's, and no later than it came
             assert stamp_s is None or stamp_s < came_s + EPOCH_S + 0.01
         assert sum(stamp_of(message) is not None for message in sent) > 20
 
@@ -63,7 +70,12 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
         name: RosJoint(name=f"joint_{i}", direction=-1 if i % 2 else 1, offset_rad=0.01 * i)
         for i, name in enumerate(JOINTS)
     }
-    message = np.array([each.direction * a + each.offset_rad for each, a in zip(joints.values(), START, strict=True)])
+    message = np.array(
+        [
+            each.direction * a + each.offset_rad
+            for each, a in zip(joints.values(), START, strict=True)
+        ]
+    )
     names = [each.name for each in joints.values()]
     with emulated(names[::-1], message[::-1].tolist()) as bridge:
         with RosWorld(ROBOT, RosSetup(port=bridge.port, joints=joints)) as world:
@@ -72,7 +84,9 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
             for _ in range(20):
                 world.step(START + 0.1)
             turned = np.array(bridge.state()["position_rad"])[::-1] - message
-        np.testing.assert_allclose(turned, [0.1 * each.direction for each in joints.values()], atol=5e-3)
+        np.testing.assert_allclose(
+            turned, [0.1 * each.direction for each in joints.values()], atol=5e-3
+        )
 
 
 def test_targets_are_clipped_to_limits_and_speed_and_what_was_sent_comes_back() -> None:
@@ -92,15 +106,19 @@ def wave(world: RosWorld) -> None:
 
 
 def handed_over(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Every message that the world hands over to its connection from now on: none is on its way unseen."""
+    """Every message that the world hands over to its connection from now on: none is on its way
+    unseen."""
     ros, messages = world._robot.link.ros, list[object]()
     send = ros.send_on_ready
-    monkeypatch.setattr(ros, "send_on_ready", lambda message: (messages.append(message), send(message)))
+    monkeypatch.setattr(
+        ros, "send_on_ready", lambda message: (messages.append(message), send(message))
+    )
     return messages
 
 
 def rested(bridge: RosBridge, for_s: float) -> None:
-    """Wait until the robot has lived so long after the last command that came, however slow the machine is."""
+    """Wait until the robot has lived so long after the last command that came, however slow the
+    machine is."""
     while bridge.robot.now_s < bridge.log[-1][1] + for_s:
         time.sleep(0.01)
 
@@ -138,7 +156,9 @@ def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(
         time.sleep(0.1)
         assert len(handed) == sent
         assert len(commands(bridge)) <= 1 + sent  # the first armed it
-        np.testing.assert_allclose(bridge.state()["position_rad"], stopped["position_rad"], atol=1e-4)
+        np.testing.assert_allclose(
+            bridge.state()["position_rad"], stopped["position_rad"], atol=1e-4
+        )
         assert ("e-stop pressed" in str(fault.value)) == (kind == "e-stop")
 
 
@@ -149,8 +169,13 @@ def test_a_host_that_falls_silent_leaves_the_robot_at_rest_after_the_lead() -> N
         time.sleep(0.3)
         assert commands(bridge) == ["stream"] * 21
         last = bridge.log[-1][1]
-        np.testing.assert_allclose(bridge.state()["desired_rad"], START + 0.5 * 20 / world.rate_hz, atol=1e-9)
-        assert bridge.robot.path.begun_s + bridge.robot.path.times[-1] <= last + world.setup.lead_s + 0.02
+        np.testing.assert_allclose(
+            bridge.state()["desired_rad"], START + 0.5 * 20 / world.rate_hz, atol=1e-9
+        )
+        assert (
+            bridge.robot.path.begun_s + bridge.robot.path.times[-1]
+            <= last + world.setup.lead_s + 0.02
+        )
 
 
 @pytest.mark.parametrize("ros", [1, 2])
@@ -161,5 +186,8 @@ def test_relax_switches_the_controller_off_and_torque_on_again(ros: Literal[1, 2
         assert not bridge.state()["on"]
         world.torque(True)
         assert bridge.state()["on"]
-    with armed(ros) as (_, world), pytest.raises(HardwareFault, match="names no controller_manager; the robot holds"):
+    with (
+        armed(ros) as (_, world),
+        pytest.raises(HardwareFault, match="names no controller_manager; the robot holds"),
+    ):
         world.relax()

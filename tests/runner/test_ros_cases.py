@@ -1,4 +1,5 @@
-"""What went wrong behind a real ROS, on an emulator that is as unkind: each case with what is right."""
+"""What went wrong behind a real ROS, on an emulator that is as unkind: each case with what is
+right."""
 
 from __future__ import annotations
 
@@ -123,10 +124,7 @@ def test_after_a_stop_of_a_robot_that_is_heard_nothing_is_pending() -> None:
 def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
     estop: Any, rosapi: bool, how: Any, why: str
 ) -> None:
-    with (
-        emulated(ros=1, estop=estop, rosapi=rosapi) as bridge,
-        world_of(bridge) as world,
-    ):
+    with emulated(ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
         world.estop = how
         reset(world)
         world.torque(True)
@@ -151,10 +149,7 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
     ],
 )
 def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, why: str) -> None:
-    with (
-        emulated(ros=1, estop=estop, rosapi=rosapi) as bridge,
-        world_of(bridge) as world,
-    ):
+    with emulated(ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
         reset(world)
         with pytest.raises(InvalidInput, match=f"e-stop /e_stop: {why}"):
             world.torque(True)
@@ -170,10 +165,7 @@ def test_an_e_stop_that_loses_its_publisher_stops_the_robot() -> None:
 
 
 def test_an_e_stop_is_tried_by_pressing_and_releasing_it() -> None:
-    with (
-        emulated(ros=1, estop="regular", rosapi=False) as bridge,
-        world_of(bridge) as world,
-    ):
+    with emulated(ros=1, estop="regular", rosapi=False) as bridge, world_of(bridge) as world:
         world.estop = "try"
         reset(world)
         bridge.inject("e-stop", 0.2)

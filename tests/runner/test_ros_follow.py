@@ -1,4 +1,5 @@
-"""Whole trajectories as goals of an emulated robot: followed, refused, cancelled whatever happens."""
+"""Whole trajectories as goals of an emulated robot: followed, refused, cancelled whatever
+happens."""
 
 from __future__ import annotations
 
@@ -21,19 +22,29 @@ from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, comma
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_a_whole_trajectory_is_followed_with_feedback_and_ends_where_it_should(ros: Literal[1, 2]) -> None:
+def test_a_whole_trajectory_is_followed_with_feedback_and_ends_where_it_should(
+    ros: Literal[1, 2],
+) -> None:
     with armed(ros) as (bridge, world):
         states = list[State]()
-        end = world.run_trajectory(np.array([0.3, 0.6]), np.array([START + 0.1, START - 0.05]), states.append)
+        end = world.run_trajectory(
+            np.array([0.3, 0.6]), np.array([START + 0.1, START - 0.05]), states.append
+        )
         np.testing.assert_allclose(end.angles_rad, START - 0.05, atol=world.setup.goal_rad)
         assert max(state.angles_rad[0] for state in states) > 0.08
-        assert commands(bridge)[:3] == ["stream", "goal", "cancel"]  # the one that is cancelled to see that it can be
+        assert commands(bridge)[:3] == [
+            "stream",
+            "goal",
+            "cancel",
+        ]  # the one that is cancelled to see that it can be
         assert commands(bridge)[-1] == "goal"
         world.run_trajectory(np.array([0.2]), START[None, :])
         assert commands(bridge).count("goal") == 3
 
 
-def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_before_they_are_sent() -> None:
+def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_before_they_are_sent() -> (
+    None
+):
     with armed() as (bridge, world):
         for times, angles, why in (
             ([6.0], START + 0.1, r"expected up to 5 s \(alone_s\), got 6"),
@@ -80,7 +91,9 @@ def test_hold_from_another_thread_cancels_the_trajectory() -> None:
         ("e-stop", "e-stop pressed on /e_stop; it is cancelled"),
     ],
 )
-def test_a_trajectory_that_goes_wrong_is_a_fault_and_cancelled(ros: Literal[1, 2], kind: str, why: str) -> None:
+def test_a_trajectory_that_goes_wrong_is_a_fault_and_cancelled(
+    ros: Literal[1, 2], kind: str, why: str
+) -> None:
     with armed(ros) as (bridge, world):
         world.run_trajectory(np.array([0.1]), START[None, :])
         bridge.inject(kind, 0.0 if kind == "rejects goals" else 0.3)

@@ -1,4 +1,5 @@
-"""Measurements are judged: joints that jump, two publishers, a controller that follows somebody else."""
+"""Measurements are judged: joints that jump, two publishers, a controller that follows somebody
+else."""
 
 from __future__ import annotations
 

@@ -19,7 +19,10 @@ from stancekit.runner.worlds.ros.bridge import RosLink
     ("kind", "why"),
     [
         ("not json", "expected a rosbridge message, got one that cannot be read (JSONDecodeError"),
-        ("no operation", "expected a rosbridge message, got one that cannot be read (KeyError: 'op')"),
+        (
+            "no operation",
+            "expected a rosbridge message, got one that cannot be read (KeyError: 'op')",
+        ),
         ("status error", "it reported an error of its own: type of topic differs"),
         ("connection lost", "the connection is lost"),
     ],
@@ -55,7 +58,9 @@ def test_a_callback_that_fails_is_a_trouble_of_its_connection() -> None:
         link = RosLink("127.0.0.1", bridge.port, 3.0)
         link.open()
         try:
-            link.subscribe("/joint_states", "sensor_msgs/msg/JointState", lambda message: message["nothing"])
+            link.subscribe(
+                "/joint_states", "sensor_msgs/msg/JointState", lambda message: message["nothing"]
+            )
             end = time.monotonic() + 3.0
             while link.trouble() is None and time.monotonic() < end:
                 time.sleep(0.01)

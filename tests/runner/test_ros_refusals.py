@@ -18,7 +18,9 @@ from stancekit.runner.worlds.ros.setup import RosSetup, same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, commands, emulated, reset
 
 
-@pytest.mark.parametrize("kind", ["silent", "not json", "no operation", "null angle", "half a message", "e-stop"])
+@pytest.mark.parametrize(
+    "kind", ["silent", "not json", "no operation", "null angle", "half a message", "e-stop"]
+)
 def test_nonsense_and_silence_are_refused_in_one_line_before_any_motion(kind: str) -> None:
     assert kind in FAULTS
     with emulated() as bridge:
@@ -43,10 +45,14 @@ def test_joints_that_do_not_match_are_named() -> None:
     names = ["LF_jaw" if name == "LF_yaw" else name for name in JOINTS]
     with emulated(names, START) as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, **QUICK))
-        assert said.endswith("/joint_states: expected all joints, nothing of LF_yaw; other names there: LF_jaw")
+        assert said.endswith(
+            "/joint_states: expected all joints, nothing of LF_yaw; other names there: LF_jaw"
+        )
     with emulated(JOINTS[:-1], START[:-1], other=JOINTS[-1:]) as bridge:
         said = refused(same_names(JOINTS, port=bridge.port, **QUICK))
-        assert said.endswith(f"controller: expected the joints of the setup, they differ in {JOINTS[-1]}")
+        assert said.endswith(
+            f"controller: expected the joints of the setup, they differ in {JOINTS[-1]}"
+        )
 
 
 def test_a_controller_that_is_not_there_and_angles_beyond_limits_are_refused() -> None:
@@ -65,4 +71,6 @@ def test_a_rosbridge_that_is_absent_or_no_websocket_is_refused_in_one_line() -> 
         said = refused(same_names(JOINTS, port=port, **QUICK))
         assert said.startswith(f"rosbridge ws://127.0.0.1:{port}: expected a rosbridge, ")
         assert said.endswith("what answers there does not speak WebSocket")
-    assert "expected a rosbridge, nobody is there: " in refused(same_names(JOINTS, port=port, **QUICK))
+    assert "expected a rosbridge, nobody is there: " in refused(
+        same_names(JOINTS, port=port, **QUICK)
+    )

@@ -20,13 +20,18 @@ def written(tmp_path: Path, **changes: object) -> Path:
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
-    setup = RosSetup(ros=1, port=9091, joints={"LF_yaw": RosJoint(name="j1", direction=-1, offset_rad=0.25)})
+    setup = RosSetup(
+        ros=1, port=9091, joints={"LF_yaw": RosJoint(name="j1", direction=-1, offset_rad=0.25)}
+    )
     setup.write(tmp_path / "robot.yaml")
     assert RosSetup.from_yaml(tmp_path / "robot.yaml", ("LF_yaw",)) == setup
 
 
 def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
-    joints = {"LF_hip": RosJoint(name="b"), "LF_yaw": RosJoint(name="a", direction=-1, offset_rad=0.5)}
+    joints = {
+        "LF_hip": RosJoint(name="b"),
+        "LF_yaw": RosJoint(name="a", direction=-1, offset_rad=0.5),
+    }
     mapping = Mapping(RosSetup(joints=joints), JOINTS)
     assert mapping.names == ("a", "b")
     angles = np.array([[0.2, 0.3], [-1.0, 0.0]])
@@ -37,7 +42,10 @@ def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": "stancekit/servos/1"}, "format: expected stancekit/ros/1, got 'stancekit/servos/1'"),
+        (
+            {"format": "stancekit/servos/1"},
+            "format: expected stancekit/ros/1, got 'stancekit/servos/1'",
+        ),
         ({"rso": 2}, "rso: unknown key"),
         ({"ros": 3}, "ros: expected 1 or 2, got 3"),
         ({"controller": "no slash"}, "controller: String should match"),

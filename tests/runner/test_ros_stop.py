@@ -1,4 +1,5 @@
-"""A stop of a robot behind a rosbridge: asked by the thread that writes, and at every step of an arming."""
+"""A stop of a robot behind a rosbridge: asked by the thread that writes, and at every step of an
+arming."""
 
 from __future__ import annotations
 
@@ -123,7 +124,9 @@ def test_a_stop_that_comes_while_a_target_waits_for_the_writing_thread_keeps_it_
         assert commands(bridge) == ["stream"]
 
 
-def test_a_target_that_cannot_be_written_in_time_is_never_written(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_target_that_cannot_be_written_in_time_is_never_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with armed() as (bridge, world):
         goes_on = standstill(world, monkeypatch)
         world._robot.link.timeout_s = 0.3

@@ -25,7 +25,9 @@ Version = Literal[1, 2]
 def made(stack: ExitStack, ros: Version, **settings: Any) -> tuple[RosBridge, RosWorld]:
     """A robot, and the world that has measured it."""
     bridge = stack.enter_context(emulated(ros=ros, **settings))
-    world = stack.enter_context(RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **QUICK)))
+    world = stack.enter_context(
+        RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **QUICK))
+    )
     reset(world)
     return bridge, world
 
@@ -37,7 +39,9 @@ def slowly(world: RosWorld, first: int, last: int) -> None:
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_a_robot_that_hears_commands_seconds_late_is_armed_when_it_does_and_does_not_jump(ros: Version) -> None:
+def test_a_robot_that_hears_commands_seconds_late_is_armed_when_it_does_and_does_not_jump(
+    ros: Version,
+) -> None:
     with ExitStack() as stack:
         begin = time.monotonic()
         bridge, world = made(stack, ros, connect_s=2.5)
@@ -55,7 +59,11 @@ def test_a_topic_that_a_robot_missed_is_advertised_anew() -> None:
         bridge, world = made(stack, 1, misses=True)
         world.torque(True)
         slowly(world, 0, 20)
-        ops = [message["op"] for message in bridge.received if message.get("topic", "").endswith("r/command")]
+        ops = [
+            message["op"]
+            for message in bridge.received
+            if message.get("topic", "").endswith("r/command")
+        ]
         assert [op for op in ops if op != "publish"] == ["advertise", "unadvertise", "advertise"]
         assert set(commands(bridge)) == {"stream"}
 
@@ -65,7 +73,9 @@ def test_a_robot_that_hears_no_command_is_not_armed(ros: Version) -> None:
     with ExitStack() as stack:
         bridge, world = made(stack, ros, connect_s=60.0)
         topic = f"/joint_trajectory_controller/{'joint_trajectory' if ros == 2 else 'command'}"
-        with pytest.raises(InvalidInput, match=f"hold the pose that is sent on {topic}, it took no command for 2"):
+        with pytest.raises(
+            InvalidInput, match=f"hold the pose that is sent on {topic}, it took no command for 2"
+        ):
             world.torque(True)
         assert not world.armed
         assert commands(bridge) == []

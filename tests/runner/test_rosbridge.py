@@ -1,4 +1,5 @@
-"""The emulated rosbridge by the public rosbridge v2 protocol, over a plain websocket, without the client under test."""
+"""The emulated rosbridge by the public rosbridge v2 protocol, over a plain websocket, without the
+client under test."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ def bridge() -> Iterator[RosBridge]:
         yield made
 
 
-def heard(socket: ClientConnection, wanted: Callable[[dict[str, Any]], bool], within_s: float = 3.0) -> dict[str, Any]:
+def heard(
+    socket: ClientConnection, wanted: Callable[[dict[str, Any]], bool], within_s: float = 3.0
+) -> dict[str, Any]:
     end = time.monotonic() + within_s
     while True:
         message = json.loads(socket.recv(timeout=max(end - time.monotonic(), 0.0)))
@@ -36,7 +39,9 @@ def heard(socket: ClientConnection, wanted: Callable[[dict[str, Any]], bool], wi
             return dict(message)
 
 
-def path(time_s: float, positions: list[float], sec: str = "sec", nanosec: str = "nanosec") -> dict[str, Any]:
+def path(
+    time_s: float, positions: list[float], sec: str = "sec", nanosec: str = "nanosec"
+) -> dict[str, Any]:
     whole = int(time_s)
     stamp = {sec: whole, nanosec: round(1e9 * (time_s - whole))}
     return {"joint_names": NAMES, "points": [{"positions": positions, "time_from_start": stamp}]}
@@ -57,7 +62,11 @@ def send_goal(socket: ClientConnection, goal: dict[str, Any], told: str = "g1") 
 
 def test_a_subscriber_gets_publish_operations_with_topic_and_msg(bridge: RosBridge) -> None:
     with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
-        socket.send(json.dumps({"op": "subscribe", "topic": "/joint_states", "type": "sensor_msgs/msg/JointState"}))
+        socket.send(
+            json.dumps(
+                {"op": "subscribe", "topic": "/joint_states", "type": "sensor_msgs/msg/JointState"}
+            )
+        )
         message = heard(socket, lambda said: True)
         assert set(message) == {"op", "topic", "msg"}
         assert (message["op"], message["topic"]) == ("publish", "/joint_states")
@@ -74,10 +83,18 @@ def test_a_subscriber_gets_publish_operations_with_topic_and_msg(bridge: RosBrid
 
 def test_a_goal_is_answered_with_feedback_and_a_result_that_carry_its_id(bridge: RosBridge) -> None:
     with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
-        end = [{"name": name, "position": 0.004, "velocity": 0.0, "acceleration": 0.0} for name in NAMES]
+        end = [
+            {"name": name, "position": 0.004, "velocity": 0.0, "acceleration": 0.0}
+            for name in NAMES
+        ]
         goal_time = {"sec": 1, "nanosec": 0}
         send_goal(
-            socket, {"trajectory": path(0.3, [0.1, -0.1]), "goal_tolerance": end, "goal_time_tolerance": goal_time}
+            socket,
+            {
+                "trajectory": path(0.3, [0.1, -0.1]),
+                "goal_tolerance": end,
+                "goal_time_tolerance": goal_time,
+            },
         )
         feedback = heard(socket, lambda said: said["op"] == "action_feedback")
         assert set(feedback) == {"op", "id", "action", "values"}
@@ -89,7 +106,9 @@ def test_a_goal_is_answered_with_feedback_and_a_result_that_carry_its_id(bridge:
     np.testing.assert_allclose(bridge.state()["position_rad"], [0.1, -0.1], atol=5e-3)
 
 
-def test_a_cancel_with_the_goals_id_ends_it_and_one_with_another_does_not(bridge: RosBridge) -> None:
+def test_a_cancel_with_the_goals_id_ends_it_and_one_with_another_does_not(
+    bridge: RosBridge,
+) -> None:
     with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
         send_goal(socket, {"trajectory": path(20.0, [1.0, 1.0])})
         time.sleep(0.2)
@@ -105,7 +124,10 @@ def test_a_cancel_with_the_goals_id_ends_it_and_one_with_another_does_not(bridge
 
 
 def test_with_one_thread_a_cancel_is_read_only_after_the_goal() -> None:
-    with RosBridge(NAMES, one_thread=True) as bridge, connect(f"ws://127.0.0.1:{bridge.port}") as socket:
+    with (
+        RosBridge(NAMES, one_thread=True) as bridge,
+        connect(f"ws://127.0.0.1:{bridge.port}") as socket,
+    ):
         send_goal(socket, {"trajectory": path(0.5, [0.1, 0.1])})
         socket.send(json.dumps({"op": "cancel_action_goal", "id": "g1", "action": ACTION}))
         assert heard(socket, lambda said: said["op"] == "action_result")["status"] == 4
@@ -134,7 +156,9 @@ def test_a_goal_for_other_joints_is_rejected(bridge: RosBridge) -> None:
         ),
     ],
 )
-def test_what_is_against_the_protocol_is_answered_with_a_status_message(bridge: RosBridge, text: str, why: str) -> None:
+def test_what_is_against_the_protocol_is_answered_with_a_status_message(
+    bridge: RosBridge, text: str, why: str
+) -> None:
     with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
         socket.send(text)
         status = heard(socket, lambda said: said["op"] == "status")
@@ -154,7 +178,11 @@ def test_the_examples_of_the_protocol_are_accepted() -> None:
         {"op": "publish", "id": "fred", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.0}}},
         {"op": "advertise", "id": 3, "topic": "/cmd_vel", "type": "geometry_msgs/msg/Twist"},
         {"op": "call_service", "service": "/add_two_ints", "args": [{"a": 1}], "timeout": 2.5},
-        {"op": "send_action_goal", "action": "/fibonacci", "action_type": "example_interfaces/action/Fibonacci"},
+        {
+            "op": "send_action_goal",
+            "action": "/fibonacci",
+            "action_type": "example_interfaces/action/Fibonacci",
+        },
     ):
         assert operation_wrong(example) is None
 
@@ -168,12 +196,16 @@ def test_the_emulated_joints_answer_a_step_as_a_critically_damped_second_order_s
     assert robot.position[0] == pytest.approx(1.0 - (1.0 + w * t) * np.exp(-w * t), abs=0.05)
 
 
-def test_a_trajectory_with_velocities_is_the_cubic_through_its_points_and_one_without_is_straight() -> None:
+def test_a_trajectory_with_velocities_is_the_cubic_through_its_points_and_one_without_is_straight() -> (
+    None
+):
     robot = Controller(["a"], np.zeros(1))
     point = {"positions": [1.0], "velocities": [0.0], "time_from_start": {"sec": 1, "nanosec": 0}}
     robot.load({"joint_names": ["a"], "points": [point]}, "nanosec")
     times = np.linspace(0.0, 1.0, 11)
-    np.testing.assert_allclose([robot.path.at(t)[0][0] for t in times], 3 * times**2 - 2 * times**3, atol=1e-12)
+    np.testing.assert_allclose(
+        [robot.path.at(t)[0][0] for t in times], 3 * times**2 - 2 * times**3, atol=1e-12
+    )
     h = 1e-6
     for t in (0.2, 0.7):
         slope = (robot.path.at(t + h)[0] - robot.path.at(t - h)[0]) / (2 * h)

@@ -36,7 +36,9 @@ FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 Step = Callable[[str], Plan]
 
 
-def ran(world: MemoryWorld, accepted: Accepted, settings: RunSettings = FAST, **options: Any) -> RunReport:
+def ran(
+    world: MemoryWorld, accepted: Accepted, settings: RunSettings = FAST, **options: Any
+) -> RunReport:
     return Runner(world, settings=settings, dry=options.pop("dry", False), **options).run(accepted)
 
 
@@ -49,20 +51,26 @@ def lifted(accepted: Accepted) -> tuple[Array, Array]:
     return first, prepared.kinematics.reach(feet, first, first)[0]
 
 
-def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_as_asked(accepted: Accepted) -> None:
+def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_as_asked(
+    accepted: Accepted,
+) -> None:
     runner, course = Runner(MemoryWorld()), accepted.plan.problem
     usual = runner.prepare(accepted)
     carried_n = usual.motion.at(usual.motion.rest_s).forces_n
     runner.world.reset(course.terrain, usual.first.angles_rad, usual.first.origin_m, np.eye(3))
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    resumption = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5))
+    resumption = runner.prepare(
+        accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5)
+    )
     assert resumption.motion.timing == usual.motion.timing.at_pace(0.5)
     assert resumption.motion.duration_s > 1.5 * usual.motion.duration_s
     np.testing.assert_array_equal(resumption.first.sample.forces_n, carried_n)
     assert np.abs(usual.first.sample.forces_n - carried_n).max() > 1.0
 
 
-def test_all_feet_carry_at_the_beginning_and_those_that_lift_hand_over_while_all_is_at_rest(accepted: Accepted) -> None:
+def test_all_feet_carry_at_the_beginning_and_those_that_lift_hand_over_while_all_is_at_rest(
+    accepted: Accepted,
+) -> None:
     motion, course = Runner(MemoryWorld()).prepare(accepted).motion, accepted.plan.problem
     lifted = [course.robot.limb_names.index(name) for name in course.lifts[1]]
     begin, handed = (motion.at(time_s) for time_s in (0.0, motion.rest_s))
@@ -88,7 +96,9 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
     runner.world.reset(course.terrain, first.targets_rad + off, first.origin_m, np.eye(3))
 
     def commands(*, taken_over: bool) -> list[Array]:
-        prepared = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=first.sample.forces_n))
+        prepared = runner.prepare(
+            accepted, Resumption(kinematics=kinematics, carried_n=first.sample.forces_n)
+        )
         if not taken_over:
             prepared.tracker.take_over(np.zeros_like(off), prepared.motion.rest_s)
         periods = round(prepared.motion.rest_s * runner.world.rate_hz) + 2
@@ -102,7 +112,9 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
     np.testing.assert_array_equal(gap[-1], 0.0)
 
 
-def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(accepted: Accepted, tmp_path: Path) -> None:
+def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(
+    accepted: Accepted, tmp_path: Path
+) -> None:
     pytest.importorskip("mcap")
     near = MemoryWorld()
     with McapLog(tmp_path / "run.mcap") as log:
@@ -113,7 +125,12 @@ def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(accep
     recorded = read_log(tmp_path / "run.mcap")
     assert recorded.whole
     assert len(recorded.of("command")) == report.sent == len(near.commands)
-    assert [each["what"] for each in recorded.of("decision")] == ["armed", "soft start", "motion", "end"]
+    assert [each["what"] for each in recorded.of("decision")] == [
+        "armed",
+        "soft start",
+        "motion",
+        "end",
+    ]
     assert recorded.of("plan")[0]["digest"] == accepted.digest
     assert json.loads(json.dumps(report.to_json(), allow_nan=False))["execution"] is None
 
@@ -170,7 +187,9 @@ def test_a_device_that_falls_silent_ends_the_run_with_its_words(accepted: Accept
     assert (len(world.commands), world.closed) == (50, 1)
 
 
-def test_an_error_of_the_program_itself_leaves_the_robot_held_and_the_world_closed(accepted: Accepted) -> None:
+def test_an_error_of_the_program_itself_leaves_the_robot_held_and_the_world_closed(
+    accepted: Accepted,
+) -> None:
     world = MemoryWorld()
 
     def bug(world: MemoryWorld) -> None:
@@ -198,7 +217,9 @@ def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
 
 def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted) -> None:
     world = MemoryWorld()
-    world.spoil = lambda state: replace(state, angles_rad=state.angles_rad + 0.12 * (np.arange(24) == 2))
+    world.spoil = lambda state: replace(
+        state, angles_rad=state.angles_rad + 0.12 * (np.arange(24) == 2)
+    )
     report = ran(world, accepted)
     assert report.message == "joint LF_roll: ended 0.120 rad from the plan, limit 0.1 rad"
 
@@ -231,11 +252,17 @@ def test_a_plan_that_the_verifier_rejected_is_refused_and_so_is_one_whose_digest
     bad = replace(good, forces_n=1.1 * good.forces_n)
     path = tmp_path / "bad.json"
     write_plan(path, bad, check_plan(bad))
-    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"):
+    with pytest.raises(
+        InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"
+    ):
         Accepted.from_file(path)
-    says_accepted = replace(check_plan(bad), groups=check_plan(good).groups)  # with a digest that fits
+    says_accepted = replace(
+        check_plan(bad), groups=check_plan(good).groups
+    )  # with a digest that fits
     write_plan(path, bad, says_accepted)
-    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, rejected: worst is "):
+    with pytest.raises(
+        InvalidInput, match="expected a plan that the verifier accepts, rejected: worst is "
+    ):
         Accepted.from_file(path)
 
 
@@ -255,7 +282,9 @@ def test_a_world_with_other_joints_is_refused_before_it_is_touched(accepted: Acc
 def test_a_robot_of_another_size_is_refused(accepted: Accepted) -> None:
     robot = hexapod()
     longer = replace(robot, limbs=(replace(robot.limbs[0], reach_m=0.4), *robot.limbs[1:]))
-    with pytest.raises(InvalidInput, match=r"the plan is for another: limb LF reaches 0.35 m and 0.4 m"):
+    with pytest.raises(
+        InvalidInput, match=r"the plan is for another: limb LF reaches 0.35 m and 0.4 m"
+    ):
         ran(MemoryWorld(longer), accepted)
     with pytest.raises(InvalidInput, match="10 kg and 12 kg"):
         ran(MemoryWorld(replace(robot, mass_kg=12.0)), accepted)
@@ -269,10 +298,16 @@ def test_a_fault_while_connecting_is_reported_and_nothing_was_sent(accepted: Acc
 
     world.reset = dead  # type: ignore[method-assign]
     report = ran(world, accepted)
-    assert (report.message, report.ended.left, report.sent) == ("memory: no answer from LF_yaw", "as it was", 0)
+    assert (report.message, report.ended.left, report.sent) == (
+        "memory: no answer from LF_yaw",
+        "as it was",
+        0,
+    )
 
 
-def test_a_wall_clock_that_jumps_changes_nothing(accepted: Accepted, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wall_clock_that_jumps_changes_nothing(
+    accepted: Accepted, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calm = MemoryWorld()
     ran(calm, accepted)
     jumps = iter(np.random.default_rng(0).integers(0, 2**60, 10**6))
@@ -296,7 +331,9 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
         report = Runner(make_world("mujoco", course.robot), settings=FAST, log=log).run(accepted)
     assert report.succeeded, report.message
     timing = FAST.timing.at_pace(report.pace)
-    alone = simulate(accepted.plan, settings=RunSettings(timing=timing, check_limits=False)).execution
+    alone = simulate(
+        accepted.plan, settings=RunSettings(timing=timing, check_limits=False)
+    ).execution
     assert report.execution is not None
     assert alone is not None
     assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
@@ -311,7 +348,10 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     assert len(lines) == 6
     worst = max(float(np.max(line.get_ydata())) for line in lines)  # type: ignore[arg-type]
     commands, states = read_log(path).of("command"), read_log(path).of("measurement")[1:]
-    away = [np.abs(np.array(s["angles_rad"]) - c["planned_rad"]).max() for c, s in zip(commands, states, strict=True)]
+    away = [
+        np.abs(np.array(s["angles_rad"]) - c["planned_rad"]).max()
+        for c, s in zip(commands, states, strict=True)
+    ]
     assert worst == pytest.approx(1e3 * max(away))
 
 
@@ -323,7 +363,10 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
         ("replay", "setup: expected a log with world replay, got none"),
         ("dynamixel", "setup: expected a calibration file with world dynamixel, got none"),
         ("ros", "setup: expected a set-up file with world ros, got none"),
-        ("gazebo", "world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'"),
+        (
+            "gazebo",
+            "world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
+        ),
     ):
         with pytest.raises(InvalidInput, match=said):
             make_world(name, course.robot)
@@ -331,7 +374,9 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
         make_world("mujoco", course.robot, setup=tmp_path / "none.yaml")
 
 
-def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, tmp_path: Path) -> None:
+def test_a_set_up_file_that_names_another_robot_is_refused(
+    accepted: Accepted, tmp_path: Path
+) -> None:
     pytest.importorskip("dynamixel_sdk")
     pytest.importorskip("roslibpy")
     from stancekit.runner.worlds import make_world
@@ -348,10 +393,14 @@ def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, t
         with make_world("ros", course.robot, setup=setup) as world:
             assert world.joints == joints
     same_names(joints, robot="ant").write(setup)
-    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+    with pytest.raises(
+        InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"
+    ):
         make_world("ros", course.robot, setup=setup)
     nominal(joints, port="none", robot="ant").write(setup)
-    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+    with pytest.raises(
+        InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"
+    ):
         make_world("dynamixel", course.robot, setup=setup)
 
 
@@ -361,7 +410,9 @@ def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accept
     from stancekit.runner.worlds.drives import Imperfections
 
     for deaf in ((), (1,)):
-        world = make_world("mujoco", accepted.plan.problem.robot, imperfections=Imperfections(deaf=deaf))
+        world = make_world(
+            "mujoco", accepted.plan.problem.robot, imperfections=Imperfections(deaf=deaf)
+        )
         report = Runner(world, settings=FAST).run(accepted)
         assert report.succeeded is (not deaf), report.message
         name = accepted.plan.problem.robot.limb_names[1]

@@ -36,7 +36,8 @@ RATE_HZ = 50.0
 
 
 class Sent:
-    """A log of commands that is looked at, and that loads servos as a robot would that stands as planned."""
+    """A log of commands that is looked at, and that loads servos as a robot would that stands as
+    planned."""
 
     def __init__(self, bus: EmulatedBus | None = None, stiffness_nm_rad: float = 0.0) -> None:
         self.asked, self.sent, self.lean = list[Any](), list[Any](), list[Any]()
@@ -65,7 +66,10 @@ def light() -> Plan:
 def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
     drives = Drives.of(hexapod(), Servo(), hexapod().legs, SERVOS)
     q, torque, rate, rising = np.random.default_rng(0).normal(size=(4, 24))
-    found = drives.stiffness_nm_rad * (command(drives, q, torque, rate, rising) - q) - drives.damping_nms_rad * rate
+    found = (
+        drives.stiffness_nm_rad * (command(drives, q, torque, rate, rising) - q)
+        - drives.damping_nms_rad * rate
+    )
     assert found == pytest.approx(torque + drives.rotor_kg_m2 * rising, abs=1e-12)
     assert np.array_equal(command(replace(drives, yields=False), q, torque, rate, rising), q)
 
@@ -73,7 +77,9 @@ def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
 def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos_stay_with_the_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(port, "WRITE_S", 2.0)  # the emulator has its turn when a loaded machine gives it one
+    monkeypatch.setattr(
+        port, "WRITE_S", 2.0
+    )  # the emulator has its turn when a loaded machine gives it one
     accepted, simulated = Accepted.verified(light(), "light"), Sent()
     robot = accepted.plan.problem.robot
     world = make_world("mujoco", robot, rate_hz=RATE_HZ, actuators=SERVOS)
@@ -82,9 +88,12 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(world.joints, port=bus.path, watchdog_s=1.0)
         calibration = replace(
-            calibration, latency_ms=200.0,  # as above
-            joints={name: replace(each, current_a=5.5) for name, each in calibration.joints.items()},
-        )  # fmt: skip
+            calibration,
+            latency_ms=200.0,  # as above
+            joints={
+                name: replace(each, current_a=5.5) for name, each in calibration.joints.items()
+            },
+        )
         real = Sent(bus, 28.4)
         patient = RunSettings(limits=PATIENT)
         body = DynamixelWorld(robot, calibration, rate_hz=RATE_HZ)
@@ -94,10 +103,14 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     count = len(simulated.asked)
     assert np.array_equal(real.asked[-count:], simulated.asked)
     assert bus.goals[-count:] == [turning.ticks(sent).tolist() for sent in simulated.sent]
-    assert np.abs(simulated.lean[-1]).max() > 3.0 * done.joint_rms_rad  # joints do not go where loads are sent for
+    assert (
+        np.abs(simulated.lean[-1]).max() > 3.0 * done.joint_rms_rad
+    )  # joints do not go where loads are sent for
 
 
-def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     accepted, log = Accepted.verified(light(), "light"), Sent()
     world = make_world("mujoco", accepted.plan.problem.robot, actuators=SERVOS)
     runner = Runner(world, settings=RunSettings(check_limits=False), log=log)
@@ -112,7 +125,9 @@ def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(monkeypa
     assert report.succeeded, report.message
     moving = [k for k, lean in enumerate(leans) if lean is not None]
     assert len(moving) > 0.9 * len(leans)
-    np.testing.assert_allclose([leans[k] for k in moving], [log.lean[k] for k in moving], atol=1e-12)
+    np.testing.assert_allclose(
+        [leans[k] for k in moving], [log.lean[k] for k in moving], atol=1e-12
+    )
     assert max(np.abs(leans[k]).max() for k in moving) > 0.05
 
 
@@ -133,10 +148,15 @@ def test_a_joint_that_turns_with_its_torque_gives_no_more_than_its_curve(name: s
     pytest.importorskip({"bullet": "pybullet"}.get(name, name))
     kind = ActuatorModel(stall_nm=6.0, no_load_rad_s=2.0, stiffness_nm_rad=400.0)
     world: Any = make_world(
-        name, hexapod(), rate_hz=1000.0, actuators=Actuators(joints={"*": "m"}, actuators={"m": kind})
+        name,
+        hexapod(),
+        rate_hz=1000.0,
+        actuators=Actuators(joints={"*": "m"}, actuators={"m": kind}),
     )
     with world:
-        before: State = world.reset((), np.tile([0.1, 0.4, 0.0, 0.8], 6), np.array([0.0, 0.0, 2.0]), np.eye(3))
+        before: State = world.reset(
+            (), np.tile([0.1, 0.4, 0.0, 0.8], 6), np.array([0.0, 0.0, 2.0]), np.eye(3)
+        )
         seen = 0.0
         for _ in range(300):
             state = world.step(before.angles_rad + 0.5)

@@ -1,4 +1,5 @@
-"""Robots from files in both simulators: masses, feet, limits, meshes, what touches what, and what is imperfect."""
+"""Robots from files in both simulators: masses, feet, limits, meshes, what touches what, and what
+is imperfect."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ def model(text: str = "", **options: object) -> RobotModel:
 
 def robot(of: RobotModel) -> Robot:
     limbs = tuple(
-        Limb(name=leg.name, shoulder_m=leg.hip_m - of.body.com_m, reach_m=leg.chain.length_m) for leg in of.legs
+        Limb(name=leg.name, shoulder_m=leg.hip_m - of.body.com_m, reach_m=leg.chain.length_m)
+        for leg in of.legs
     )
     return Robot(name=of.name, mass_kg=of.body.mass_kg, limbs=limbs, model=of)
 
@@ -72,14 +74,18 @@ def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(made: Callable[...
     with made(of) as world:
         assert world.joints == tuple(name for leg in of.legs for name in leg.joint_names)
         state = dropped(world, of)
-    np.testing.assert_allclose(state.forces_n.sum(axis=0), [0.0, 0.0, of.body.mass_kg * 9.81], atol=1.0)
+    np.testing.assert_allclose(
+        state.forces_n.sum(axis=0), [0.0, 0.0, of.body.mass_kg * 9.81], atol=1.0
+    )
     assert (state.forces_n[:, 2] > 0.1 * of.body.mass_kg * 9.81).all()
     assert state.bump_n == 0.0
     np.testing.assert_allclose(state.feet_m, feet(of, state), atol=1e-4)
     np.testing.assert_allclose(state.feet_m[:, 2], [leg.radius_m for leg in of.legs], atol=2e-3)
 
 
-def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(made: Callable[..., World]) -> None:
+def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
+    made: Callable[..., World],
+) -> None:
     heavy = '<link name="base"><inertial><mass value="10.0"/>'
     of = model(quadruped().replace(heavy, f'{heavy}<origin xyz=".05 -.02 .03" rpy=".3 0 .1"/>'))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -107,7 +113,9 @@ def test_joints_have_the_torque_and_the_speed_of_their_file(made: Callable[..., 
 
 def with_mesh(folder: Path, name: str) -> RobotModel:
     """Its trunk is a mesh, a tetrahedron .2 m high."""
-    text = quadruped().replace('<box size="0.6 0.25 0.1"/>', f'<mesh filename="{name}" scale="2 2 2"/>')
+    text = quadruped().replace(
+        '<box size="0.6 0.25 0.1"/>', f'<mesh filename="{name}" scale="2 2 2"/>'
+    )
     return model(text, folder=folder)
 
 
@@ -116,12 +124,21 @@ def test_meshes_collide_as_their_hulls_and_a_missing_one_with_nothing(
 ) -> None:
     (tmp_path / "trunk.obj").write_text(TETRAHEDRON)
     body = simulated_body(with_mesh(tmp_path, "trunk.obj"))
-    corners = [line.split()[1:] for line in body.hulls["hull_0.obj"].decode().splitlines() if line.startswith("v")]
-    np.testing.assert_allclose(np.sort(np.array(corners, dtype=float), axis=0).max(axis=0), [0.4, 0.4, 0.4])
+    corners = [
+        line.split()[1:]
+        for line in body.hulls["hull_0.obj"].decode().splitlines()
+        if line.startswith("v")
+    ]
+    np.testing.assert_allclose(
+        np.sort(np.array(corners, dtype=float), axis=0).max(axis=0), [0.4, 0.4, 0.4]
+    )
     lost = simulated_body(with_mesh(tmp_path, "lost.obj"))
     assert (lost.missing, dict(lost.hulls)) == (("lost.obj",), {})
     assert ElementTree.fromstring(lost.urdf).find("link[@name='base']/collision") is None
-    for of, bumps in ((with_mesh(tmp_path, "trunk.obj"), True), (with_mesh(tmp_path, "lost.obj"), False)):
+    for of, bumps in (
+        (with_mesh(tmp_path, "trunk.obj"), True),
+        (with_mesh(tmp_path, "lost.obj"), False),
+    ):
         with made(of) as world:
             tucked = np.tile([0.0, 1.3, -2.3], 4)
             state = world.reset(FLAT, tucked, np.array([0.0, 0.0, 0.06]), np.eye(3))
@@ -149,26 +166,37 @@ def test_links_stop_each_other_unless_they_may_touch(made: Callable[..., World])
     assert found[1] == 0.0
 
 
-def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_that_bodies_have() -> None:
-    text = quadruped().replace('<robot name="quadruped">', '<robot name="quadruped"><link name="root"/>')
-    text = text.replace(
-        "</robot>", '<joint name="up" type="fixed"><parent link="root"/><child link="base"/></joint></robot>'
+def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_that_bodies_have() -> (
+    None
+):
+    text = quadruped().replace(
+        '<robot name="quadruped">', '<robot name="quadruped"><link name="root"/>'
     )
-    flat = 'ixx=".0102" ixy="0" ixz="0" iyy=".01" iyz="0" izz="0"'  # 2 % more than the others together
+    text = text.replace(
+        "</robot>",
+        '<joint name="up" type="fixed"><parent link="root"/><child link="base"/></joint></robot>',
+    )
+    flat = (
+        'ixx=".0102" ixy="0" ixz="0" iyy=".01" iyz="0" izz="0"'  # 2 % more than the others together
+    )
     text = text.replace('ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"', flat, 1)
     body = simulated_body(model(text))
     assert body.base == "root"
     for link in ElementTree.fromstring(body.urdf).findall("link"):
         inertia = link.find("inertial/inertia")
         assert inertia is not None
-        xx, xy, xz, yy, yz, zz = (float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        xx, xy, xz, yy, yz, zz = (
+            float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
         a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         assert a > 0.0
         assert a + b >= c * (1.0 - 1e-9)
 
 
 def test_a_joint_without_a_torque_limit_is_refused(made: Callable[..., World]) -> None:
-    with pytest.raises(InvalidInput, match="joint LF_HAA: expected a torque limit above 0 Nm, got 0"):
+    with pytest.raises(
+        InvalidInput, match="joint LF_HAA: expected a torque limit above 0 Nm, got 0"
+    ):
         made(model(quadruped(effort=0.0)))
 
 
@@ -207,7 +235,11 @@ def test_feet_feel_late_what_they_touch(made: Callable[..., World]) -> None:
 
 def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., World]) -> None:
     of = model()
-    wrong = (Imperfections(), Imperfections(felt_share=0.7, deaf=(1,)), Imperfections(felt_noise_n=5.0, seed=2))
+    wrong = (
+        Imperfections(),
+        Imperfections(felt_share=0.7, deaf=(1,)),
+        Imperfections(felt_noise_n=5.0, seed=2),
+    )
     found = []
     for imperfections in wrong:
         with made(of, imperfections=imperfections) as world:
@@ -220,7 +252,9 @@ def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., World]) -
     assert np.abs(true).max() > 10.0
     np.testing.assert_allclose(less, kept * true)
     assert (noisy - true).std() == pytest.approx(5.0, rel=0.1)
-    with pytest.raises(InvalidInput, match=r"imperfections\.deaf: expected limbs from 0 to 3, got 4"):
+    with pytest.raises(
+        InvalidInput, match=r"imperfections\.deaf: expected limbs from 0 to 3, got 4"
+    ):
         made(of, imperfections=Imperfections(deaf=(4,)))
 
 
@@ -228,12 +262,17 @@ def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
     of = model()
     heavier = simulated_body(of, mass_share=1.15)
     again = replace(of, urdf=heavier.urdf)
-    masses = [float(m.get("value", "0")) for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")]
+    masses = [
+        float(m.get("value", "0"))
+        for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")
+    ]
     assert sum(masses) == pytest.approx(1.15 * of.body.mass_kg)
     pytest.importorskip("mujoco")
     sunk, legs = [], Kinematics(robot(of))
     for share in (1.0, 0.7):
-        with make_world("mujoco", robot(of), imperfections=Imperfections(stiffness_share=share)) as world:
+        with make_world(
+            "mujoco", robot(of), imperfections=Imperfections(stiffness_share=share)
+        ) as world:
             stands = dropped(world, of)
             sunk.append(of.stand_height_m - float(of.body.com_m[2]) - stands.position_m[2])
             loops = LoopStiffness(world.drives, 1.0, 100.0)

@@ -1,4 +1,5 @@
-"""What a robot does at once when feet slide: seen in time, nothing else taken for it, and where its feet go then."""
+"""What a robot does at once when feet slide: seen in time, nothing else taken for it, and where its
+feet go then."""
 
 from __future__ import annotations
 
@@ -22,35 +23,54 @@ FEET = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
 
 def sample(foothold: tuple[int, ...] = tuple(range(6))) -> Samples:
     return at_rest(
-        feet_m=FEET, forces_n=20.0 * UP, foothold=foothold,
-        normals=UP, friction=np.ones(6),
-    )  # fmt: skip
+        feet_m=FEET, forces_n=20.0 * UP, foothold=foothold, normals=UP, friction=np.ones(6)
+    )
 
 
 def target(now: Samples, rolled_m: Array | None = None) -> Target:
     return Target(
-        targets_rad=np.zeros(24), sample=now, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(24),
-        torques_nm=np.zeros(24), rolled_m=np.zeros((6, 3)) if rolled_m is None else rolled_m, error_m=np.zeros(6),
-    )  # fmt: skip
+        targets_rad=np.zeros(24),
+        sample=now,
+        origin_m=np.zeros(3),
+        shift_m=np.zeros(3),
+        angles_rad=np.zeros(24),
+        torques_nm=np.zeros(24),
+        rolled_m=np.zeros((6, 3)) if rolled_m is None else rolled_m,
+        error_m=np.zeros(6),
+    )
 
 
 def state(feet_m: Array, load_n: float = 20.0) -> State:
     return State(
-        time_s=0.0, position_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6), angles_rad=np.zeros(24),
-        rates_rad_s=np.zeros(24), torques_nm=np.zeros(24), feet_m=feet_m, forces_n=load_n * UP, bump_n=0.0,
+        time_s=0.0,
+        position_m=np.zeros(3),
+        rotation=np.eye(3),
+        velocity=np.zeros(6),
+        angles_rad=np.zeros(24),
+        rates_rad_s=np.zeros(24),
+        torques_nm=np.zeros(24),
+        feet_m=feet_m,
+        forces_n=load_n * UP,
+        bump_n=0.0,
         sent_rad=np.zeros(24),
-    )  # fmt: skip
+    )
 
 
 def seen(
-    way: Array, *, load_n: float = 20.0, foothold: tuple[int, ...] = tuple(range(6)), rolls: bool = False
+    way: Array,
+    *,
+    load_n: float = 20.0,
+    foothold: tuple[int, ...] = tuple(range(6)),
+    rolls: bool = False,
 ) -> Array:
     """Feet 1 moves along a way in 0.1 s; who was seen to slide at any time."""
     watch, found = SlipDetector(RATE_HZ), np.zeros(6, dtype=bool)
     for k in range(20):
         moved = np.zeros((6, 3))
         moved[1] = way * k / 19
-        found |= watch.slipping(target(sample(foothold), moved if rolls else None), state(FEET + moved, load_n))
+        found |= watch.slipping(
+            target(sample(foothold), moved if rolls else None), state(FEET + moved, load_n)
+        )
     return found
 
 
@@ -68,7 +88,9 @@ def test_a_loaded_foot_that_moves_along_its_surface_slides() -> None:
         ([0.006, 0.0, 0.0], {"rolls": True}),
     ],
 )
-def test_what_is_pressed_creeps_carries_nothing_flies_or_rolls_slides_not(way: list[float], options: dict) -> None:  # type: ignore[type-arg]
+def test_what_is_pressed_creeps_carries_nothing_flies_or_rolls_slides_not(
+    way: list[float], options: dict
+) -> None:  # type: ignore[type-arg]
     assert not seen(np.array(way), **options).any()
 
 
@@ -89,9 +111,15 @@ def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
     toes[1::2] -= [0.0, 0.0, 0.06]
     pushes = 20.0 * UP, 10.0 * UP
     motion = StandingMotion(
-        replace(now, frame=np.array(2.0)), com_m=np.ones(3), rotation_rad=np.full(3, 0.1), feet_m=FEET, toes_m=toes,
-        normals=UP, forces_n=pushes, foothold=np.arange(6, 12),
-    )  # fmt: skip
+        replace(now, frame=np.array(2.0)),
+        com_m=np.ones(3),
+        rotation_rad=np.full(3, 0.1),
+        feet_m=FEET,
+        toes_m=toes,
+        normals=UP,
+        forces_n=pushes,
+        foothold=np.arange(6, 12),
+    )
     assert motion.duration_s == pytest.approx(0.06 / LAND_M_S + STAND_S)
     half, end = motion.at(0.5 * 0.06 / LAND_M_S), motion.at(motion.duration_s)
     np.testing.assert_allclose(half.feet_m[1::2], FEET[1::2] - [0.0, 0.0, 0.03])

@@ -1,4 +1,5 @@
-"""The simulated faults of the ground do what they say: a slipping foot has no friction, the others go on as before."""
+"""The simulated faults of the ground do what they say: a slipping foot has no friction, the others
+go on as before."""
 
 import numpy as np
 import pytest
@@ -18,13 +19,16 @@ SPREAD = STANDING + np.tile([0.0, -0.06, 0.0, 0.0], len(ROBOT.limbs))
 
 
 def ground(friction: float) -> Patch:
-    corners = 2.0 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    corners = 2.0 * np.array(
+        [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
+    )
     axes = {"normal": np.array([0.0, 0.0, 1.0]), "shear_reference": np.array([1.0, 0.0, 0.0])}
     return Patch(vertices_m=corners, friction=friction, **axes)
 
 
 def shares(world: SlippingWorld, periods: int = 200) -> tuple[np.ndarray, np.ndarray]:
-    """Tangential over normal force of every foot, and how far each slid, mean and end of the last half."""
+    """Tangential over normal force of every foot, and how far each slid, mean and end of the last
+    half."""
     feet = Kinematics(ROBOT).feet(STANDING)
     height = 0.012 - float(feet[:, 2].min())
     first = world.reset((ground(0.8),), STANDING, np.array([0.0, 0.0, height]), np.eye(3))
@@ -34,7 +38,9 @@ def shares(world: SlippingWorld, periods: int = 200) -> tuple[np.ndarray, np.nda
     return np.linalg.norm(forces[:, :2], axis=1) / np.maximum(forces[:, 2], 1e-9), slid
 
 
-def test_a_foot_that_slips_has_no_more_friction_than_it_is_left_with_and_the_others_have_theirs() -> None:
+def test_a_foot_that_slips_has_no_more_friction_than_it_is_left_with_and_the_others_have_theirs() -> (
+    None
+):
     with SlippingWorld(ROBOT, limb=1) as world:
         before, _ = shares(world)
     with SlippingWorld(ROBOT, limb=1) as world:
@@ -55,5 +61,8 @@ def test_friction_that_differs_bounds_all_feet() -> None:
 
 
 def test_an_unknown_fault_is_refused() -> None:
-    with SlippingWorld(ROBOT) as world, pytest.raises(ValueError, match=f"expected one of {', '.join(FAULTS)}"):
+    with (
+        SlippingWorld(ROBOT) as world,
+        pytest.raises(ValueError, match=f"expected one of {', '.join(FAULTS)}"),
+    ):
         world.inject("earthquake")

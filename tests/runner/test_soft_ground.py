@@ -35,10 +35,7 @@ def patch(lean_rad: float = 0.0) -> tuple[Patch, ...]:
     turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
     return (
         Patch(
-            vertices_m=SQUARE @ turn.T,
-            normal=turn[:, 2],
-            shear_reference=turn[:, 0],
-            friction=0.7,
+            vertices_m=SQUARE @ turn.T, normal=turn[:, 2], shear_reference=turn[:, 0], friction=0.7
         ),
     )
 

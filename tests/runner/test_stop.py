@@ -1,4 +1,5 @@
-"""A stop at the worst moments: between asking and sending, at every packet of an arming, in the ending itself."""
+"""A stop at the worst moments: between asking and sending, at every packet of an arming, in the
+ending itself."""
 
 from __future__ import annotations
 
@@ -65,9 +66,12 @@ def measured(bus: EmulatedBus) -> DynamixelWorld:
 
 
 class Writes:
-    """Acts at the k-th write to the port: before the latch is asked, or after that and before the write."""
+    """Acts at the k-th write to the port: before the latch is asked, or after that and before the
+    write."""
 
-    def __init__(self, patch: pytest.MonkeyPatch, act: Callable[[], None] = lambda: None, at: int = -1) -> None:
+    def __init__(
+        self, patch: pytest.MonkeyPatch, act: Callable[[], None] = lambda: None, at: int = -1
+    ) -> None:
         self.count = 0
         before = PortHandler.writePort
 
@@ -77,10 +81,14 @@ class Writes:
             self.count += 1
             return int(before(port, packet))
 
-        patch.setattr(PortHandler, "writePort", write)  # below ServoPort's: what it lets through comes here
+        patch.setattr(
+            PortHandler, "writePort", write
+        )  # below ServoPort's: what it lets through comes here
 
 
-def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_follows(bus: EmulatedBus) -> None:
+def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_follows(
+    bus: EmulatedBus,
+) -> None:
     with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
         writes = Writes(patch)
         world.torque(True)
@@ -95,7 +103,10 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
             assert not world.armed
             assert world.latch.after <= 1
             assert not any(bus.state()["torque"]), f"packet {at} of {packets}"
-            seen = len(bus.goal_packets_s), len(bus.torque_packets_s)  # all: the answer to a reading came after them
+            seen = (
+                len(bus.goal_packets_s),
+                len(bus.torque_packets_s),
+            )  # all: the answer to a reading came after them
             with pytest.raises(Stopped):
                 world.torque(True)
             world.relax()
@@ -103,7 +114,9 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError, HardwareFault])
-def test_whatever_interrupts_an_arming_leaves_every_torque_off(bus: EmulatedBus, error: type[BaseException]) -> None:
+def test_whatever_interrupts_an_arming_leaves_every_torque_off(
+    bus: EmulatedBus, error: type[BaseException]
+) -> None:
     def burst() -> None:
         raise error("a bug")
 
@@ -133,7 +146,9 @@ def test_a_robot_that_was_held_is_held_on_where_its_arming_is_interrupted(bus: E
         world.relax()
 
 
-def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(bus: EmulatedBus) -> None:
+def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
+    bus: EmulatedBus,
+) -> None:
     with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
         world.torque(True)
         world.step(START)
@@ -172,7 +187,9 @@ def test_the_ending_of_an_arming_that_was_interrupted_is_no_torque_whatever_was_
 ) -> None:
     world = MemoryWorld()
     pressed = [False]
-    world.latch.listen(lambda: "button" if pressed[0] or world.torque_on else None)  # as soon as the torque is on
+    world.latch.listen(
+        lambda: "button" if pressed[0] or world.torque_on else None
+    )  # as soon as the torque is on
     report = Runner(world, settings=replace(FAST, ending=ending), dry=False).run(accepted)
     assert not world.torque_on
     assert (report.message, report.sent, world.commands) == ("button", 0, [])
@@ -191,7 +208,11 @@ def test_a_signal_in_the_middle_of_a_run_carries_out_the_ending(
     world = MemoryWorld()
     world.fault = lambda world: os.kill(os.getpid(), number) if len(world.commands) == 30 else None
     report = ran(world, accepted, ending)
-    assert (report.message, report.ended.left, world.torque_on) == (f"signal {number.name}", left, torque)
+    assert (report.message, report.ended.left, world.torque_on) == (
+        f"signal {number.name}",
+        left,
+        torque,
+    )
     assert len(world.commands) <= 31  # what the signal found on its way
     assert report.stopped_s is not None
     assert max(when for when, _ in world.commands) <= report.stopped_s + report.after_s
@@ -218,8 +239,8 @@ def test_a_log_that_is_full_at_any_message_carries_out_the_ending(
         with pytest.raises(OSError, match="No space left"):
             ran(world, accepted, ending, log=FullDisk(room))
         assert (world.armed, world.closed) == (False, 1)
-        # a measurement, the decision to arm; then the torque is on; the decisions to go, then commands, each with
-        # its target and its measurement
+        # a measurement, the decision to arm; then the torque is on; the decisions to go, then
+        # commands, each with its target and its measurement
         assert world.torque_on == (torque and room > 1)
         assert len(world.commands) == max(0, (room - 4) // 3 + 1)
 
@@ -257,7 +278,10 @@ def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
         safe.step(START)
         world.fault = bug
         ended = end(safe, "home", [START + 0.3], 0.5)
-    assert (ended.left, ended.message) == ("held", "stopped on the way home: ZeroDivisionError: a bug")
+    assert (ended.left, ended.message) == (
+        "held",
+        "stopped on the way home: ZeroDivisionError: a bug",
+    )
 
 
 @pytest.mark.parametrize("cut", [KeyboardInterrupt, SystemExit, OSError])
@@ -280,7 +304,9 @@ def test_an_ending_that_is_cut_off_is_done_once_more(cut: type[BaseException]) -
     assert (ended.left, ended.message, len(tries), world.torque_on) == ("torque off", "", 2, False)
 
 
-def test_signals_that_come_in_the_ending_and_while_the_world_closes_change_nothing(accepted: Accepted) -> None:
+def test_signals_that_come_in_the_ending_and_while_the_world_closes_change_nothing(
+    accepted: Accepted,
+) -> None:
     world = MemoryWorld()
     relax, close = world.relax, world.close
 
@@ -296,7 +322,12 @@ def test_signals_that_come_in_the_ending_and_while_the_world_closes_change_nothi
     world.relax, world.close = stormy(relax), stormy(close)  # type: ignore[method-assign]
     world.fault = lambda world: world.latch.trip("button") if len(world.commands) == 10 else None
     report = ran(world, accepted, "torque-off")
-    assert (report.message, report.ended.left, world.torque_on, world.closed) == ("button", "torque off", False, 1)
+    assert (report.message, report.ended.left, world.torque_on, world.closed) == (
+        "button",
+        "torque off",
+        False,
+        1,
+    )
     assert len(world.commands) == 10
 
 

@@ -42,7 +42,9 @@ def reason(topic: StopTopic, within_s: float = 3.0) -> str:
         ("not json", "expected a rosbridge message, got one that cannot be read"),
     ],
 )
-def test_a_button_that_is_pressed_or_cannot_be_read_stops(bridge: RosBridge, kind: str, why: str) -> None:
+def test_a_button_that_is_pressed_or_cannot_be_read_stops(
+    bridge: RosBridge, kind: str, why: str
+) -> None:
     with StopTopic(f"127.0.0.1:{bridge.port}/e_stop") as topic:
         time.sleep(0.1)
         assert topic() is None
@@ -55,14 +57,21 @@ def test_a_message_that_is_no_truth_value_stops(bridge: RosBridge) -> None:
         assert "/joint_states: expected data to be true or false, got None" in reason(topic)
 
 
-@pytest.mark.parametrize("address", ["e_stop", "localhost/e_stop", "localhost:99999/e_stop", "localhost:9090"])
+@pytest.mark.parametrize(
+    "address", ["e_stop", "localhost/e_stop", "localhost:99999/e_stop", "localhost:9090"]
+)
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(InvalidInput, match=r"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got "):
+    with pytest.raises(
+        InvalidInput, match=r"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got "
+    ):
         StopTopic(address)
 
 
 def test_where_no_rosbridge_is_nothing_begins(bridge: RosBridge) -> None:
     port = bridge.port
     bridge.close()
-    with pytest.raises(InvalidInput, match="expected a rosbridge, nobody is there"), StopTopic(f"127.0.0.1:{port}/x"):
+    with (
+        pytest.raises(InvalidInput, match="expected a rosbridge, nobody is there"),
+        StopTopic(f"127.0.0.1:{port}/x"),
+    ):
         pass

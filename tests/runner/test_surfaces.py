@@ -1,4 +1,5 @@
-"""What feet find out about surfaces: steps onto nothing, places that are cut out, planes that are elsewhere."""
+"""What feet find out about surfaces: steps onto nothing, places that are cut out, planes that are
+elsewhere."""
 
 from __future__ import annotations
 
@@ -37,17 +38,23 @@ UP = np.tile([0.0, 0.0, 1.0], (2, 1))
 
 
 def square(side_m: float, height_m: float = 0.0) -> Patch:
-    corners = 0.5 * side_m * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    corners = (
+        0.5
+        * side_m
+        * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    )
     axes = {"normal": np.array([0.0, 0.0, 1.0]), "shear_reference": np.array([1.0, 0.0, 0.0])}
     return Patch(vertices_m=corners + np.array([0.0, 0.0, height_m]), friction=0.7, **axes)
 
 
 def empty(felt_n: list[float], wanted_n: float = 20.0, foothold: int = 5) -> list[bool]:
-    """Whether foot 1 is found to have come down on nothing, period after period, after a while in the air."""
+    """Whether foot 1 is found to have come down on nothing, period after period, after a while in
+    the air."""
     watch, found = EmptyStep(200.0, 2), list[bool]()
     for k, force in enumerate([0.0] * 5 + felt_n):
         sample = SimpleNamespace(
-            foothold=np.array([0, -1 if k < 5 else foothold]), normals=UP,
+            foothold=np.array([0, -1 if k < 5 else foothold]),
+            normals=UP,
             forces_n=np.array([20.0, wanted_n])[:, None] * UP,
         )
         target: Any = SimpleNamespace(sample=sample)
@@ -68,8 +75,11 @@ def test_what_is_around_a_window_and_the_window_are_the_patch() -> None:
     for centre in ([0.0, 0.0, 0.0], [0.19, 0.0, 0.0], [0.2, 0.2, 0.0]):
         window, rest = surface.window(np.array(centre), 0.1), surface.around(np.array(centre), 0.1)
         pieces = [*rest, *([] if window is None else [window])]
-        area = sum(0.5 * np.linalg.norm(np.cross(*np.diff(p.vertices_m[[0, k, k + 1]], axis=0)))
-                   for p in pieces for k in range(1, len(p.vertices_m) - 1))  # fmt: skip
+        area = sum(
+            0.5 * np.linalg.norm(np.cross(*np.diff(p.vertices_m[[0, k, k + 1]], axis=0)))
+            for p in pieces
+            for k in range(1, len(p.vertices_m) - 1)
+        )
         assert area == pytest.approx(0.16)
     assert surface.around(np.zeros(3), 1.0) == ()
 
@@ -86,7 +96,9 @@ def test_a_place_where_nothing_is_is_cut_out_of_later_candidates_alone_until_non
             assert flat >= MISSING_M or abs((piece.centre_m - toe) @ patch.normal) > 1e-3
     small = replace(later, candidates=(patch.with_vertices(toe + 0.2 * (patch.vertices_m - toe)),))
     narrow = replace(COURSE, footholds=tuple(small if f is later else f for f in COURSE.footholds))
-    with pytest.raises(PlanningFailed, match=f"limb {later.limb}, frame 1: no ground where its patch should be"):
+    with pytest.raises(
+        PlanningFailed, match=f"limb {later.limb}, frame 1: no ground where its patch should be"
+    ):
         without(narrow, patch, toe, 1)
 
 
@@ -117,16 +129,24 @@ def test_a_pause_is_a_key_frame_in_which_the_body_alone_moves() -> None:
 
 def looped(terrain: tuple[Patch, ...]) -> LoopReport:
     world = make_world("mujoco", COURSE.robot)
-    return ClosedLoop(COURSE, Runner(world, settings=FAST)).run(terrain, first=Accepted.verified(PLAN, "stairs"))
+    return ClosedLoop(COURSE, Runner(world, settings=FAST)).run(
+        terrain, first=Accepted.verified(PLAN, "stairs")
+    )
 
 
 def test_a_step_onto_nothing_is_taken_back_and_planned_without_that_place() -> None:
     index = next(k for k, f in enumerate(COURSE.footholds) if (f.frame, f.limb) == (1, "RF"))
     place, toe = COURSE.patch(index, PLAN.choice), PLAN.toes_m[index]
-    tread = next(k for k, patch in enumerate(COURSE.terrain) if abs((patch.centre_m - place.centre_m) @ place.normal)
-                 < 1e-3 and patch.normal @ place.normal > 0.999)  # fmt: skip
+    tread = next(
+        k
+        for k, patch in enumerate(COURSE.terrain)
+        if abs((patch.centre_m - place.centre_m) @ place.normal) < 1e-3
+        and patch.normal @ place.normal > 0.999
+    )
     broken = Surface(COURSE.terrain[tread], 0.0).around(toe, 0.16)
-    report = looped((*COURSE.terrain[: tread - 1], *broken, *COURSE.terrain[tread + 1 :]))  # nor is there a riser
+    report = looped(
+        (*COURSE.terrain[: tread - 1], *broken, *COURSE.terrain[tread + 1 :])
+    )  # nor is there a riser
     assert report.succeeded, report.message
     assert report.surfaces == "limb RF: nothing at frame 1"
     assert report.replans == 1

@@ -1,4 +1,5 @@
-"""Legs in the air are led no faster than their joints turn, and the motion waits for those that are late."""
+"""Legs in the air are led no faster than their joints turn, and the motion waits for those that are
+late."""
 
 from __future__ import annotations
 
@@ -39,7 +40,10 @@ def test_a_joint_that_comes_too_fast_to_brake_stops_at_its_limit() -> None:
     swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)
     lowest, air = kinematics.lowest_rad[5], np.arange(6) == 1
     before, rates = np.zeros(24), np.zeros(24)
-    before[5], rates[5] = lowest + 0.005, -0.9 * VELOCITY_RAD_S  # a hip, a few milliradians before its limit
+    before[5], rates[5] = (
+        lowest + 0.005,
+        -0.9 * VELOCITY_RAD_S,
+    )  # a hip, a few milliradians before its limit
     goal = np.zeros(24)
     goal[5] = lowest
     angles = swing.led(before, rates, goal, air)
@@ -47,7 +51,9 @@ def test_a_joint_that_comes_too_fast_to_brake_stops_at_its_limit() -> None:
     assert angles[5] == lowest
 
 
-def test_a_joint_that_is_asked_to_jump_comes_to_its_speed_softly_and_the_motion_waits_for_it() -> None:
+def test_a_joint_that_is_asked_to_jump_comes_to_its_speed_softly_and_the_motion_waits_for_it() -> (
+    None
+):
     kinematics = Kinematics(hexapod())
     swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)
     goal, air = np.zeros(24), np.arange(6) == 1
@@ -70,7 +76,9 @@ def test_a_joint_that_is_asked_to_jump_comes_to_its_speed_softly_and_the_motion_
     assert np.abs(np.diff(paces)).max() == pytest.approx(PERIOD_S / PAUSE_S)
 
 
-def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_then_the_motion_waits_no_more() -> None:
+def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_then_the_motion_waits_no_more() -> (
+    None
+):
     kinematics = Kinematics(hexapod())
     swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)
     times = PERIOD_S * np.arange(300)
@@ -94,7 +102,9 @@ def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_the
     assert paces[99] == paces[-1] == 1.0
 
 
-def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(plan: Plan) -> None:
+def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(
+    plan: Plan,
+) -> None:
     kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
     profile = joint_profile(motion, kinematics)
     air = np.array([target.sample.foothold for target in profile.targets]) < 0
@@ -107,7 +117,10 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
 
 
 def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
-    kinematics, motion = Kinematics(plan.problem.robot, Servo(velocity_rad_s=1.0)), PlanMotion(twisted(plan))
+    kinematics, motion = (
+        Kinematics(plan.problem.robot, Servo(velocity_rad_s=1.0)),
+        PlanMotion(twisted(plan)),
+    )
     waits, steady = (len(undisturbed(motion, kinematics, feedback=how)) for how in (BLIND, STEADY))
     assert 0.0 <= steady - 1 - motion.duration_s * RATE_HZ <= 1.0 + 1e-6
     assert waits > steady + 2
@@ -126,15 +139,25 @@ def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
     np.testing.assert_allclose(used[longer > 1.0], 1.0)
     assert used.max() <= 1.0 + 1e-9
     for share in np.linspace(0.0, 1.0, 7):
-        here, there = share * motion.knots_s[-1], np.interp(share * motion.knots_s[-1], motion.knots_s, times)
+        here, there = (
+            share * motion.knots_s[-1],
+            np.interp(share * motion.knots_s[-1], motion.knots_s, times),
+        )
         np.testing.assert_allclose(other.at(there).feet_m, motion.at(here).feet_m, atol=1e-12)
-    np.testing.assert_allclose(wished.retimed(times).at(float(times[7])), wished.path_rad[7], atol=1e-12)
+    np.testing.assert_allclose(
+        wished.retimed(times).at(float(times[7])), wished.path_rad[7], atol=1e-12
+    )
 
 
 def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan]) -> None:
     """A motion that waits has another time than the clock has."""
     kinematics, motion = Kinematics(step("walls").problem.robot), PlanMotion(step("walls"))
-    tracker = Tracker(motion, kinematics, 100.0, drives=Drives.of(kinematics.robot, kinematics.servo, kinematics.model))
+    tracker = Tracker(
+        motion,
+        kinematics,
+        100.0,
+        drives=Drives.of(kinematics.robot, kinematics.servo, kinematics.model),
+    )
     tracker.start()
     coming = tracker.coming
     target = tracker.next(expected(coming))

@@ -55,7 +55,9 @@ def with_limits(**limits: float) -> WorldCapabilities:
     return replace(CAN, **{name: np.full(24, value) for name, value in limits.items()})  # type: ignore[arg-type]
 
 
-def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(plan: Plan, seen: JointProfile) -> None:
+def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(
+    plan: Plan, seen: JointProfile
+) -> None:
     assert seen.time_s[-1] == pytest.approx(PlanMotion(plan).duration_s, abs=0.011)
     assert seen.error_m.max() < 1e-5
 
@@ -70,7 +72,8 @@ def test_feet_of_the_angles_are_where_the_motion_has_them(
         rotation = rotation_of(sample.rotation_rad)
         origin = sample.com_m - rotation @ kinematics.com_offset(angles)
         feet = origin + kinematics.feet(angles) @ rotation.T
-        # feet roll on their surfaces by up to their radius times a limb's turn, and the offset is of the last period
+        # feet roll on their surfaces by up to their radius times a limb's turn, and the offset is
+        # of the last period
         assert np.linalg.norm(feet - sample.feet_m, axis=1).max() < 0.015
 
 
@@ -78,8 +81,14 @@ def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_s
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     slow = joint_profile(PlanMotion(plan, Timing().at_pace(0.5)), kinematics)
-    for name, factor in (("velocity_rad_s", 0.5), ("acceleration_rad_s2", 0.25), ("dynamic_nm", 0.25)):
-        fast_peak, slow_peak = (np.percentile(np.abs(getattr(each, name)), 99.5) for each in (seen, slow))
+    for name, factor in (
+        ("velocity_rad_s", 0.5),
+        ("acceleration_rad_s2", 0.25),
+        ("dynamic_nm", 0.25),
+    ):
+        fast_peak, slow_peak = (
+            np.percentile(np.abs(getattr(each, name)), 99.5) for each in (seen, slow)
+        )
         assert slow_peak == pytest.approx(factor * fast_peak, rel=0.06), name
     assert np.abs(slow.static_nm).max() == pytest.approx(np.abs(seen.static_nm).max(), rel=1e-2)
 
@@ -87,7 +96,8 @@ def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_s
 def test_accelerating_torques_are_those_of_newton_and_euler(
     seen: JointProfile, plan: Plan, kinematics: Kinematics
 ) -> None:
-    """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and of a rotor alone."""
+    """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
+    of a rotor alone."""
     from stancekit.runner.motion.time_parametrization import _Limbs
 
     limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0)
@@ -105,10 +115,14 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
         return float(pin.computeKineticEnergy(model, data, q, v)) + rotors
 
     torques = limbs.torques(angles, velocity, acceleration, air, np.zeros(3))
-    assert torques @ velocity == pytest.approx((energy(step) - energy(-step)) / (2.0 * step), rel=1e-5)
+    assert torques @ velocity == pytest.approx(
+        (energy(step) - energy(-step)) / (2.0 * step), rel=1e-5
+    )
 
 
-def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_verifier_counts(plan: Plan) -> None:
+def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_verifier_counts(
+    plan: Plan,
+) -> None:
     """Not the servos': those are of a hexapod, and heavy or light for others."""
     from stancekit.runner.motion.time_parametrization import _Limbs
 
@@ -128,18 +142,28 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     np.testing.assert_allclose(torques - bare, drives.rotor_kg_m2 * rising, atol=1e-12)
 
 
-def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(plan: Plan, kinematics: Kinematics) -> None:
+def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
+    plan: Plan, kinematics: Kinematics
+) -> None:
     from stancekit.runner.motion.time_parametrization import _Limbs
 
-    limbs, sample, still = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0), np.zeros(24)
+    limbs, sample, still = (
+        _Limbs(kinematics, kinematics.rotor_kg_m2),
+        PlanMotion(plan).at(0.0),
+        np.zeros(24),
+    )
     angles = np.tile([0.1, 0.4, 0.0, 1.0], 6)
     push = np.array([0.3, -0.2, 0.5])
     torques = limbs.torques(angles, still, still, sample, push)
     step, rate = 1e-6, np.random.default_rng(1).normal(size=24)
     rotation = rotation_of(sample.rotation_rad)
-    moved = (kinematics.feet(angles + step * rate) - kinematics.feet(angles - step * rate)) / (2.0 * step)
+    moved = (kinematics.feet(angles + step * rate) - kinematics.feet(angles - step * rate)) / (
+        2.0 * step
+    )
     # virtual work: torques on joints and the feet's forces, which are m a / 6 each, balance
-    assert torques @ rate == pytest.approx(-float((moved @ rotation.T @ (10.0 * push / 6.0)).sum()), rel=1e-5)
+    assert torques @ rate == pytest.approx(
+        -float((moved @ rotation.T @ (10.0 * push / 6.0)).sum()), rel=1e-5
+    )
 
 
 def test_a_motion_within_all_limits_keeps_its_pace(plan: Plan, kinematics: Kinematics) -> None:
@@ -158,21 +182,32 @@ def test_joints_that_turn_slowly_slow_it_down_by_just_that(
     assert np.abs(joint_profile(found.motion, kinematics).velocity_rad_s).max() <= 0.9 * most + 1e-9
 
 
-def test_accelerations_slow_it_down_by_their_root(plan: Plan, seen: JointProfile, kinematics: Kinematics) -> None:
+def test_accelerations_slow_it_down_by_their_root(
+    plan: Plan, seen: JointProfile, kinematics: Kinematics
+) -> None:
     most = 0.25 * np.abs(seen.acceleration_rad_s2).max()
     found = parametrize(plan, kinematics, CAN, acceleration_rad_s2=float(most))
     assert found.bound_by.startswith("acceleration of ")
     assert found.pace == pytest.approx(0.5, rel=0.1)
-    assert np.abs(joint_profile(found.motion, kinematics).acceleration_rad_s2).max() <= most * (1.0 + 1e-6)
+    assert np.abs(joint_profile(found.motion, kinematics).acceleration_rad_s2).max() <= most * (
+        1.0 + 1e-6
+    )
     assert most < ACCELERATION_RAD_S2
 
 
-def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(plan: Plan, kinematics: Kinematics) -> None:
-    with pytest.raises(InvalidInput, match=r"motion: .* s, joint \w+: .* at rest, expected less than 0.9 of its 5 Nm"):
+def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(
+    plan: Plan, kinematics: Kinematics
+) -> None:
+    with pytest.raises(
+        InvalidInput,
+        match=r"motion: .* s, joint \w+: .* at rest, expected less than 0.9 of its 5 Nm",
+    ):
         parametrize(plan, kinematics, with_limits(torque_nm=5.0))
 
 
-def test_a_joint_beyond_its_limit_is_refused_with_its_name(plan: Plan, kinematics: Kinematics) -> None:
+def test_a_joint_beyond_its_limit_is_refused_with_its_name(
+    plan: Plan, kinematics: Kinematics
+) -> None:
     knee = np.where(np.arange(24) % 4 == 3, 0.5, CAN.upper_rad)
     with pytest.raises(InvalidInput, match=r"joint \w+_knee: .* rad beyond its limit"):
         parametrize(plan, kinematics, replace(CAN, upper_rad=knee))
@@ -204,8 +239,12 @@ def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
     direct = soft_start(kinematics, motion.solids, pose, first, first, sample.normals, 0.05)
     assert len(direct) == 1
-    pressed, _ = kinematics.reach(kinematics.feet(first) - 0.03 * sample.normals @ rotation, first, first)
-    with pytest.raises(InvalidInput, match=r"soft start: limb \w\w: its foot would go \d+ mm into a surface"):
+    pressed, _ = kinematics.reach(
+        kinematics.feet(first) - 0.03 * sample.normals @ rotation, first, first
+    )
+    with pytest.raises(
+        InvalidInput, match=r"soft start: limb \w\w: its foot would go \d+ mm into a surface"
+    ):
         soft_start(kinematics, motion.solids, pose, pressed, first, sample.normals, 0.05)
 
 
@@ -216,11 +255,17 @@ def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
     sample = motion.at(0.0)
     rotation = rotation_of(sample.rotation_rad)
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
-    walls = [(patch.normal, patch.vertices_m[0]) for patch in plan.problem.terrain if abs(patch.normal[1]) > 0.9]
+    walls = [
+        (patch.normal, patch.vertices_m[0])
+        for patch in plan.problem.terrain
+        if abs(patch.normal[1]) > 0.9
+    ]
     kinds = []
     for _ in range(12):
         along = rng.uniform(-0.12, 0.12, (6, 3)) * [1.0, 0.0, 1.0]
-        found, _ = kinematics.reach(kinematics.feet(first) + 0.005 * sample.normals + along, first, first)
+        found, _ = kinematics.reach(
+            kinematics.feet(first) + 0.005 * sample.normals + along, first, first
+        )
         try:
             ways = soft_start(kinematics, motion.solids, pose, found, first, sample.normals, 0.05)
         except InvalidInput:

@@ -1,4 +1,5 @@
-"""The verifier accepts a plan that is about to tip; ``run`` refuses it, and says how to run it all the same."""
+"""The verifier accepts a plan that is about to tip; ``run`` refuses it, and says how to run it all
+the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Both worlds under one contract: weight, friction, limits, repetition, and silence on standard output."""
+"""Both worlds under one contract: weight, friction, limits, repetition, and silence on standard
+output."""
 
 import subprocess
 import sys
@@ -39,7 +40,8 @@ def ground(friction: float) -> Patch:
 
 def leaning(patch: Patch, turn: Rotation) -> Patch:
     vertices, normal, shear = (
-        part @ turn.as_matrix().T for part in (patch.vertices_m, patch.normal, patch.shear_reference)
+        part @ turn.as_matrix().T
+        for part in (patch.vertices_m, patch.normal, patch.shear_reference)
     )
     return Patch(vertices_m=vertices, normal=normal, shear_reference=shear, friction=patch.friction)
 
@@ -49,14 +51,19 @@ def standing() -> tuple[Array, Array]:
     from stancekit.planners.robot.kinematics import Kinematics
 
     up = np.tile([0.0, 0.0, 1.0], (6, 1))
-    answer = Kinematics(ROBOT).solve(np.zeros(3), np.zeros(3), TOES, normals=up, forces_n=up * 98.1 / 6.0)
+    answer = Kinematics(ROBOT).solve(
+        np.zeros(3), np.zeros(3), TOES, normals=up, forces_n=up * 98.1 / 6.0
+    )
     return answer.angles, answer.angles + answer.torques_nm / Servo().stiffness_nm_rad
 
 
 def stood(world: World, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
-    """The state at once and after some periods of standing on a plane that was turned together with the robot."""
+    """The state at once and after some periods of standing on a plane that was turned together with
+    the robot."""
     angles, targets = standing()
-    first = world.reset([leaning(ground(friction), turn)], angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix())
+    first = world.reset(
+        [leaning(ground(friction), turn)], angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix()
+    )
     last = first
     for _ in range(periods):
         last = world.step(targets)
@@ -69,7 +76,9 @@ def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world
     np.testing.assert_allclose(last.forces_n[:, 2], 98.1 / 6.0, atol=0.6)
     assert last.bump_n == 0.0
     np.testing.assert_allclose(last.position_m, [0.0, 0.0, 0.2], atol=5e-4)
-    np.testing.assert_allclose(first.feet_m, TOES + np.array([0.0, 0.0, 0.2 + FOOT_RADIUS_M]), atol=1e-5)
+    np.testing.assert_allclose(
+        first.feet_m, TOES + np.array([0.0, 0.0, 0.2 + FOOT_RADIUS_M]), atol=1e-5
+    )
     assert last.time_s == pytest.approx(0.5)
 
 
@@ -78,13 +87,17 @@ def hollow(friction: float) -> Ground:
     x, y = np.linspace(-1.0, 1.6, 53), np.linspace(-0.7, 0.9, 33)
     walls = 0.4 * np.clip(np.abs(y)[None, :] - 0.55, 0.0, 1.0) * np.ones((len(x), 1))
     lumps = np.where(x > 1.0, 0.3 * (x - 1.0), 0.0)[:, None] * np.ones(len(y))
-    return Ground(heights=HeightField(x_m=x, y_m=y, heights_m=walls + lumps - 0.1), friction=friction)
+    return Ground(
+        heights=HeightField(x_m=x, y_m=y, heights_m=walls + lumps - 0.1), friction=friction
+    )
 
 
 def test_heights_carry_a_robot_where_they_are(world: World) -> None:
     angles, targets = standing()
     floor = hollow(0.7)
-    np.testing.assert_allclose(floor.distance(np.array([[0.3, 0.1, 0.2], [0.0, 0.0, -0.15]])), [0.3, -0.05], atol=1e-3)
+    np.testing.assert_allclose(
+        floor.distance(np.array([[0.3, 0.1, 0.2], [0.0, 0.0, -0.15]])), [0.3, -0.05], atol=1e-3
+    )
     first = world.reset(floor, angles, np.array([0.3, 0.1, 0.1]), np.eye(3))
     for _ in range(100):
         last = world.step(targets)
@@ -101,7 +114,12 @@ def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds:
     slope = HeightField(x_m=lines, y_m=lines, heights_m=rise * lines[:, None] * np.ones(len(lines)))
     turn = Rotation.from_rotvec([0.0, -np.deg2rad(20.0), 0.0])
     angles, targets = standing()
-    first = world.reset(Ground(heights=slope, friction=friction), angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix())
+    first = world.reset(
+        Ground(heights=slope, friction=friction),
+        angles,
+        turn.apply([0.0, 0.0, 0.2]),
+        turn.as_matrix(),
+    )
     for _ in range(100):
         last = world.step(targets)
     slid = np.linalg.norm(last.feet_m - first.feet_m, axis=1)
@@ -128,7 +146,9 @@ def test_ice_holds_nothing(world: World) -> None:
 
 def test_the_same_commands_give_the_same_states_to_the_last_bit(world: World) -> None:
     angles, targets = standing()
-    wave = 0.05 * np.sin(np.linspace(0.0, 6.0, 60))[:, None] * np.random.default_rng(0).normal(size=24)
+    wave = (
+        0.05 * np.sin(np.linspace(0.0, 6.0, 60))[:, None] * np.random.default_rng(0).normal(size=24)
+    )
     runs = []
     for _ in range(2):
         world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
@@ -142,7 +162,9 @@ def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: 
     angles, _ = standing()
     world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
     state = world.step(angles + 1.0)
-    np.testing.assert_allclose(state.sent_rad - angles, world.servo.velocity_rad_s / world.rate_hz, atol=1e-12)
+    np.testing.assert_allclose(
+        state.sent_rad - angles, world.servo.velocity_rad_s / world.rate_hz, atol=1e-12
+    )
     for _ in range(400):
         state = world.step(np.full(24, 99.0))
     np.testing.assert_allclose(state.sent_rad, np.tile(world.servo.upper_rad, 6))
@@ -190,12 +212,16 @@ def test_nothing_is_printed_on_standard_output() -> None:
         "with make_world('bullet', hexapod()) as world:\n"
         "    world.reset([], np.zeros(24), np.zeros(3), np.eye(3))\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout == ""
 
 
 @pytest.mark.parametrize("name", list(MODULES))
-def test_a_simulator_that_is_not_installed_is_named_with_its_extra(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulator_that_is_not_installed_is_named_with_its_extra(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, MODULES[name], None)
     with pytest.raises(InvalidInput, match=rf"pip install 'stancekit\[{name}\]'"):
         make_world(name, ROBOT)
@@ -203,7 +229,8 @@ def test_a_simulator_that_is_not_installed_is_named_with_its_extra(name: str, mo
 
 def test_an_unknown_world_is_refused_with_those_there_are() -> None:
     with pytest.raises(
-        InvalidInput, match=rf"^world: expected one of {', '.join(WORLDS.names())}, or FILE.py:NAME, got"
+        InvalidInput,
+        match=rf"^world: expected one of {', '.join(WORLDS.names())}, or FILE.py:NAME, got",
     ):
         make_world("gazebo", ROBOT)
 
@@ -217,5 +244,7 @@ def test_naming_a_world_imports_that_world_alone() -> None:
         "others = ('bullet', 'mujoco', 'dynamixel', 'ros')\n"
         "print([name for name in others if 'stancekit.runner.worlds.' + name in sys.modules])\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "[]\n"

@@ -1,4 +1,5 @@
-"""What is on a simulated body beside its weight: where it acts, when, and what a plan that carries it is worth."""
+"""What is on a simulated body beside its weight: where it acts, when, and what a plan that carries
+it is worth."""
 
 from __future__ import annotations
 
@@ -28,14 +29,17 @@ FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
 WORLDS = ("mujoco", "bullet")
 STANDING = np.tile([0.0, 0.3, 0.0, 1.2], 6)
 SQUARE = Patch(
-    vertices_m=0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]),
-    normal=np.array([0.0, 0.0, 1.0]), shear_reference=np.array([1.0, 0.0, 0.0]), friction=0.7,
-)  # fmt: skip
+    vertices_m=0.5
+    * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]),
+    normal=np.array([0.0, 0.0, 1.0]),
+    shear_reference=np.array([1.0, 0.0, 0.0]),
+    friction=0.7,
+)
 
 
 def falling(name: str, wrench: list[float], leans: bool = False) -> np.ndarray:
-    """Velocity of a robot after a tenth of a second of falling with this on it, shape (6,). leans: its centre of mass
-    is beside that of its body."""
+    """Velocity of a robot after a tenth of a second of falling with this on it, shape (6,). leans:
+    its centre of mass is beside that of its body."""
     if name == "bullet":
         pytest.importorskip("pybullet")
     pose = STANDING.copy()
@@ -51,7 +55,9 @@ def falling(name: str, wrench: list[float], leans: bool = False) -> np.ndarray:
 @pytest.mark.parametrize("name", WORLDS)
 @pytest.mark.parametrize("leans", [False, True])
 def test_a_force_moves_a_falling_robot_and_does_not_turn_it(name: str, leans: bool) -> None:
-    still, pulled = (falling(name, [force, -0.5 * force, 0.0, 0.0, 0.0, 0.0], leans) for force in (0.0, 30.0))
+    still, pulled = (
+        falling(name, [force, -0.5 * force, 0.0, 0.0, 0.0, 0.0], leans) for force in (0.0, 30.0)
+    )
     gained = pulled - still
     np.testing.assert_allclose(gained[:2], [0.3, -0.15], rtol=0.05)  # F t / m
     assert np.abs(gained[3:]).max() < 0.02
@@ -72,7 +78,9 @@ def test_a_moment_turns_a_falling_robot_and_does_not_move_it(name: str, axis: in
 def test_feet_of_a_robot_that_stands_carry_what_is_on_it(name: str) -> None:
     if name == "bullet":
         pytest.importorskip("pybullet")
-    answer = stancekit.plan("stairs", frames=2, wrench=at_point((3.0, -2.0, -15.0), (0, 0, 0), (0.1, 0.05, 0.05)))
+    answer = stancekit.plan(
+        "stairs", frames=2, wrench=at_point((3.0, -2.0, -15.0), (0, 0, 0), (0.1, 0.05, 0.05))
+    )
     plan = answer.solution
     assert plan is not None
     report = stancekit.simulate(plan, name, settings=FAST)
@@ -95,8 +103,13 @@ def carried(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
     return told
 
 
-def test_a_world_is_told_what_the_plan_was_told(carried: list[np.ndarray], step: Callable[[str], Plan]) -> None:
-    course = replace(read_course("stairs", 2), wrench=np.array([[0, 0, -5.0, 0, 0, 0], [0, 4.0, -10.0, 0, 0, 0.2]]))
+def test_a_world_is_told_what_the_plan_was_told(
+    carried: list[np.ndarray], step: Callable[[str], Plan]
+) -> None:
+    course = replace(
+        read_course("stairs", 2),
+        wrench=np.array([[0, 0, -5.0, 0, 0, 0], [0, 4.0, -10.0, 0, 0, 0.2]]),
+    )
     plan = stancekit.plan(course).solution
     assert plan is not None
     assert stancekit.simulate(plan, settings=FAST).succeeded
@@ -116,12 +129,16 @@ def test_a_world_is_told_what_the_plan_was_told(carried: list[np.ndarray], step:
     assert not carried
 
 
-def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(step: Callable[[str], Plan]) -> None:
+def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(
+    step: Callable[[str], Plan],
+) -> None:
     load = at_point((0.0, 0.0, -20.0), (0, 0, 0), (0.12, 0.1, 0.05))
     told = stancekit.plan("stairs", frames=2, wrench=load).solution
     assert told is not None
     said = stancekit.simulate(told, settings=FAST).execution
-    other = stancekit.simulate(step("stairs"), settings=replace(FAST, wrench=tuple(load.tolist()))).execution
+    other = stancekit.simulate(
+        step("stairs"), settings=replace(FAST, wrench=tuple(load.tolist()))
+    ).execution
     assert said is not None
     assert other is not None
     assert said.force_rms_n < 0.6 * other.force_rms_n
@@ -133,5 +150,7 @@ def test_what_is_no_wrench_or_no_simulation_is_refused(step: Callable[[str], Pla
     for wrong in ((1.0, 2.0), ("a", "b", "c"), (np.nan, 0.0, 0.0), 3.0):
         with pytest.raises(InvalidInput, match="wrench: expected"):
             RunSettings(wrench=wrong)
-    with pytest.raises(InvalidInput, match="wrench: expected a simulated world with it, got dynamixel"):
+    with pytest.raises(
+        InvalidInput, match="wrench: expected a simulated world with it, got dynamixel"
+    ):
         stancekit.run(step("stairs"), "dynamixel", settings=RunSettings(wrench=(1.0, 0.0, 0.0)))

@@ -1,4 +1,5 @@
-"""Pictures of executions: the limbs are where the joints are, and what moved has moved in the picture."""
+"""Pictures of executions: the limbs are where the joints are, and what moved has moved in the
+picture."""
 
 from itertools import islice
 
@@ -40,7 +41,9 @@ def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> 
 
 
 def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Plan, Execution]) -> None:
-    pictures = [to_rgb(draw_execution(*run, time_s=time, size_px=(480, 360))) for time in (0.2, 0.2, 1.4)]
+    pictures = [
+        to_rgb(draw_execution(*run, time_s=time, size_px=(480, 360))) for time in (0.2, 0.2, 1.4)
+    ]
     assert np.array_equal(pictures[0], pictures[1])
     assert not np.array_equal(pictures[0], pictures[2])
 

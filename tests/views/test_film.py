@@ -1,4 +1,5 @@
-"""Films of motions: every frame is there, things are where the scene has them, and files are whole or absent."""
+"""Films of motions: every frame is there, things are where the scene has them, and files are whole
+or absent."""
 
 from __future__ import annotations
 
@@ -28,17 +29,27 @@ SMALL = (480, 300)
 
 
 def glide(count=41) -> Trajectory:
-    """The hexapod glides .4 m along x over level ground, its left feet standing; for the eye alone."""
+    """The hexapod glides .4 m along x over level ground, its left feet standing; for the eye
+    alone."""
     robot = hexapod_walker()
     torso = np.column_stack([np.linspace(-0.2, 0.2, count), np.zeros(count), np.full(count, 0.2)])
     contact = np.tile([foot.hip_m[1] > 0.0 for foot in robot.feet], (count, 1))
     return Trajectory(
-        times_s=0.005 * np.arange(count), torso_m=torso, rotation=np.tile(np.eye(3), (count, 1, 1)),
+        times_s=0.005 * np.arange(count),
+        torso_m=torso,
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
         feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]),
-        forces_n=np.where(contact[..., None], [0.0, 0.0, 30.0], 0.0), contact=contact, robot=robot,
-        terrain=HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.25, name="</script><b>level"), friction=0.6,
-        adhesive=np.zeros(6, dtype=bool), start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2],
-    )  # fmt: skip
+        forces_n=np.where(contact[..., None], [0.0, 0.0, 30.0], 0.0),
+        contact=contact,
+        robot=robot,
+        terrain=HeightField.from_function(
+            lambda x, y: 0.0 * x, 1.0, 0.25, name="</script><b>level"
+        ),
+        friction=0.6,
+        adhesive=np.zeros(6, dtype=bool),
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+    )
 
 
 def frames_of(path):
@@ -49,13 +60,16 @@ def frames_of(path):
     return meta, [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
 
 
-# ------------------------------------------------------------------------------------------------------ video
+# ------------------------------------------------------------------------------------------------------
+# video
 
 
 def test_every_frame_is_in_the_video_in_its_order(tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     shades = [0, 60, 120, 180, 240]
-    count = write_video(tmp_path / "a.mp4", (np.full((63, 81, 3), shade, np.uint8) for shade in shades), 10.0)
+    count = write_video(
+        tmp_path / "a.mp4", (np.full((63, 81, 3), shade, np.uint8) for shade in shades), 10.0
+    )
     meta, frames = frames_of(tmp_path / "a.mp4")
     assert (count, len(frames), meta["fps"]) == (5, 5, 10.0)
     assert meta["size"] == (80, 62)
@@ -72,7 +86,8 @@ def test_a_video_is_whole_or_absent(tmp_path):
         yield np.zeros((20, 22, 3), np.uint8)
 
     with pytest.raises(
-        InvalidInput, match=r"^frames\[1\]: expected shape \(20, 20, 3\) as the first, got \(20, 22, 3\)$"
+        InvalidInput,
+        match=r"^frames\[1\]: expected shape \(20, 20, 3\) as the first, got \(20, 22, 3\)$",
     ):
         write_video(tmp_path / "a.mp4", breaking())
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
@@ -82,7 +97,10 @@ def test_a_video_is_whole_or_absent(tmp_path):
 @pytest.mark.parametrize(
     ("script", "said"),
     [
-        ("cat > /dev/null; echo 'av_write_trailer(): No space left on device' >&2; exit 1", "No space left on device"),
+        (
+            "cat > /dev/null; echo 'av_write_trailer(): No space left on device' >&2; exit 1",
+            "No space left on device",
+        ),
         ("echo 'No space left on device' >&2; exit 1", "No space left on device"),
         ("cat > /dev/null; echo first >&2; echo last >&2; exit 3", "ffmpeg failed: last"),
         ("kill -9 $$", "ffmpeg failed: without a word"),
@@ -108,12 +126,29 @@ def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, scri
         ("a.gif", [], 25.0, "a.gif: expected a name that ends in .mp4, got .gif"),
         ("none/a.mp4", [], 25.0, "none/a.mp4: expected an existing folder none"),
         ("a.mp4", [], 25.0, "a.mp4: expected one or more frames, got none"),
-        ("a.mp4", [np.zeros((9, 9, 3))], 25.0, "frames[0]: expected uint8 of shape (H, W, 3), got float64 (9, 9, 3)"),
-        ("a.mp4", [np.zeros((9, 9), np.uint8)], 25.0, "frames[0]: expected uint8 of shape (H, W, 3), got uint8 (9, 9)"),
-        ("a.mp4", [np.zeros((9, 9, 3), np.uint8)], 0.0, "fps: expected a number above 0, up to 1000, got 0"),
+        (
+            "a.mp4",
+            [np.zeros((9, 9, 3))],
+            25.0,
+            "frames[0]: expected uint8 of shape (H, W, 3), got float64 (9, 9, 3)",
+        ),
+        (
+            "a.mp4",
+            [np.zeros((9, 9), np.uint8)],
+            25.0,
+            "frames[0]: expected uint8 of shape (H, W, 3), got uint8 (9, 9)",
+        ),
+        (
+            "a.mp4",
+            [np.zeros((9, 9, 3), np.uint8)],
+            0.0,
+            "fps: expected a number above 0, up to 1000, got 0",
+        ),
     ],
-)  # fmt: skip
-def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, monkeypatch, name, frames, fps, message):
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    tmp_path, monkeypatch, name, frames, fps, message
+):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput) as caught:
@@ -128,39 +163,57 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
         write_video(tmp_path / "a.mp4", [np.zeros((20, 20, 3), np.uint8)])
 
 
-# ------------------------------------------------------------------------------------------------------ shapes
+# ------------------------------------------------------------------------------------------------------
+# shapes
 
 
 @pytest.mark.parametrize(
     ("shape", "volume"),
-    [(Sphere(0.4), 4.0 / 3.0 * np.pi * 0.4**3), (Box(np.array([0.1, 0.2, 0.3])), 0.048),
-     (Capsule(0.5, (0.1, 0.1)), np.pi * 0.01 * (0.5 + 4.0 / 3.0 * 0.1)),
-     (disc(np.array([0.6, 0.0, 0.8]), 0.5), 0.02 * np.pi * 0.5),
-     (cone(0.5, np.eye(3), 0.6), np.pi * 0.3**2 * 0.6 / 3.0)],
+    [
+        (Sphere(0.4), 4.0 / 3.0 * np.pi * 0.4**3),
+        (Box(np.array([0.1, 0.2, 0.3])), 0.048),
+        (Capsule(0.5, (0.1, 0.1)), np.pi * 0.01 * (0.5 + 4.0 / 3.0 * 0.1)),
+        (disc(np.array([0.6, 0.0, 0.8]), 0.5), 0.02 * np.pi * 0.5),
+        (cone(0.5, np.eye(3), 0.6), np.pi * 0.3**2 * 0.6 / 3.0),
+    ],
     ids=["sphere", "box", "capsule", "disc", "cone"],
-)  # fmt: skip
+)
 def test_shapes_are_closed_look_outward_and_have_their_volume(shape, volume):
     """By the divergence theorem; what is round has corners, and so a few percent less."""
     points, faces = mesh_of(shape)
     corners = points[triangles_of(faces)]
     found = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     assert 0.92 * volume < found < 1.001 * volume
-    assert np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)).max() < 1e-9
+    assert (
+        np.abs(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+        ).max()
+        < 1e-9
+    )
 
 
-# ------------------------------------------------------------------------------------------------------- film
+# -------------------------------------------------------------------------------------------------------
+# film
 
 
 def seen(*bodies, arrows=(), facets=()):
-    """What a viewer 50 m before the x-z plane sees of ±1 m of it, 100 pixels wide, and where its window is."""
+    """What a viewer 50 m before the x-z plane sees of ±1 m of it, 100 pixels wide, and where its
+    window is."""
     corners = [
-        DrawnBody(name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white")
+        DrawnBody(
+            name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white"
+        )
         for x in (-1, 1)
     ]
     motion = Animation(
-        fixed=Scene(facets=facets), moments=[Scene(bodies=[*corners, *bodies], arrows=arrows)], step_s=1.0, title="",
-        camera=Camera(target_m=np.zeros(3), azimuth_rad=-0.5 * np.pi, elevation_rad=0.0, distance_m=50.0),
-    )  # fmt: skip
+        fixed=Scene(facets=facets),
+        moments=[Scene(bodies=[*corners, *bodies], arrows=arrows)],
+        step_s=1.0,
+        title="",
+        camera=Camera(
+            target_m=np.zeros(3), azimuth_rad=-0.5 * np.pi, elevation_rad=0.0, distance_m=50.0
+        ),
+    )
     (pixels,) = rendered(motion, (100, 100))
     return pixels.astype(int), *motion.window(1.0)
 
@@ -168,7 +221,9 @@ def seen(*bodies, arrows=(), facets=()):
 def extent(colour, pixels, low, high):
     """Lowest and highest x and z of what is red or blue, as the picture has it [m]."""
     channel = {"red": 0, "blue": 2}[colour]
-    rows, columns = np.nonzero(pixels[..., channel] > pixels[..., [1, 2 - channel]].max(axis=-1) + 60)
+    rows, columns = np.nonzero(
+        pixels[..., channel] > pixels[..., [1, 2 - channel]].max(axis=-1) + 60
+    )
     size = (high - low) / 100.0
     return (
         low[0] + columns.min() * size[0],
@@ -180,17 +235,23 @@ def extent(colour, pixels, low, high):
 
 PLATE = Box(np.array([0.2, 0.01, 0.3]))
 BODIES = [
-    (PLATE, 0.2, 0.3), (Sphere(0.25), 0.25, 0.25), (Capsule(0.4, (0.1, 0.1)), 0.1, 0.3),
+    (PLATE, 0.2, 0.3),
+    (Sphere(0.25), 0.25, 0.25),
+    (Capsule(0.4, (0.1, 0.1)), 0.1, 0.3),
     (hull(mesh_of(PLATE)[0]), 0.2, 0.3),
-]  # fmt: skip
+]
 
 
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize(("shape", "across", "up"), BODIES, ids=["box", "sphere", "capsule", "mesh"])
+@pytest.mark.parametrize(
+    ("shape", "across", "up"), BODIES, ids=["box", "sphere", "capsule", "mesh"]
+)
 def test_bodies_are_where_the_scene_has_them(shape, across, up):
     body = DrawnBody(name="a", shape=shape, position_m=np.array([0.3, 0.0, -0.2]), colour="red")
     found = extent("red", *seen(body))
-    assert found == pytest.approx((0.3 - across, 0.3 + across, -0.2 - up, -0.2 + up), abs=0.03)  # a pixel is 24 mm
+    assert found == pytest.approx(
+        (0.3 - across, 0.3 + across, -0.2 - up, -0.2 + up), abs=0.03
+    )  # a pixel is 24 mm
     turned = replace(body, rotation=np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
     found = extent("red", *seen(turned))
     assert found == pytest.approx((0.3 - up, 0.3 + up, -0.2 - across, -0.2 + across), abs=0.03)
@@ -199,7 +260,11 @@ def test_bodies_are_where_the_scene_has_them(shape, across, up):
 @pytest.mark.usefixtures("gl")
 def test_an_arrow_runs_from_its_start_as_far_as_its_vector():
     arrow = Arrow(
-        name="f", start_m=np.array([0.2, 0.0, 0.1]), vector_m=np.array([0.0, 0.0, 0.6]), radius_m=0.02, colour="red"
+        name="f",
+        start_m=np.array([0.2, 0.0, 0.1]),
+        vector_m=np.array([0.0, 0.0, 0.6]),
+        radius_m=0.02,
+        colour="red",
     )
     left, right, low, high = extent("red", *seen(arrows=[arrow]))
     assert (low, high) == pytest.approx((0.1, 0.7), abs=0.03)
@@ -221,8 +286,15 @@ def test_what_is_nearer_hides_what_is_farther_in_either_order():
 def test_terrain_is_solid_behind_the_robot_and_glass_before_it():
     square = np.array([(-0.4, 0.0, -0.4), (0.4, 0.0, -0.4), (0.4, 0.0, 0.4), (-0.4, 0.0, 0.4)])
     robot = DrawnBody(name="a", shape=Sphere(0.2), position_m=np.zeros(3), colour="red")
-    for y, sign, blue in ((1.0, -1.0, True), (-1.0, 1.0, False)):  # turned to the viewer behind, and away before
-        wall = Facet(corners_m=square + np.array([0.0, y, 0.0]), normal=np.array([0.0, sign, 0.0]), colour="blue")
+    for y, sign, blue in (
+        (1.0, -1.0, True),
+        (-1.0, 1.0, False),
+    ):  # turned to the viewer behind, and away before
+        wall = Facet(
+            corners_m=square + np.array([0.0, y, 0.0]),
+            normal=np.array([0.0, sign, 0.0]),
+            colour="blue",
+        )
         pixels = seen(robot, facets=[wall])[0]
         assert pixels[50, 50, 0] > 150 > pixels[50, 50, 2]
         assert (pixels[50, 64, 0] < 100) == blue
@@ -266,7 +338,9 @@ def test_equal_motions_give_equal_frames():
 
 @pytest.mark.parametrize("settings", [{"fps": 0.0}, {"speed": -1.0}, {"fps": float("nan")}])
 def test_films_of_no_speed_are_refused(settings):
-    with pytest.raises(InvalidInput, match=r"^fps, speed: expected numbers above 0, up to 1000, got "):
+    with pytest.raises(
+        InvalidInput, match=r"^fps, speed: expected numbers above 0, up to 1000, got "
+    ):
         next(motion_frames(glide(), **settings))
 
 
@@ -294,6 +368,7 @@ def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(
-        InvalidInput, match=r"^video: expected MuJoCo; install it with pip install 'stancekit\[film\]'$"
+        InvalidInput,
+        match=r"^video: expected MuJoCo; install it with pip install 'stancekit\[film\]'$",
     ):
         check_film(tmp_path / "a.mp4")

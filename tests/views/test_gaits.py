@@ -1,4 +1,5 @@
-"""Pictures and plots of gaits: what they show is where it should be, and nothing else is needed to draw them."""
+"""Pictures and plots of gaits: what they show is where it should be, and nothing else is needed to
+draw them."""
 
 from __future__ import annotations
 
@@ -27,20 +28,34 @@ SMALL = (600, 450)
 def walk(terrain=None, count=81) -> Trajectory:
     """The hexapod glides ahead over two steps of each tripod; no dynamics, for the eye alone."""
     robot, share = hexapod_walker(), np.linspace(0.0, 1.0, count)
-    field = terrain or HeightField.from_function(lambda x, y: 0.05 * np.sin(3.0 * x), 1.5, 0.1, name="swell")
+    field = terrain or HeightField.from_function(
+        lambda x, y: 0.05 * np.sin(3.0 * x), 1.5, 0.1, name="swell"
+    )
     torso = np.column_stack([0.6 * share - 0.3, 0.1 * share, 0.2 + 0.0 * share])
     feet = torso[:, None] + np.array([foot.nominal_m for foot in robot.feet])
     contact = (np.minimum(np.floor(4.0 * share), 3.0)[:, None] + np.arange(6)) % 2 == 0
     forces = np.where(contact[..., None], [0.0, 0.0, robot.mass_kg * 9.81 / 3.0], 0.0)
     return Trajectory(
-        times_s=0.02 * np.arange(count), torso_m=torso, rotation=np.tile(np.eye(3), (count, 1, 1)), feet_m=feet,
-        forces_n=forces, contact=contact, robot=robot, terrain=field, friction=0.6, adhesive=[True] + 5 * [False],
-        start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], provenance={"chart": "by hand"},
-    )  # fmt: skip
+        times_s=0.02 * np.arange(count),
+        torso_m=torso,
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        feet_m=feet,
+        forces_n=forces,
+        contact=contact,
+        robot=robot,
+        terrain=field,
+        friction=0.6,
+        adhesive=[True] + 5 * [False],
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+        provenance={"chart": "by hand"},
+    )
 
 
 def texts(figure) -> str:
-    return "\n".join(text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text")))
+    return "\n".join(
+        text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text"))
+    )
 
 
 def pixels_of(pixels, colour) -> int:
@@ -49,7 +64,8 @@ def pixels_of(pixels, colour) -> int:
     return int(np.sum(np.abs(pixels.astype(int) - sought).max(axis=2) < 40))
 
 
-# --------------------------------------------------------------------------------------------------- the scene
+# ---------------------------------------------------------------------------------------------------
+# the scene
 
 
 def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them():
@@ -114,15 +130,21 @@ def test_lines_of_the_map_lie_on_the_terrain_and_go_where_the_map_sends_them():
     assert np.allclose(plain[:, 2], view.trajectory.terrain.height(plain[:, :2]))
     on_line = np.abs(plain[:, :2] / GRID_M - np.round(plain[:, :2] / GRID_M)) < 1e-9
     assert np.all(on_line.any(axis=1))
-    shifted = GaitView(walk(), lambda points: points + np.array([0.1, 0.0, 0.0])).lines().reshape(-1, 3)
-    off = np.abs((shifted[:, :2] - [0.1, 0.0]) / GRID_M - np.round((shifted[:, :2] - [0.1, 0.0]) / GRID_M))
+    shifted = (
+        GaitView(walk(), lambda points: points + np.array([0.1, 0.0, 0.0])).lines().reshape(-1, 3)
+    )
+    off = np.abs(
+        (shifted[:, :2] - [0.1, 0.0]) / GRID_M - np.round((shifted[:, :2] - [0.1, 0.0]) / GRID_M)
+    )
     assert np.all((off < 1e-9).any(axis=1))
     assert not np.all(np.abs(shifted[:, 0] / GRID_M - np.round(shifted[:, 0] / GRID_M)) < 1e-9)
 
 
 def test_a_robot_behind_a_wall_is_looked_at_from_the_other_side():
     """A wall along y at x = .5: the viewer has to be where it does not hide a robot at x = 0."""
-    wall = HeightField.from_function(lambda x, y: 1.2 / (1.0 + np.exp(-12.0 * (x - 0.7))), 1.5, 0.05)
+    wall = HeightField.from_function(
+        lambda x, y: 1.2 / (1.0 + np.exp(-12.0 * (x - 0.7))), 1.5, 0.05
+    )
     torso = np.column_stack([np.zeros(81), np.linspace(-0.4, 0.4, 81), np.full(81, 0.2)])
     gone = walk(wall)
     feet = torso[:, None] + np.array([foot.nominal_m for foot in gone.robot.feet])
@@ -130,13 +152,16 @@ def test_a_robot_behind_a_wall_is_looked_at_from_the_other_side():
     assert view.camera.axes[2][0] < 0.0
 
 
-# -------------------------------------------------------------------------------------------------- the motion
+# --------------------------------------------------------------------------------------------------
+# the motion
 
 
 def test_forces_footholds_and_feet_have_their_colours():
     trajectory = walk()
     with_forces = to_rgb(draw_motion(trajectory, size_px=SMALL))
-    without = to_rgb(draw_motion(replace(trajectory, forces_n=0.0 * trajectory.forces_n), size_px=SMALL))
+    without = to_rgb(
+        draw_motion(replace(trajectory, forces_n=0.0 * trajectory.forces_n), size_px=SMALL)
+    )
     assert with_forces.shape == (450, 600, 3)
     assert pixels_of(with_forces, ACCENT) > pixels_of(without, ACCENT) + 100
     assert all(pixels_of(with_forces, leg_colour(k)) > 10 for k in range(6))
@@ -174,9 +199,14 @@ def test_a_motion_off_the_grid_is_drawn_over_what_the_terrain_goes_on_as():
 def test_what_is_no_motion_is_refused():
     hole = np.array(walk().torso_m)
     hole[3] = np.nan
-    short = {n: getattr(walk(), n)[:1] for n in ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")}
+    short = {
+        n: getattr(walk(), n)[:1]
+        for n in ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
+    }
     for spoilt in ({"torso_m": hole}, short):
-        with pytest.raises(InvalidInput, match=r"^trajectory: expected two or more samples of finite numbers$"):
+        with pytest.raises(
+            InvalidInput, match=r"^trajectory: expected two or more samples of finite numbers$"
+        ):
             draw_motion(replace(walk(), **spoilt))
 
 
@@ -185,7 +215,9 @@ def test_the_path_is_shown_between_the_trunks_and_not_through_them():
     path = view.fixed.paths[-1].pieces_m.mean(axis=1)
     inside = Still(view.scene(), view.camera).inside(path)
     local = np.abs(path[:, None] - view.trajectory.torso_m[view.shown])
-    assert np.array_equal(inside, np.any(np.all(local < view.trajectory.robot.trunk_half_m, axis=2), axis=1))
+    assert np.array_equal(
+        inside, np.any(np.all(local < view.trajectory.robot.trunk_half_m, axis=2), axis=1)
+    )
     assert 0 < inside.sum() < len(path)
 
 
@@ -196,12 +228,15 @@ def test_the_ground_is_the_terrain_and_its_block_looks_outward():
     middle = top.points_m.reshape(-1, 3).mean(axis=0)
     for sheet in sides:
         corners = sheet.points_m.reshape(-1, 3)[sheet.faces]
-        outward = np.sum((corners.mean(axis=1) - middle) * [1.0, 1.0, 0.0] * normals_of(corners), axis=1)
+        outward = np.sum(
+            (corners.mean(axis=1) - middle) * [1.0, 1.0, 0.0] * normals_of(corners), axis=1
+        )
         assert np.all(outward > 0.0)
     assert np.all(normals_of(top.points_m.reshape(-1, 3)[top.faces])[:, 2] > 0.0)
 
 
-# ---------------------------------------------------------------------------------------------------- the plots
+# ----------------------------------------------------------------------------------------------------
+# the plots
 
 
 def runs(directions=8):
@@ -209,7 +244,11 @@ def runs(directions=8):
     found = []
     for k in range(directions):
         turn = 2.0 * np.pi * k / directions
-        found.append(GaitRun(method="ours", violations=0.5 ** np.arange(30), direction_rad=turn, seconds=1.0 + k))
+        found.append(
+            GaitRun(
+                method="ours", violations=0.5 ** np.arange(30), direction_rad=turn, seconds=1.0 + k
+            )
+        )
         slow = np.maximum(0.8 ** np.arange(80), 1e-2 if k % 4 == 0 else 0.0)
         found.append(GaitRun(method="other", violations=slow, direction_rad=turn, seconds=5.0))
     return found
@@ -220,10 +259,10 @@ def test_success_is_the_first_iterate_below_the_tolerance():
     assert (run.iterations, run.success) == (2, True)
     run = GaitRun(method="m", violations=[1.0, 1e-3, 1e-4])
     assert (run.iterations, run.success) == (2, False)
-    assert (GaitRun(method="m", violations=[1e-5]).iterations, GaitRun(method="m", violations=[2.0]).iterations) == (
-        0,
-        0,
-    )
+    assert (
+        GaitRun(method="m", violations=[1e-5]).iterations,
+        GaitRun(method="m", violations=[2.0]).iterations,
+    ) == (0, 0)
     assert GaitRun(method="m", violations=[np.inf, 1e-5]).iterations == 1
 
 
@@ -276,21 +315,31 @@ def test_a_colour_is_a_methods_own_whichever_others_are_there():
     for draw in (draw_convergence, draw_times):
         both = colours(runs(), draw)
         assert both["ours"] != both["other"]
-        assert colours([run for run in runs() if run.method == "ours"], draw)["ours"] == both["ours"]
+        assert (
+            colours([run for run in runs() if run.method == "ours"], draw)["ours"] == both["ours"]
+        )
 
 
 def test_times_reach_as_far_as_what_is_drawn():
-    # one slow success among three guesses in a direction is not drawn; as a failure it is, by its cross
+    # one slow success among three guesses in a direction is not drawn; as a failure it is, by its
+    # cross
     def rim(last):
         solves = [GaitRun(method="m", violations=[1.0, 1e-5], seconds=1.0) for _ in range(2)]
-        return draw_times([*solves, GaitRun(method="m", violations=[1.0, last], seconds=90.0)]).axes[0].get_ylim()[1]
+        return (
+            draw_times([*solves, GaitRun(method="m", violations=[1.0, last], seconds=90.0)])
+            .axes[0]
+            .get_ylim()[1]
+        )
 
     assert rim(1e-5) == pytest.approx(1.02 * np.log1p(1.0 / 0.5))
     assert rim(1.0) == pytest.approx(1.02 * np.log1p(100.0 / 0.5))
 
 
 def test_panels_have_titles_of_one_size():
-    long = [*runs(), GaitRun(method="with a name that is much longer than others have", violations=[1.0, 1e-5])]
+    long = [
+        *runs(),
+        GaitRun(method="with a name that is much longer than others have", violations=[1.0, 1e-5]),
+    ]
     sizes = {axes.title.get_fontsize() for axes in draw_directions(long).axes if axes.get_title()}
     assert len(sizes) == 1
 
@@ -306,7 +355,9 @@ def test_many_solves_are_thin_lines_with_their_median():
 
 def test_long_solves_get_an_axis_on_which_the_first_iterations_are_seen():
     def share(iterations):
-        axes = draw_convergence([GaitRun(method="m", violations=[1.0] * iterations + [1e-5])]).axes[0]
+        axes = draw_convergence([GaitRun(method="m", violations=[1.0] * iterations + [1e-5])]).axes[
+            0
+        ]
         (left, _), (right, _) = axes.transData.transform([(0.0, 1.0), (10.0, 1.0)])
         return (right - left) / axes.bbox.width
 
@@ -315,7 +366,10 @@ def test_long_solves_get_an_axis_on_which_the_first_iterations_are_seen():
 
 
 def test_no_label_leaves_the_sheet():
-    long = [GaitRun(method=f"warped, as published, L-BFGS {k}", violations=[1.0, 1e-5], seconds=3.0) for k in range(6)]
+    long = [
+        GaitRun(method=f"warped, as published, L-BFGS {k}", violations=[1.0, 1e-5], seconds=3.0)
+        for k in range(6)
+    ]
     for draw in (draw_convergence, draw_directions, draw_times):
         figure = draw(long)
         figure.canvas.draw()

@@ -40,7 +40,9 @@ def test_in_the_air_there_are_no_forces(plan):
 
 
 def test_pictures_and_pages_say_what_is_not_judged(plan):
-    texts = [text.get_text() for text in draw_leap(plan).findobj(lambda it: hasattr(it, "get_text"))]
+    texts = [
+        text.get_text() for text in draw_leap(plan).findobj(lambda it: hasattr(it, "get_text"))
+    ]
     assert any(UNJUDGED in text for text in texts)
     film = LeapView(plan).film(fps=5.0, pace=1.0)
     assert all(UNJUDGED in note for note in film.notes)

@@ -1,4 +1,5 @@
-"""A URDF's own links in scenes: where pinocchio has them, in whatever way they look, in pictures, pages and films."""
+"""A URDF's own links in scenes: where pinocchio has them, in whatever way they look, in pictures,
+pages and films."""
 
 from __future__ import annotations
 
@@ -80,33 +81,41 @@ def test_links_and_feet_are_where_pinocchio_has_them() -> None:
 def test_what_a_link_looks_like_goes_before_what_it_collides_with() -> None:
     seen = BLOCK.format("visual", '<box size=".04 .06 .4"/>')
     both = dressed(seen + BLOCK.format("collision", '<box size=".5 .5 .5"/>'))
-    gone = dressed(seen.replace('<box size=".04 .06 .4"/>', '<mesh filename="gone.stl"/>')
-                   + BLOCK.format("collision", '<box size=".5 .5 .5"/>'))  # fmt: skip
+    gone = dressed(
+        seen.replace('<box size=".04 .06 .4"/>', '<mesh filename="gone.stl"/>')
+        + BLOCK.format("collision", '<box size=".5 .5 .5"/>')
+    )
     for text, longest in ((both, 0.4), (gone, 0.5)):
         model = model_of(text)
         mesh = Links(model).meshes[0, 2]
         foot = model.legs[0].chain.tip_m
-        far = mesh.vertices_m[np.linalg.norm(mesh.vertices_m - foot, axis=1) > 0.03]  # without the ball
+        far = mesh.vertices_m[
+            np.linalg.norm(mesh.vertices_m - foot, axis=1) > 0.03
+        ]  # without the ball
         assert np.ptp(far, axis=0).max() == pytest.approx(longest, rel=0.4)
 
 
 def test_legs_without_shapes_are_bars_from_joint_to_joint() -> None:
-    bare = quadruped().replace('<collision><geometry><sphere radius="0.02"/></geometry></collision>', "")
+    bare = quadruped().replace(
+        '<collision><geometry><sphere radius="0.02"/></geometry></collision>', ""
+    )
     model = model_of(bare)
     angles = bent(model)
     links = Links(model)
     bodies = by_name(links.bodies(COM, TURN, angles))
     for name, chain in zip(model.leg_names, links.chains(COM, TURN, angles), strict=True):
         bars = [body for key, body in bodies.items() if key.startswith(f"{name} bar")]
-        assert sum(body.shape.length_m for body in bars if isinstance(body.shape, Capsule)) == pytest.approx(
-            float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
-        )
+        assert sum(
+            body.shape.length_m for body in bars if isinstance(body.shape, Capsule)
+        ) == pytest.approx(float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()))
 
 
 def test_meshes_of_files_are_drawn_with_few_triangles_and_legs_share_them(tmp_path: Path) -> None:
     line = np.linspace(-1.0, 1.0, 80)
     grid = [(0.05 * x, 0.05 * y, 0.02 * np.sin(3.0 * x * y) - 0.1) for x in line for y in line]
-    faces = [(80 * i + j + 1, 80 * i + 80 + j + 1, 80 * i + j + 2) for i in range(79) for j in range(79)]
+    faces = [
+        (80 * i + j + 1, 80 * i + 80 + j + 1, 80 * i + j + 2) for i in range(79) for j in range(79)
+    ]
     text = [f"v {x} {y} {z}" for x, y, z in grid] + [f"f {a} {b} {c}" for a, b, c in faces]
     (tmp_path / "cloth.obj").write_text("\n".join(text))
     urdf = dressed(BLOCK.format("visual", '<mesh filename="cloth.obj"/>'))
@@ -125,7 +134,9 @@ def test_a_robot_whose_meshes_are_not_at_hand_is_drawn_by_the_hulls_that_its_fil
     for what, first in ((looks, False), (body, True), (looks + body, True)):
         model = model_of(dressed(what))
         shapes = tuple(
-            replace(shape, corners_m=cube) if shape.kind == "mesh" and shape.collides == first else shape
+            replace(shape, corners_m=cube)
+            if shape.kind == "mesh" and shape.collides == first
+            else shape
             for shape in model.shapes
         )
         bodies = by_name(Links(replace(model, shapes=shapes)).bodies(COM, TURN, bent(model)))
@@ -141,7 +152,9 @@ def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
     bodies = by_name(list(view.at(20).bodies))
     for leg, toe in zip(model.legs, walk.feet_m[20], strict=True):
         normal = walk.terrain.normal(toe[:2])
-        np.testing.assert_allclose(bodies[f"{leg.name} foot"].position_m, toe + leg.radius_m * normal, atol=1e-5)
+        np.testing.assert_allclose(
+            bodies[f"{leg.name} foot"].position_m, toe + leg.radius_m * normal, atol=1e-5
+        )
     names = {body.name for body in view.at(0).bodies}
     assert names == set(bodies)
     own, boxes = (
@@ -164,7 +177,9 @@ def test_a_page_holds_each_mesh_once_however_long_the_walk_is() -> None:
 
 def test_a_film_has_the_links() -> None:
     motion = GaitView(leaning()).film(None, step_s=0.1)
-    bare = replace(motion, moments=[replace(each, bodies=each.bodies[-1:]) for each in motion.moments])
+    bare = replace(
+        motion, moments=[replace(each, bodies=each.bodies[-1:]) for each in motion.moments]
+    )
     try:
         ours, none = (list(rendered(each, (320, 240))) for each in (motion, bare))
     except InvalidInput as error:

@@ -9,7 +9,9 @@ from stancekit.planners.warp.conformal import fit_map
 from stancekit.views.maps import draw_map, draw_map_convergence
 from stancekit.views.sheet import to_rgb
 
-FIELD = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1, name="egg box")
+FIELD = HeightField.from_function(
+    lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1, name="egg box"
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,9 @@ def test_a_map_is_drawn_with_its_figures(fits):
     pixels = to_rgb(figure)
     assert pixels.shape == (675, 900, 3)
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
-    np.testing.assert_array_equal(pixels, to_rgb(draw_map(fits[0].map, FIELD, fits[0].report, size_px=(900, 675))))
+    np.testing.assert_array_equal(
+        pixels, to_rgb(draw_map(fits[0].map, FIELD, fits[0].report, size_px=(900, 675)))
+    )
 
 
 def test_a_map_is_not_drawn_on_another_terrain(fits):
@@ -39,7 +43,11 @@ def test_convergence_has_a_line_a_method_with_every_iteration(fits):
     assert len(figure.axes) == 2
     for axes in figure.axes:
         lines = [line for line in axes.lines if len(line.get_xdata()) > 1]
-        assert [len(line.get_ydata()) for line in lines] == [len(report.energy) for report in reports]
-        np.testing.assert_allclose(lines[0].get_ydata(), reports[0].energy[:, 1] + reports[0].energy[:, 3])
+        assert [len(line.get_ydata()) for line in lines] == [
+            len(report.energy) for report in reports
+        ]
+        np.testing.assert_allclose(
+            lines[0].get_ydata(), reports[0].energy[:, 1] + reports[0].energy[:, 3]
+        )
     with pytest.raises(InvalidInput, match="expected one or more, got none"):
         draw_map_convergence([])

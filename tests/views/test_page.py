@@ -1,4 +1,5 @@
-"""Pages: one file with everything in it, which headless Chromium opens from disk without a network."""
+"""Pages: one file with everything in it, which headless Chromium opens from disk without a
+network."""
 
 from __future__ import annotations
 
@@ -38,16 +39,25 @@ def plan():
 def walk() -> GaitView:
     """ANYmal's body glides over a swell, all feet down, then two; for the eye alone."""
     robot, share = anymal(), np.linspace(0.0, 1.0, 41)
-    field = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x), 1.5, 0.1, name="</script><b>swell")
+    field = HeightField.from_function(
+        lambda x, y: 0.1 * np.sin(3.0 * x), 1.5, 0.1, name="</script><b>swell"
+    )
     torso = np.column_stack([0.4 * share, 0.0 * share, 0.5 + 0.0 * share])
     contact = np.array([[k < 20 or foot < 2 for foot in range(4)] for k in range(41)])
     trajectory = Trajectory(
-        times_s=0.05 * np.arange(41), torso_m=torso,
+        times_s=0.05 * np.arange(41),
+        torso_m=torso,
         rotation=Rotation.from_euler("z", 0.3 * share[:, None]).as_matrix(),
-        feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]), contact=contact,
-        forces_n=np.where(contact[..., None], [0.0, 0.0, 70.0], 0.0), robot=robot, terrain=field, friction=0.6,
-        adhesive=[False] * 4, start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2],
-    )  # fmt: skip
+        feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]),
+        contact=contact,
+        forces_n=np.where(contact[..., None], [0.0, 0.0, 70.0], 0.0),
+        robot=robot,
+        terrain=field,
+        friction=0.6,
+        adhesive=[False] * 4,
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
+    )
     return GaitView(trajectory)
 
 
@@ -80,13 +90,17 @@ def test_the_page_holds_everything_that_it_shows(plan_page, walk_page):
     for text in (plan_page, walk_page):
         assert text.startswith("<!doctype html>")
         assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)""", text[: text.index("<script")])
-        assert set(re.findall(r"https?://[\w.]+", text)) <= {"http://www.w3.org"}  # the name of SVG, not a place to go
+        assert set(re.findall(r"https?://[\w.]+", text)) <= {
+            "http://www.w3.org"
+        }  # the name of SVG, not a place to go
         assert len(text) < 3_000_000
 
 
 def test_names_are_text_and_no_markup(plan, walk_page):
     shown = page_of(
-        PlanView(replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))).film(step_s=0.2)
+        PlanView(
+            replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))
+        ).film(step_s=0.2)
     )
     assert "<script>alert" not in shown
     assert "&lt;script&gt;alert" in shown
@@ -96,14 +110,17 @@ def test_names_are_text_and_no_markup(plan, walk_page):
 
 @pytest.mark.parametrize("subject", ["plan", "walk"])
 def test_nodes_follow_the_motion(subject, plan, walk):
-    """What a page records of bodies, forces and notes is what the moments have, and what is not there is hidden."""
+    """What a page records of bodies, forces and notes is what the moments have, and what is not
+    there is hidden."""
     motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(None, step_s=0.5)
     try:
         server = page_module.viser_server()
         with server as shown:
             stage = Stage(shown.scene, motion.camera.distance_m)
             names = set()
-            for moment, note in zip(motion.moments, motion.notes or [""] * len(motion.moments), strict=True):
+            for moment, note in zip(
+                motion.moments, motion.notes or [""] * len(motion.moments), strict=True
+            ):
                 stage.pose(moment, note)
                 nodes = {name: node for name, node in stage._nodes.items() if node.visible}
                 forces = [arrow for arrow in moment.arrows if arrow.visible]
@@ -116,7 +133,9 @@ def test_nodes_follow_the_motion(subject, plan, walk):
                     place = [*node.position, *node.wxyz]
                     turn = Rotation.from_matrix(body.rotation).as_quat(scalar_first=True)
                     turn *= np.sign(turn @ node.wxyz)  # both are this rotation
-                    assert np.allclose(place, [*body.position_m, *turn], atol=1e-6)  # viser leaves what np.allclose is
+                    assert np.allclose(
+                        place, [*body.position_m, *turn], atol=1e-6
+                    )  # viser leaves what np.allclose is
                 for arrow in forces:
                     ends = [[arrow.start_m, arrow.start_m + arrow.vector_m]]
                     assert np.allclose(nodes[f"/forces/{arrow.name}"].points, ends, atol=1e-6)
@@ -133,11 +152,15 @@ def test_recording_says_nothing_on_standard_output(plan, capsys):
 
 
 def is_climb(shown):
-    """Terrain, ice, and dark limbs or the path of the centre of mass; faces, not their borders alone."""
+    """Terrain, ice, and dark limbs or the path of the centre of mass; faces, not their borders
+    alone."""
     red, green, blue = (shown[..., k] for k in range(3))
     rough, icy = (green - blue > 0.08) & (green > 0.4), (blue - red > 0.05) & (blue > 0.6)
     faces = (shown[190:400].min(axis=-1) < 0.9).mean()
-    return min(rough.mean(), icy.mean(), 0.1 * faces) > 0.01 and (shown.max(axis=-1) < 0.45).mean() > 0.001
+    return (
+        min(rough.mean(), icy.mean(), 0.1 * faces) > 0.01
+        and (shown.max(axis=-1) < 0.45).mean() > 0.001
+    )
 
 
 def is_walk(shown):
@@ -160,7 +183,9 @@ def tab(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("subject", "is_seen"), [("plan_page", is_climb), ("walk_page", is_walk)])
-def test_headless_chromium_opens_it_from_disk_without_a_network(subject, is_seen, request, tab, tmp_path):
+def test_headless_chromium_opens_it_from_disk_without_a_network(
+    subject, is_seen, request, tab, tmp_path
+):
     (tmp_path / "page.html").write_text(request.getfixturevalue(subject))
     tab.ask("Page.navigate", url=(tmp_path / "page.html").as_uri())
     if not any(map(is_seen, pictures_of(tab))):
@@ -194,7 +219,9 @@ def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
         raise ImportError(name)
 
     monkeypatch.setattr(page_module, "import_module", missing)
-    with pytest.raises(InvalidInput, match=r"page: expected viser; install it with pip install 'stancekit\[viz\]'"):
+    with pytest.raises(
+        InvalidInput, match=r"page: expected viser; install it with pip install 'stancekit\[viz\]'"
+    ):
         check_page(tmp_path / "a.html")
 
 

@@ -26,7 +26,10 @@ def plan():
 
 
 def test_the_picture_has_ice_and_friction_and_changes_with_the_frame(plan):
-    last, first = to_rgb(draw_plan(plan, size_px=(600, 500))), to_rgb(draw_plan(plan, frame=0, size_px=(600, 500)))
+    last, first = (
+        to_rgb(draw_plan(plan, size_px=(600, 500))),
+        to_rgb(draw_plan(plan, frame=0, size_px=(600, 500))),
+    )
     assert last.shape == (500, 600, 3)
     assert (last != first).any()
     bluish = (last[..., 2].astype(int) - last[..., 0] > 15) & (last[..., 2] > 180)
@@ -35,7 +38,9 @@ def test_the_picture_has_ice_and_friction_and_changes_with_the_frame(plan):
 
 
 def test_without_ice_there_is_none(plan):
-    rough = replace(plan.problem, terrain=tuple(replace(patch, friction=0.8) for patch in plan.problem.terrain))
+    rough = replace(
+        plan.problem, terrain=tuple(replace(patch, friction=0.8) for patch in plan.problem.terrain)
+    )
     shown = to_rgb(draw_plan(replace(plan, problem=rough), size_px=(600, 500)))
     bluish = (shown[..., 2].astype(int) - shown[..., 0] > 15) & (shown[..., 2] > 180)
     assert bluish.mean() < 0.01
@@ -142,8 +147,12 @@ def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
         bodies = {body.name: body for body in scene.bodies}
         trunk = bodies["trunk 0"]
         assert np.array_equal(trunk.position_m, plan.com_m[frame])
-        assert trunk.rotation == pytest.approx(Rotation.from_rotvec(plan.rotation_rad[frame].copy()).as_matrix())
-        assert np.array_equal([bodies[f"{limb} joint 3"].position_m for limb in view.shape.limbs], plan.toes_at(frame))
+        assert trunk.rotation == pytest.approx(
+            Rotation.from_rotvec(plan.rotation_rad[frame].copy()).as_matrix()
+        )
+        assert np.array_equal(
+            [bodies[f"{limb} joint 3"].position_m for limb in view.shape.limbs], plan.toes_at(frame)
+        )
         forces = dict(zip(view.shape.limbs, plan.forces_at(frame), strict=True))
         assert scene.arrows
         for arrow in scene.arrows:
@@ -169,7 +178,12 @@ def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
     motion = view.film()
     assert count == round(20.0 * (2 * 1.2 + 1.0)) + 1
     assert len(motion.moments) == len(motion.notes) == count
-    trunks = np.array([next(b.position_m for b in moment.bodies if b.name == "trunk 0") for moment in motion.moments])
+    trunks = np.array(
+        [
+            next(b.position_m for b in moment.bodies if b.name == "trunk 0")
+            for moment in motion.moments
+        ]
+    )
     shown = [view.motion.at(float(time_s)) for time_s in view.shown_s(count)]
     assert np.array_equal(trunks, [now.origin_m for now in shown])
     coms = np.array([now.com_m for now in shown])

@@ -1,4 +1,5 @@
-"""The pictures: they show what they are given, say what they cannot show, and are written whole or not at all."""
+"""The pictures: they show what they are given, say what they cannot show, and are written whole or
+not at all."""
 
 import itertools
 import os
@@ -30,8 +31,14 @@ from stancekit.views.sheet import save, to_rgb
 SMALL = (480, 360)
 Solved = Mapping[str, tuple[Problem, Plan]]
 ROWS = (
-    ComparisonBar(selector="heuristic", values={"P1 correct feasible": 0.81, "fix-p": 0.58}, paper={"fix-p": 0.6075}),
-    ComparisonBar(selector="neural", values={"P1 correct feasible": 0.975, "P1 correct infeasible": 0.92}),
+    ComparisonBar(
+        selector="heuristic",
+        values={"P1 correct feasible": 0.81, "fix-p": 0.58},
+        paper={"fix-p": 0.6075},
+    ),
+    ComparisonBar(
+        selector="neural", values={"P1 correct feasible": 0.975, "P1 correct infeasible": 0.92}
+    ),
 )
 
 
@@ -58,7 +65,8 @@ def texts(figure: Figure) -> list[str]:
 
 
 def settings() -> dict[str, object]:
-    """Return matplotlib's settings, but for the backend, which the very reading of it would choose."""
+    """Return matplotlib's settings, but for the backend, which the very reading of it would
+    choose."""
     return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
 
 
@@ -85,7 +93,9 @@ def one_limb(**changes: object) -> Problem:
         force_min=np.array([0.0, -1.0, -1.0]),
         force_max=np.ones(3),
     )
-    return Problem.posture(contacts=(contact,), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.0)
+    return Problem.posture(
+        contacts=(contact,), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.0
+    )
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
@@ -107,14 +117,24 @@ def test_any_size_comes_out_to_the_pixel(size_px: tuple[int, int], solved: Solve
 
 def test_the_same_input_gives_the_same_pixels(solved: Solved) -> None:
     problem, posture = solved["wall-3"]
-    first, second = (to_rgb(draw_posture(problem, posture, envelope=envelope(3), size_px=SMALL)) for _ in range(2))
+    first, second = (
+        to_rgb(draw_posture(problem, posture, envelope=envelope(3), size_px=SMALL))
+        for _ in range(2)
+    )
     np.testing.assert_array_equal(first, second)
 
 
 def test_settings_of_the_user_change_no_pixel(solved: Solved) -> None:
     problem, posture = solved["wall-3"]
     plain = to_rgb(draw_posture(problem, posture, size_px=SMALL))
-    with mpl.rc_context({"savefig.bbox": "tight", "font.size": 30.0, "axes.edgecolor": "red", "lines.linewidth": 9.0}):
+    with mpl.rc_context(
+        {
+            "savefig.bbox": "tight",
+            "font.size": 30.0,
+            "axes.edgecolor": "red",
+            "lines.linewidth": 9.0,
+        }
+    ):
         before = settings()
         np.testing.assert_array_equal(to_rgb(draw_posture(problem, posture, size_px=SMALL)), plain)
         assert settings() == before
@@ -152,7 +172,9 @@ def test_without_a_posture_it_says_so_whatever_the_caption(solved: Solved) -> No
         assert set(problem.legs) <= set(said)
         assert not any("contact force" in text for text in said)
     assert "friction" in texts(draw_posture(problem, why="friction", size_px=SMALL))
-    assert not any("no posture" in text for text in texts(draw_posture(problem, posture, size_px=SMALL)))
+    assert not any(
+        "no posture" in text for text in texts(draw_posture(problem, posture, size_px=SMALL))
+    )
 
 
 def test_a_caption_is_never_read_as_mathematics(solved: Solved) -> None:
@@ -163,13 +185,25 @@ def test_a_caption_is_never_read_as_mathematics(solved: Solved) -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [{"friction": 0.0}, {"friction": 50.0}, {"size_m": 5.0}, {"shoulder_m": np.array([0.0, 0.0, 0.2])}],
-    ids=["no friction", "much friction", "a patch larger than the robot", "a shoulder above the body"],
+    [
+        {"friction": 0.0},
+        {"friction": 50.0},
+        {"size_m": 5.0},
+        {"shoulder_m": np.array([0.0, 0.0, 0.2])},
+    ],
+    ids=[
+        "no friction",
+        "much friction",
+        "a patch larger than the robot",
+        "a shoulder above the body",
+    ],
 )
 def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
     problem = one_limb(**changes)
     toes, forces = np.array([[0.0, 0.0, -0.3]]), np.array([[0.0, 0.0, 98.1]])
-    posture = Plan.of_posture(problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces)
+    posture = Plan.of_posture(
+        problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces
+    )
     figure = draw_posture(problem, posture, envelope=envelope(1, half=4.0), size_px=SMALL)
     assert "held by one limb, 98.1 N" in texts(figure)
     assert ink(to_rgb(figure)) > 0.02
@@ -179,8 +213,14 @@ def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
     ("broken", "message"),
     [
         ({"toes_m": np.zeros((2, 3))}, "posture: toes_m: expected shape (3, 3), got (2, 3)"),
-        ({"forces_n": np.zeros((1, 3, 2))}, "posture: forces_n: expected shape (1, 3, 3), got (1, 3, 2)"),
-        ({"com_m": np.array([[0.0, np.nan, 0.0]])}, "posture: com_m: expected finite numbers, got [[0.0, nan, 0.0]]"),
+        (
+            {"forces_n": np.zeros((1, 3, 2))},
+            "posture: forces_n: expected shape (1, 3, 3), got (1, 3, 2)",
+        ),
+        (
+            {"com_m": np.array([[0.0, np.nan, 0.0]])},
+            "posture: com_m: expected finite numbers, got [[0.0, nan, 0.0]]",
+        ),
     ],
 )
 def test_a_posture_that_does_not_fit_is_refused(
@@ -196,7 +236,9 @@ def test_an_envelope_of_other_contacts_and_a_tiny_sheet_are_refused(solved: Solv
     problem, posture = solved["wall-3"]
     with pytest.raises(InvalidInput, match=r"^envelope: expected 3 contacts, got 5$"):
         draw_posture(problem, posture, envelope=envelope(5))
-    with pytest.raises(InvalidInput, match=r"^size_px: expected at least 300 by 300 pixels, got 1200 by 200$"):
+    with pytest.raises(
+        InvalidInput, match=r"^size_px: expected at least 300 by 300 pixels, got 1200 by 200$"
+    ):
         draw_posture(problem, posture, size_px=(1200, 200))
 
 
@@ -207,7 +249,9 @@ def test_drawing_loads_no_pyplot() -> None:
         "to_rgb(draw_comparison([ComparisonBar(selector='a', values={'b': 0.5})]));"
         "print('matplotlib.pyplot' in sys.modules)"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert said == "False\n"
 
 
@@ -228,7 +272,9 @@ def test_a_camera_sees_space_as_a_viewer_does() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".PNG"])
-def test_a_saved_picture_can_be_read_and_is_the_same_every_time(suffix: str, tmp_path: Path) -> None:
+def test_a_saved_picture_can_be_read_and_is_the_same_every_time(
+    suffix: str, tmp_path: Path
+) -> None:
     first, second = tmp_path / f"first{suffix}", tmp_path / f"second{suffix}"
     for path in (first, second):
         save(draw_posture(one_limb(), size_px=SMALL), path)
@@ -249,7 +295,9 @@ def test_a_saved_picture_can_be_read_and_is_the_same_every_time(suffix: str, tmp
         ("no/a.png", "expected an existing folder {folder}/no"),
     ],
 )
-def test_a_name_that_cannot_be_written_is_refused_in_one_line(name: str, message: str, tmp_path: Path) -> None:
+def test_a_name_that_cannot_be_written_is_refused_in_one_line(
+    name: str, message: str, tmp_path: Path
+) -> None:
     with pytest.raises(InvalidInput) as refusal:
         save(draw_comparison(ROWS, size_px=SMALL), tmp_path / name)
     assert str(refusal.value) == f"{tmp_path / name}: {message.format(folder=tmp_path)}"
@@ -283,11 +331,15 @@ def test_a_comparison_shows_every_selector_measure_and_number() -> None:
     assert legend is not None
     named = [text.get_text() for text in legend.get_texts()]
     assert named == ["P1 correct feasible", "fix-p", "P1 correct infeasible", "paper"]
-    assert sorted(texts(figure)) == sorted(["wall-3", "% of problems", "81.0", "58.0", "97.5", "92.0", "–", "–"])
+    assert sorted(texts(figure)) == sorted(
+        ["wall-3", "% of problems", "81.0", "58.0", "97.5", "92.0", "–", "–"]
+    )
     heights = sorted(bar.get_height() for bar in axes.patches if bar.get_height() > 0.0)  # type: ignore[attr-defined]
     assert heights == pytest.approx([58.0, 81.0, 92.0, 97.5])
     diamonds = [line.get_ydata() for line in axes.lines if line.get_marker() == "D"]
-    assert [float(np.asarray(y)[0]) for y in diamonds] == pytest.approx([60.75, 0.0])  # the value, and the legend's own
+    assert [float(np.asarray(y)[0]) for y in diamonds] == pytest.approx(
+        [60.75, 0.0]
+    )  # the value, and the legend's own
 
 
 def test_a_comparison_without_the_paper_has_no_diamond() -> None:
@@ -300,10 +352,14 @@ def test_a_comparison_without_the_paper_has_no_diamond() -> None:
 def test_a_share_outside_of_0_to_1_is_refused(value: float) -> None:
     with pytest.raises(InvalidInput) as refusal:
         ComparisonBar(selector="neural", values={}, paper={"fix-p": value})
-    assert str(refusal.value) == f"neural: paper['fix-p']: expected a share in [0, 1], got {value:g}"
+    assert (
+        str(refusal.value) == f"neural: paper['fix-p']: expected a share in [0, 1], got {value:g}"
+    )
 
 
 def test_a_comparison_of_nothing_is_refused() -> None:
     for rows in ((), (ComparisonBar(selector="neural", values={}),)):
-        with pytest.raises(InvalidInput, match=r"^rows: expected one or more rows with values, got none$"):
+        with pytest.raises(
+            InvalidInput, match=r"^rows: expected one or more rows with values, got none$"
+        ):
             draw_comparison(rows)

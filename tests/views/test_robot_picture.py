@@ -1,4 +1,5 @@
-"""Pictures of robots: every leg is there by name, links where they are, and what cannot be drawn does no harm."""
+"""Pictures of robots: every leg is there by name, links where they are, and what cannot be drawn
+does no harm."""
 
 from pathlib import Path
 
@@ -23,7 +24,10 @@ def test_every_leg_is_named_beside_its_foot() -> None:
 
 def test_a_wider_trunk_covers_more_of_the_picture() -> None:
     wide = quadruped().replace('size="0.6 0.25 0.1"', 'size="0.6 0.25 0.3"')
-    pixels = [to_rgb(draw_robot(model_of(text), size_px=(400, 300))).astype(int) for text in (quadruped(), wide)]
+    pixels = [
+        to_rgb(draw_robot(model_of(text), size_px=(400, 300))).astype(int)
+        for text in (quadruped(), wide)
+    ]
     grey = [int(np.sum((np.ptp(each, axis=2) < 30) & (each.max(axis=2) < 200))) for each in pixels]
     assert grey[1] > 1.3 * grey[0] > 0
 
@@ -38,6 +42,8 @@ def test_a_mesh_is_drawn_and_a_broken_one_is_not(tmp_path: Path) -> None:
     for mesh in ("broken.stl", "box.obj"):
         text = quadruped().replace('<box size="0.6 0.25 0.1"/>', f'<mesh filename="{mesh}"/>')
         (tmp_path / "robot.urdf").write_text(text)
-        pixels = to_rgb(draw_robot(named_robot(tmp_path / "robot.urdf"), size_px=(400, 300))).astype(int)
+        pixels = to_rgb(
+            draw_robot(named_robot(tmp_path / "robot.urdf"), size_px=(400, 300))
+        ).astype(int)
         ink.append(int(np.sum((np.ptp(pixels, axis=2) < 30) & (pixels.max(axis=2) < 200))))
     assert ink[1] > ink[0] + 1000

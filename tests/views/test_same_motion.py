@@ -43,12 +43,16 @@ def planned(course: str | Path) -> Plan:
 
 def level_walk(robot: str) -> Trajectory:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.1, 0.0), duration_s=2.0, chart="decoupled", robot=robot).solution
+    walk = stancekit.walk(
+        level, (0.1, 0.0), duration_s=2.0, chart="decoupled", robot=robot
+    ).solution
     assert walk is not None
     return walk
 
 
-@pytest.mark.parametrize("name", ["hexapod on walls", "legs of a file on stairs", "walk of legs of a file"])
+@pytest.mark.parametrize(
+    "name", ["hexapod on walls", "legs of a file on stairs", "walk of legs of a file"]
+)
 def test_a_film_and_a_stream_are_equal_sample_by_sample(name: str, tmp_path: Path) -> None:
     subject: Plan | Trajectory
     if name == "hexapod on walls":
@@ -94,8 +98,10 @@ def test_a_plan_that_the_runner_refuses_is_shown_on_the_path_that_it_stands_for(
     assert isinstance(shown.motion, PlanMotion)
     runs = light.motion.motion
     assert isinstance(runs, PlanMotion)
-    middles = [np.cumsum([p.seconds for p in each.phases]) - [0.5 * p.seconds for p in each.phases]
-               for each in (runs, shown.motion)]  # fmt: skip
+    middles = [
+        np.cumsum([p.seconds for p in each.phases]) - [0.5 * p.seconds for p in each.phases]
+        for each in (runs, shown.motion)
+    ]
     one, other = runs.at(middles[0]), shown.motion.at(middles[1])
     assert len(other.frame) > 10
     for field in ("com_m", "rotation_rad", "feet_m", "foothold", "frame"):
@@ -111,7 +117,9 @@ def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
     rows = motion.at(times)
     assert not rows.stands.all(axis=1).all()
     assert np.isfinite(rows.toes_m).all()
-    np.testing.assert_allclose(rows.toes_m[rows.stands], plan.toes_m[rows.foothold[rows.stands]], atol=1e-9)
+    np.testing.assert_allclose(
+        rows.toes_m[rows.stands], plan.toes_m[rows.foothold[rows.stands]], atol=1e-9
+    )
     np.testing.assert_allclose(motion.at(plan.times_s).com_m, plan.com_m, atol=1e-9)
     steps = np.abs(np.diff(rows.toes_m, axis=0)).max()
     assert steps < 6.0 * motion.duration_s / 200
@@ -120,12 +128,25 @@ def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
 
 
 def test_samples_at_many_times_are_those_at_each_of_them() -> None:
-    for motion in (streamed(planned("walls")), PlanView(planned("walls")).keys, GaitMotion(level_walk("anymal"))):
+    for motion in (
+        streamed(planned("walls")),
+        PlanView(planned("walls")).keys,
+        GaitMotion(level_walk("anymal")),
+    ):
         times = np.linspace(-0.1, motion.duration_s + 0.1, 60)
         rows = motion.at(times)
         for k, time_s in enumerate(times):
             one = motion.at(float(time_s))
-            for name in ("com_m", "rotation_rad", "velocity_m_s", "feet_m", "forces_n", "foothold", "frame", "normals"):
+            for name in (
+                "com_m",
+                "rotation_rad",
+                "velocity_m_s",
+                "feet_m",
+                "forces_n",
+                "foothold",
+                "frame",
+                "normals",
+            ):
                 np.testing.assert_array_equal(getattr(rows, name)[k], getattr(one, name))
         rates = np.gradient(rows.com_m, times, axis=0)
         assert np.abs(rates - rows.velocity_m_s).max() < 0.1 * np.abs(rates).max() + 0.02

@@ -21,12 +21,17 @@ def recorded(**plan: Any) -> Recorded:
     contents = [("plan", {"joints": JOINTS, "course": "two limbs", **plan})]
     for k in range(4):
         state = {
-            "time_s": 0.1 * k, "angles_rad": off.tolist(), "position_m": [0.0] * 3,
-            "torques_nm": [1.0, -5.0, 2.0, 0.5, -0.25], "forces_n": [[0.0, 0.0, 9.0], [0.0, 3.0, 4.0]],
-        }  # fmt: skip
+            "time_s": 0.1 * k,
+            "angles_rad": off.tolist(),
+            "position_m": [0.0] * 3,
+            "torques_nm": [1.0, -5.0, 2.0, 0.5, -0.25],
+            "forces_n": [[0.0, 0.0, 9.0], [0.0, 3.0, 4.0]],
+        }
         contents.append(("measurement", state))
     contents += [("command", {"planned_rad": [0.0] * 5, "sent_rad": [0.0] * 5})] * 3
-    return Recorded(messages=tuple(Message(time_ns=0, topic=t, content=c) for t, c in contents), whole=True)
+    return Recorded(
+        messages=tuple(Message(time_ns=0, topic=t, content=c) for t, c in contents), whole=True
+    )
 
 
 def test_each_limb_is_one_line_of_the_worst_of_its_joints() -> None:
@@ -40,13 +45,20 @@ def test_each_limb_is_one_line_of_the_worst_of_its_joints() -> None:
 
 def test_what_was_planned_slid_and_planned_anew_is_drawn_where_the_log_says_it() -> None:
     log = recorded(limbs={"A": JOINTS[:3], "B": JOINTS[3:]}, torque_nm=[6.0, 6.0, 6.0, 4.0, 4.0])
-    aim = {"origin_m": [0.1, 0.0, 0.0], "forces_n": [[0.0, 0.0, 8.0], [0.0, 0.0, 5.0]], "foothold": [0, 1]}
+    aim = {
+        "origin_m": [0.1, 0.0, 0.0],
+        "forces_n": [[0.0, 0.0, 8.0], [0.0, 0.0, 5.0]],
+        "foothold": [0, 1],
+    }
     feet = [[[0.001 * k, 0.0, 0.0], [0.0, 0.002 * k, 0.0]] for k in range(4)]
-    states = [replace(each, content=each.content | {"feet_m": feet[k]})
-              for k, each in enumerate(m for m in log.messages if m.topic == "measurement")]  # fmt: skip
+    states = [
+        replace(each, content=each.content | {"feet_m": feet[k]})
+        for k, each in enumerate(m for m in log.messages if m.topic == "measurement")
+    ]
     rest = [each for each in log.messages if each.topic != "measurement"]
     said: list[tuple[str, dict[str, Any]]] = [
-        ("target", aim | {"time_s": 0.1 * k, "rolled_m": [[0.0005 * k, 0.0, 0.0], [0.0] * 3]}) for k in range(1, 4)
+        ("target", aim | {"time_s": 0.1 * k, "rolled_m": [[0.0005 * k, 0.0, 0.0], [0.0] * 3]})
+        for k in range(1, 4)
     ]
     said.append(("decision", {"what": "plan anew", "why": "feet slid", "time_s": 0.2}))
     said.append(("decision", {"what": "armed", "why": "asked", "time_s": 0.3}))
@@ -63,12 +75,24 @@ def test_what_was_planned_slid_and_planned_anew_is_drawn_where_the_log_says_it()
 
 
 def test_a_limb_without_a_foot_that_was_felt_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"^log: forces_n: expected numbers of shape \(3, 1, 3\), got \(3, 2, 3\)"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^log: forces_n: expected numbers of shape \(3, 1, 3\), got \(3, 2, 3\)",
+    ):
         tracked(recorded(limbs={"A": JOINTS}))
 
 
-@pytest.mark.parametrize("said", [{}, {"limbs": {}}, {"limbs": {"A": JOINTS[:2], "B": JOINTS[3:]}},
-                                  {"limbs": {"A": [], "B": JOINTS}}])  # fmt: skip
+@pytest.mark.parametrize(
+    "said",
+    [
+        {},
+        {"limbs": {}},
+        {"limbs": {"A": JOINTS[:2], "B": JOINTS[3:]}},
+        {"limbs": {"A": [], "B": JOINTS}},
+    ],
+)
 def test_limbs_that_are_not_those_of_the_joints_are_refused(said: dict[str, Any]) -> None:
-    with pytest.raises(InvalidInput, match=r"^log: limbs: expected the names of 5 joints by limb, got "):
+    with pytest.raises(
+        InvalidInput, match=r"^log: limbs: expected the names of 5 joints by limb, got "
+    ):
         tracked(recorded(**said))

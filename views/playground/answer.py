@@ -19,7 +19,8 @@ from .scenario import Scenario
 SHARES = (0.8, 1.0)
 """Of the friction, that a plan is looked for with while the scene is changed."""
 QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
-"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each share."""
+"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
+share."""
 PATIENT_S = 60.0
 """Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
 
@@ -28,10 +29,10 @@ PATIENT_S = 60.0
 class SceneAnswer:
     """Answer about a scene.
 
-    course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far as its contacts go.
-    status: None where there is no course. message: why there is no plan, or what is wrong with it; empty where nothing
-    is. report: on all of the plan, once it was judged. patient: whether all was looked at. seconds: CPU time of the
-    layout and of the search.
+    course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far
+    as its contacts go. status: None where there is no course. message: why there is no plan, or
+    what is wrong with it; empty where nothing is. report: on all of the plan, once it was judged.
+    patient: whether all was looked at. seconds: CPU time of the layout and of the search.
     """
 
     course: Problem | None = None
@@ -50,12 +51,15 @@ class SceneAnswer:
 
 
 def quick_answer(scenario: Scenario) -> SceneAnswer:
-    """An answer for the eye, from the contacts alone; undecided where it would take longer. Raises nothing."""
+    """An answer for the eye, from the contacts alone; undecided where it would take longer. Raises
+    nothing."""
     begin = time.process_time()
     try:
         course = scenario.course()
         laid = time.process_time()
-        planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
+        planner = TwoStageCoursePlanner(
+            time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS
+        )
         outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
     except StancekitError as error:
         return SceneAnswer(message=str(error), seconds=(time.process_time() - begin, 0.0))
@@ -63,8 +67,9 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
 
 
 def patient_answer(scenario: Scenario) -> SceneAnswer:
-    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and where no plan over the
-    layout that is asked for is accepted, one over another. Raises nothing."""
+    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
+    where no plan over the layout that is asked for is accepted, one over another. Raises
+    nothing."""
     begin = time.process_time()
     try:
         course = scenario.course()
@@ -73,14 +78,17 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
         planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
         outcome = plan_course(scenario.course, planner, layouts=scenario.layouts, deadline=deadline)
     except StancekitError as error:
-        return SceneAnswer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
+        return SceneAnswer(
+            message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0)
+        )
     return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
 
 
 def _answer(
     outcome: Answer[Plan], asked: Problem, seconds: tuple[float, float], *, patient: bool = False
 ) -> SceneAnswer:
-    """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a problem."""
+    """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a
+    problem."""
     message, report = outcome.message, outcome.report
     if outcome.certificate is not None and outcome.problem is not None:
         message = explain(outcome.certificate).message
@@ -88,9 +96,15 @@ def _answer(
             message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:
         message = report.message + (f"; {report.failures}" if report.failures else "")
-    share = 1.0 if outcome.solution is None else float(outcome.solution.provenance.get("friction_share", 1.0))
+    share = (
+        1.0
+        if outcome.solution is None
+        else float(outcome.solution.provenance.get("friction_share", 1.0))
+    )
     if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
-        message = f"laid out in another way than asked for, over which no plan was accepted: {layout}"
+        message = (
+            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
+        )
     return SceneAnswer(
         course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,

@@ -1,4 +1,5 @@
-"""Scenes over a terrain's file, from a place to another: a way over footholds is laid out anew for every change."""
+"""Scenes over a terrain's file, from a place to another: a way over footholds is laid out anew for
+every change."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ MOST_FRAMES = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BetweenScenario:
-    """A terrain's file with a start and a goal, (x, y) [m]. frames: as many as the way takes where None."""
+    """A terrain's file with a start and a goal, (x, y) [m]. frames: as many as the way takes where
+    None."""
 
     terrain: FileTerrain
     start_m: tuple[float, float]
@@ -43,13 +45,32 @@ class BetweenScenario:
 
     def sliders(self) -> tuple[Slider, ...]:
         """Friction, and key frames."""
-        found = [Slider(key="friction", label="friction of all surfaces", unit="μ", low=0.0, high=1.5, step=0.01,
-                        value=self.terrain.friction)]  # fmt: skip
+        result = [
+            Slider(
+                key="friction",
+                label="friction of all surfaces",
+                unit="μ",
+                low=0.0,
+                high=1.5,
+                step=0.01,
+                value=self.terrain.friction,
+            )
+        ]
         spec = self._laid.get("spec")
         frames = self.frames or (spec.frames if isinstance(spec, CourseSpec) else 2)
-        found.append(Slider(key="frames", label="key frames", unit="", low=2, high=max(MOST_FRAMES, frames), step=1,
-                            value=frames, whole=True))  # fmt: skip
-        return tuple(found)
+        result.append(
+            Slider(
+                key="frames",
+                label="key frames",
+                unit="",
+                low=2,
+                high=max(MOST_FRAMES, frames),
+                step=1,
+                value=frames,
+                whole=True,
+            )
+        )
+        return tuple(result)
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
         """Start and goal, over the ground."""
@@ -71,7 +92,9 @@ class BetweenScenario:
 
     def picked(self, course: Problem, patch: int) -> BetweenScenario:
         """Raises InvalidInput: surfaces are those of the file."""
-        raise InvalidInput("surface: expected a course of surfaces to pick one of, got a terrain's file")
+        raise InvalidInput(
+            "surface: expected a course of surfaces to pick one of, got a terrain's file"
+        )
 
     def with_robot(self, robot: str) -> BetweenScenario:
         """Scenario for another robot."""
@@ -95,11 +118,18 @@ class BetweenScenario:
 
     def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
         """The description of the course, made once in each way. Raises likewise."""
-        key = f"spec {alternative.message}".rstrip()  # "spec" is that of the layout that is asked for
+        key = (
+            f"spec {alternative.message}".rstrip()
+        )  # "spec" is that of the layout that is asked for
         if key not in self._laid:
-            given = None if self.robot == "hexapod" else self.robot
+            robot = None if self.robot == "hexapod" else self.robot
             self._laid[key] = course_between(
-                self.terrain, self.start_m, self.goal_m, robot=given, frames=self.frames, alternative=alternative
+                self.terrain,
+                self.start_m,
+                self.goal_m,
+                robot=robot,
+                frames=self.frames,
+                alternative=alternative,
             )
         return cast("CourseSpec", self._laid[key])
 
@@ -107,7 +137,9 @@ class BetweenScenario:
         """A YAML file with the way that was laid out."""
         keys = self._spec().model_dump(mode="json", exclude_defaults=True)
         keys["terrain"]["kind"] = self.terrain.kind
-        return ".yaml", yaml.safe_dump(_whole(keys), sort_keys=False, default_flow_style=None, width=110)
+        return ".yaml", yaml.safe_dump(
+            _whole(keys), sort_keys=False, default_flow_style=None, width=110
+        )
 
     def _with(self, **changes: Any) -> BetweenScenario:
         return replace(self, _laid={}, **changes)
@@ -115,8 +147,8 @@ class BetweenScenario:
 
 def _whole(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Numbers of a path to a tenth of a millimetre."""
-    found = dict(keys)
+    whole = dict(keys)
     for key in ("start_m", "goal_m"):
-        found[key] = np.round(found[key], 4).tolist()
-    found["via_m"] = [np.round(each, 4).tolist() for each in found.get("via_m", [])]
-    return found
+        whole[key] = np.round(whole[key], 4).tolist()
+    whole["via_m"] = [np.round(each, 4).tolist() for each in whole.get("via_m", [])]
+    return whole

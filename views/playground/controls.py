@@ -1,4 +1,5 @@
-"""Sliders, menus and grips of a playground, as a viser server shows them; what they change they tell, and no more."""
+"""Sliders, menus and grips of a playground, as a viser server shows them; what they change they
+tell, and no more."""
 
 from __future__ import annotations
 
@@ -21,7 +22,10 @@ class Controls:
     called in order."""
 
     def __init__(
-        self, server: Any, on_slid: Callable[[str, float], None], on_dragged: Callable[[str, Array], None]
+        self,
+        server: Any,
+        on_slid: Callable[[str, float], None],
+        on_dragged: Callable[[str, Array], None],
     ) -> None:
         self._server, self._on_slid, self._on_dragged = server, on_slid, on_dragged
         self._sliders = dict[str, Any]()
@@ -53,9 +57,13 @@ class Controls:
         if known is None:
             with self._folder:
                 known = self._server.gui.add_slider(
-                    slider.title, min=low, max=high, step=kind(slider.step), initial_value=kind(slider.value),
+                    slider.title,
+                    min=low,
+                    max=high,
+                    step=kind(slider.step),
+                    initial_value=kind(slider.value),
                     hint=slider.hint or None,
-                )  # fmt: skip
+                )
 
             async def slid(event: Any, key: str = slider.key) -> None:
                 if event.client is not None:  # else it was set here
@@ -72,10 +80,15 @@ class Controls:
         if known is None:
             name = f"/grips/{grip.key}"
             known = self._server.scene.add_transform_controls(
-                name, scale=GRIP_M, active_axes=grip.axes, disable_rotations=True,
-                disable_sliders=sum(grip.axes) < 2, depth_test=False, line_width=3.0,
+                name,
+                scale=GRIP_M,
+                active_axes=grip.axes,
+                disable_rotations=True,
+                disable_sliders=sum(grip.axes) < 2,
+                depth_test=False,
+                line_width=3.0,
                 position=tuple(grip.position_m.tolist()),
-            )  # fmt: skip
+            )
             self._labels[grip.key] = self._server.scene.add_label(
                 f"{name}/label", grip.label, anchor="top-center", position=(0.0, 0.0, -0.03)
             )

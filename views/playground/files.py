@@ -17,25 +17,37 @@ from .scenario import Scenario
 
 
 class Files:
-    """Names, buttons, and a line that says what was written. now: the newest scene and the answer that is shown."""
+    """Names, buttons, and a line that says what was written. now: the newest scene and the answer
+    that is shown."""
 
-    def __init__(self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, SceneAnswer]]) -> None:
+    def __init__(
+        self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, SceneAnswer]]
+    ) -> None:
         self._server, self._folder, self._now = server, folder, now
         gui = server.gui
         with gui.add_folder("Files"):
-            self._name = gui.add_text("name", "played", hint="Of the files, without a folder or an ending.")
+            self._name = gui.add_text(
+                "name", "played", hint="Of the files, without a folder or an ending."
+            )
             gui.add_button("save plan", hint=f"Into {folder.resolve()}.").on_click(self._save_plan)
-            gui.add_button("save course", hint=f"Into {folder.resolve()}.").on_click(self._save_course)
-            gui.add_button("show course", hint="The course's file, to copy.").on_click(self._show_course)
+            gui.add_button("save course", hint=f"Into {folder.resolve()}.").on_click(
+                self._save_course
+            )
+            gui.add_button("show course", hint="The course's file, to copy.").on_click(
+                self._show_course
+            )
             self._said = gui.add_html("")
 
     def save_plan(self) -> Path:
-        """Write the plan that is shown; where it is. Raises InvalidInput where there is none that was accepted."""
+        """Write the plan that is shown; where it is. Raises InvalidInput where there is none that
+        was accepted."""
         _, answer = self._now()
         if answer.plan is None:
             raise InvalidInput("plan: expected one, got none to save")
         if answer.report is None:
-            raise InvalidInput("plan: expected one that was judged, got one whose joints and bodies are not yet")
+            raise InvalidInput(
+                "plan: expected one that was judged, got one whose joints and bodies are not yet"
+            )
         if not answer.accepted:
             raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
         path = named_in(self._folder, str(self._name.value), "-plan.json")
@@ -77,4 +89,6 @@ class Files:
                 f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
             )
             event.client.gui.add_button("close").on_click(lambda _: modal.close())
-        event.client.send_file_download(f"{self._name.value}-course{suffix or '.txt'}", text.encode())
+        event.client.send_file_download(
+            f"{self._name.value}-course{suffix or '.txt'}", text.encode()
+        )

@@ -1,4 +1,5 @@
-"""Scenes whose footholds are fixed, published ones and those in JSON: surfaces move with their candidates."""
+"""Scenes whose footholds are fixed, published ones and those in JSON: surfaces move with their
+candidates."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ ON_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedScenario:
-    """A course as it is laid out; goal, surfaces, friction and mass can be others. chosen: the surface with a grip."""
+    """A course as it is laid out; goal, surfaces, friction and mass can be others. chosen: the
+    surface with a grip."""
 
     laid: Problem
     friction: float | None = None
@@ -41,27 +43,55 @@ class FixedScenario:
         return ""
 
     def sliders(self) -> tuple[Slider, ...]:
-        """Friction of all surfaces, and of the picked one; mass, unless the robot's model says it."""
+        """Friction of all surfaces, and of the picked one; mass, unless the robot's model says
+        it."""
         most = max(patch.friction for patch in self.laid.terrain)
-        found = [Slider(key="friction", label="friction of all surfaces, times", unit="", low=0.0, high=2.0, step=0.01,
-                        value=1.0 if self.friction is None else self.friction,
-                        hint=f"Of what the file says: {most:.3g} at most.")]  # fmt: skip
+        result = [
+            Slider(
+                key="friction",
+                label="friction of all surfaces, times",
+                unit="",
+                low=0.0,
+                high=2.0,
+                step=0.01,
+                value=1.0 if self.friction is None else self.friction,
+                hint=f"Of what the file says: {most:.3g} at most.",
+            )
+        ]
         if not self.laid.robot.source.own:
-            own = self.laid.robot.mass_kg
-            found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * own, step=0.1,
-                                value=own if self.mass_kg is None else self.mass_kg))  # fmt: skip
+            mass = self.laid.robot.mass_kg
+            result.append(
+                Slider(
+                    key="mass_kg",
+                    label="mass of the robot",
+                    unit="kg",
+                    low=0.1,
+                    high=4.0 * mass,
+                    step=0.1,
+                    value=mass if self.mass_kg is None else self.mass_kg,
+                )
+            )
         if self.chosen is not None:
-            found.append(Slider(key=SURFACE, label="friction of the picked surface", unit="μ", low=0.0, high=1.5,
-                                step=0.01, value=self.laid.terrain[self.chosen].friction))  # fmt: skip
-        return tuple(found)
+            result.append(
+                Slider(
+                    key=SURFACE,
+                    label="friction of the picked surface",
+                    unit="μ",
+                    low=0.0,
+                    high=1.5,
+                    step=0.01,
+                    value=self.laid.terrain[self.chosen].friction,
+                )
+            )
+        return tuple(result)
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
         """The goal, and the surface that was picked."""
-        found = [Grip(key="goal", label="goal", position_m=self.laid.goal_m)]
+        result = [Grip(key="goal", label="goal", position_m=self.laid.goal_m)]
         if self.chosen is not None:
             at = self.laid.terrain[self.chosen].centre_m
-            found.append(Grip(key=SURFACE, label=f"surface {self.chosen}", position_m=at))
-        return tuple(found)
+            result.append(Grip(key=SURFACE, label=f"surface {self.chosen}", position_m=at))
+        return tuple(result)
 
     def slid(self, key: str, value: float) -> FixedScenario:
         """Another value of a slider."""
@@ -89,11 +119,14 @@ class FixedScenario:
         terrain[self.chosen] = change(surface)
         footholds = tuple(
             replace(
-                put,
-                candidates=tuple(change(each) if _is_piece(each, surface) else each for each in put.candidates),
-                toe_m=_moved(put.toe_m, put.candidates, surface, terrain[self.chosen]),
+                foothold,
+                candidates=tuple(
+                    change(each) if _is_piece(each, surface) else each
+                    for each in foothold.candidates
+                ),
+                toe_m=_moved(foothold.toe_m, foothold.candidates, surface, terrain[self.chosen]),
             )
-            for put in self.laid.footholds
+            for foothold in self.laid.footholds
         )
         return replace(self, laid=replace(self.laid, terrain=tuple(terrain), footholds=footholds))
 
@@ -103,7 +136,9 @@ class FixedScenario:
 
     def with_robot(self, robot: str) -> FixedScenario:
         """Raises InvalidInput: footholds are those of one robot."""
-        raise InvalidInput(f"robot: expected the robot of a course whose footholds are fixed, got {robot}")
+        raise InvalidInput(
+            f"robot: expected the robot of a course whose footholds are fixed, got {robot}"
+        )
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
@@ -112,17 +147,22 @@ class FixedScenario:
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
         """The course with its friction and mass. Raises InvalidInput for a mass that is none."""
-        found = self.laid
+        result = self.laid
         if self.friction is not None:
 
             def rubbed(patch: Patch, by: float = self.friction) -> Patch:
                 return patch.with_friction(by * patch.friction)
 
-            footholds = tuple(replace(put, candidates=tuple(map(rubbed, put.candidates))) for put in found.footholds)
-            found = replace(found, terrain=tuple(map(rubbed, found.terrain)), footholds=footholds)
+            footholds = tuple(
+                replace(foothold, candidates=tuple(map(rubbed, foothold.candidates)))
+                for foothold in result.footholds
+            )
+            result = replace(
+                result, terrain=tuple(map(rubbed, result.terrain)), footholds=footholds
+            )
         if self.mass_kg is not None:
-            found = replace(found, robot=replace(found.robot, mass_kg=self.mass_kg))
-        return found
+            result = replace(result, robot=replace(result.robot, mass_kg=self.mass_kg))
+        return result
 
     def text(self) -> tuple[str, str]:
         """The JSON form, which has every foothold."""
@@ -141,7 +181,9 @@ def _is_piece(patch: Patch, surface: Patch) -> bool:
     return bool(np.all((patch.vertices_m >= low) & (patch.vertices_m <= high)))
 
 
-def _moved(toe_m: Array | None, candidates: tuple[Patch, ...], before: Patch, after: Patch) -> Array | None:
+def _moved(
+    toe_m: Array | None, candidates: tuple[Patch, ...], before: Patch, after: Patch
+) -> Array | None:
     """Place of a toe that stands already when its surface moved."""
     if toe_m is None or not any(_is_piece(each, before) for each in candidates):
         return toe_m

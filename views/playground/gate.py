@@ -1,8 +1,9 @@
 """Gate of a playground: pages that it served itself, and values that make sense.
 
-A browser lets every page of the web open a websocket to this machine. It says whose page it is (``Origin``), and by
-which name it found us (``Host``); both are looked at before a connection is made. What comes over one is looked at
-twice: its kinds of values before viser reads it, the values themselves before viser keeps them.
+A browser lets every page of the web open a websocket to this machine. It says whose page it is
+(``Origin``), and by which name it found us (``Host``); both are looked at before a connection is
+made. What comes over one is looked at twice: its kinds of values before viser reads it, the values
+themselves before viser keeps them.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ def may_connect(origin: str | None, host: str | None, names: frozenset[str]) -> 
     """Tell whether a page may open a websocket: it is one that we served, by an address or a name
     of this machine.
 
-    origin, host: headers of the request. names: of this machine. A page of another scheme, host or port is foreign, and
-    so is a request that does not say whose it is. A name that is not ours is one that somebody else's name server has
-    pointed at us.
+    origin, host: headers of the request. names: of this machine. A page of another scheme, host or
+    port is foreign, and so is a request that does not say whose it is. A name that is not ours is
+    one that somebody else's name server has pointed at us.
     """
     if origin is None or host is None or origin.lower() != f"http://{host.lower()}":
         return False
@@ -56,7 +57,9 @@ def _is_address(name: str) -> bool:
 
 def own_names(host: str) -> frozenset[str]:
     """Names that pages may have found us by. host: the one we listen at."""
-    return frozenset({"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()})
+    return frozenset(
+        {"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
+    )
 
 
 @contextmanager
@@ -80,11 +83,14 @@ def guarded_server(host: str) -> Iterator[None]:
     finally:
         websockets.serve = made
     if not guarded:
-        raise InvalidInput("page: expected a viser whose websockets can be guarded, as 1.1.1, got another")
+        raise InvalidInput(
+            "page: expected a viser whose websockets can be guarded, as 1.1.1, got another"
+        )
 
 
 def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[[Any, Any], Any]:
-    """The server of pages, after a look at who asks for a websocket. pages: serves a page, or gives None for one."""
+    """The server of pages, after a look at who asks for a websocket. pages: serves a page, or gives
+    None for one."""
 
     def process(connection: Any, request: Any) -> Any:
         headers = request.headers
@@ -96,13 +102,16 @@ def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[
             return None
         whose = f"the page of {_short(origins[0])}" if origins else "a request that names no page"
         log.warning("refused: %s is not of this playground", whose)
-        return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is not of this playground.\n")
+        return connection.respond(
+            http.HTTPStatus.FORBIDDEN, "This page is not of this playground.\n"
+        )
 
     return process
 
 
 def _connection(plain: Any) -> Any:
-    """The kind of a connection whose messages are read by viser only where their values are of the right kinds."""
+    """The kind of a connection whose messages are read by viser only where their values are of the
+    right kinds."""
 
     class GatedConnection(plain):  # type: ignore[misc]
         async def recv(self, *arguments: Any, **options: Any) -> Any:
@@ -120,8 +129,8 @@ def misfit(raw: Any) -> str:
     """Value of a message, as it came, that is of another kind than viser expects; empty for a sound
     message.
 
-    What is no message at all is left to viser, which ends the connection. What has a tuple of a wrong length it takes,
-    with a warning.
+    What is no message at all is left to viser, which ends the connection. What has a tuple of a
+    wrong length it takes, with a warning.
     """
     msgspec = import_module("msgspec")
     kinds = import_module("viser._messages").Message._subclass_from_type_string()
@@ -149,13 +158,17 @@ def _hints(kind: type) -> dict[str, Any]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Have nothing printed of tabs that go away, and one line of one that sends what is no message."""
+    """Have nothing printed of tabs that go away, and one line of one that sends what is no
+    message."""
     logger = logging.getLogger("websockets.server")
 
     def one_line(record: logging.LogRecord) -> bool:
         error = record.exc_info[1] if record.exc_info else None
         if record.getMessage() == "connection handler failed" and error is not None:
-            log.warning("ended: a page sent what is no message: %s", _short(str(error) or type(error).__name__))
+            log.warning(
+                "ended: a page sent what is no message: %s",
+                _short(str(error) or type(error).__name__),
+            )
         return False
 
     logger.addFilter(one_line)
@@ -166,8 +179,9 @@ def quiet() -> Iterator[None]:
 
 
 def guard_messages(server: Any) -> None:
-    """Have nothing kept of a message whose values make no sense; one line on the console says so."""
-    own = server._websock_server
+    """Have nothing kept of a message whose values make no sense; one line on the console says
+    so."""
+    websocket = server._websock_server
 
     def checked(handle: Callable[[Any, Any], Any], *, says: bool) -> Callable[[Any, Any], Any]:
         async def handled(client_id: Any, message: Any) -> None:
@@ -185,8 +199,8 @@ def guard_messages(server: Any) -> None:
     def on_connect(client: Any) -> None:
         client._handle_incoming_message = checked(client._handle_incoming_message, says=False)
 
-    own._handle_incoming_message = checked(own._handle_incoming_message, says=True)
-    own._client_connect_cb.insert(0, on_connect)
+    websocket._handle_incoming_message = checked(websocket._handle_incoming_message, says=True)
+    websocket._client_connect_cb.insert(0, on_connect)
 
 
 def wrong(message: Any, server: Any) -> str:
@@ -212,7 +226,9 @@ def _wrong_update(message: Any, server: Any) -> str:
             fine = isinstance(value, bool)
         elif isinstance(now, int | float):
             fine = isinstance(value, int | float) and not isinstance(value, bool)
-            fine = fine and getattr(limits, "min", -math.inf) <= value <= getattr(limits, "max", math.inf)
+            fine = fine and getattr(limits, "min", -math.inf) <= value <= getattr(
+                limits, "max", math.inf
+            )
         else:
             fine = isinstance(value, type(now)) and len(value) <= FEW
             fine = fine and value in getattr(limits, "options", (value,))

@@ -18,7 +18,8 @@ Told = Callable[[int, SceneAnswer], None]
 class Judge:
     """Judges one scene after another; of those that wait only the newest is kept.
 
-    on_answer(number, answer) is called in a thread of its own. The process starts with the first scene.
+    on_answer(number, answer) is called in a thread of its own. The process starts with the first
+    scene.
     """
 
     def __init__(self, on_answer: Told) -> None:
@@ -69,7 +70,9 @@ class Judge:
             except (EOFError, OSError):  # it was ended, by us or by somebody else
                 with self._lock:
                     self._process = None
-                answer = SceneAnswer(message="the process that judges plans has ended; any change starts it anew")
+                answer = SceneAnswer(
+                    message="the process that judges plans has ended; any change starts it anew"
+                )
                 if self._closed:
                     continue
             self._on_answer(number, answer)

@@ -1,4 +1,5 @@
-"""Scenes in keys, as a course's YAML file has them: every change is one of its keys, and what is saved is that file."""
+"""Scenes in keys, as a course's YAML file has them: every change is one of its keys, and what is
+saved is that file."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ from .scenario import SURFACE, Grip, Slider
 MOST_FRAMES = 40
 """Key frames that follow a goal that is dragged away; more are asked for by hand."""
 DEGREES = 180.0 / math.pi
-OF_TERRAIN: Mapping[str, tuple[tuple[tuple[str, ...], str, str, float, float, float, float], ...]] = {
+OF_TERRAIN: Mapping[
+    str, tuple[tuple[tuple[str, ...], str, str, float, float, float, float], ...]
+] = {
     "walls": (
         (("apart_m",), "walls: from the middle to each", "m", 0.15, 0.80, 0.005, 0.38),
         (("lean_rad", "0"), "left wall leans in by", "°", -40.0, 40.0, 0.5, 0.0),
@@ -43,7 +46,8 @@ OF_TERRAIN: Mapping[str, tuple[tuple[tuple[str, ...], str, str, float, float, fl
     ),
     "family": ((("level",), "difficulty of the family", "", 0.0, 1.0, 0.01, 0.5),),
 }
-"""By kind of terrain its keys that are slid: path of the key, label, unit, from, to, step, and the default."""
+"""By kind of terrain its keys that are slid: path of the key, label, unit, from, to, step, and the
+default."""
 LIKE = {"icy-walls": "walls", "ground-to-wall": "walls"}
 SIDES = ("left wall", "right wall")
 
@@ -52,9 +56,9 @@ SIDES = ("left wall", "right wall")
 class KeysScenario:
     """A course in the keys of its file.
 
-    keys: as YAML has them. folder: where its relative paths begin. stride_m: of key frames that follow the goal, [m].
-    chosen: which of its polygons has a grip. own_kg: mass of the robot as it is. follows: whether the number of frames
-    follows the goal.
+    keys: as YAML has them. folder: where its relative paths begin. stride_m: of key frames that
+    follow the goal, [m]. chosen: which of its polygons has a grip. own_kg: mass of the robot as it
+    is. follows: whether the number of frames follows the goal.
     """
 
     keys: Mapping[str, Any]
@@ -72,16 +76,18 @@ class KeysScenario:
         if frames is not None:
             keys["frames"] = frames
         spec = spec_from(keys)
-        found = cls(keys=keys, folder=Path(course).parent)
-        laid = build_course(spec, found.folder)
+        scenario = cls(keys=keys, folder=Path(course).parent)
+        laid = build_course(spec, scenario.folder)
         steps = np.linalg.norm(np.diff(laid.com_nominal_m, axis=0), axis=1)
         stride = spec.stride_m or (float(steps.max()) if len(steps) else 0.05)
-        if spec.stride_m is not None:  # the file's goal only says where the way goes; here it is where the way ends
+        if (
+            spec.stride_m is not None
+        ):  # the file's goal only says where the way goes; here it is where the way ends
             del keys["stride_m"]
             keys["goal_m"] = laid.goal_m.tolist()
-        own = laid.robot.mass_kg if "mass_kg" not in keys else own_kg(spec, found.folder)
-        found = replace(found, keys=keys, stride_m=max(stride, 1e-3), own_kg=own)
-        return found if robot is None else found.with_robot(robot)
+        mass = laid.robot.mass_kg if "mass_kg" not in keys else own_kg(spec, scenario.folder)
+        scenario = replace(scenario, keys=keys, stride_m=max(stride, 1e-3), own_kg=mass)
+        return scenario if robot is None else scenario.with_robot(robot)
 
     @property
     def name(self) -> str:
@@ -102,44 +108,99 @@ class KeysScenario:
     def sliders(self) -> tuple[Slider, ...]:
         """Friction, mass, key frames, and what its kind of terrain has."""
         terrain = self.keys["terrain"]
-        whole = "friction of all surfaces" if self.kind != "family" else "friction, times what was drawn"
-        found = [
-            Slider(key="friction", label=whole, unit="μ", low=0.0, high=1.5, step=0.01,
-                   value=float(terrain.get("friction", 1.0)))
-        ]  # fmt: skip
+        whole = (
+            "friction of all surfaces"
+            if self.kind != "family"
+            else "friction, times what was drawn"
+        )
+        result = [
+            Slider(
+                key="friction",
+                label=whole,
+                unit="μ",
+                low=0.0,
+                high=1.5,
+                step=0.01,
+                value=float(terrain.get("friction", 1.0)),
+            )
+        ]
         mass = float(self.keys.get("mass_kg") or self.own_kg)
-        found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * self.own_kg,
-                            step=0.1, value=mass))  # fmt: skip
+        result.append(
+            Slider(
+                key="mass_kg",
+                label="mass of the robot",
+                unit="kg",
+                low=0.1,
+                high=4.0 * self.own_kg,
+                step=0.1,
+                value=mass,
+            )
+        )
         frames = int(self.keys["frames"])
-        found.append(Slider(key="frames", label="key frames", unit="", low=min(2, frames),
-                            high=max(MOST_FRAMES, frames), step=1, value=frames, whole=True))  # fmt: skip
-        for path, label, unit, low, high, step, default in OF_TERRAIN.get(LIKE.get(self.kind, self.kind), ()):
+        result.append(
+            Slider(
+                key="frames",
+                label="key frames",
+                unit="",
+                low=min(2, frames),
+                high=max(MOST_FRAMES, frames),
+                step=1,
+                value=frames,
+                whole=True,
+            )
+        )
+        for path, label, unit, low, high, step, default in OF_TERRAIN.get(
+            LIKE.get(self.kind, self.kind), ()
+        ):
             value = _at(terrain, path, default) * (DEGREES if unit == "°" else 1.0)
-            found.append(Slider(key=".".join(path), label=label, unit=unit, low=min(low, value),
-                                high=max(high, value), step=step, value=value))  # fmt: skip
+            result.append(
+                Slider(
+                    key=".".join(path),
+                    label=label,
+                    unit=unit,
+                    low=min(low, value),
+                    high=max(high, value),
+                    step=step,
+                    value=value,
+                )
+            )
         if self.chosen is not None:
-            own = terrain["polygons"][self.chosen].get("friction")
-            value = float(terrain.get("friction", 1.0) if own is None else own)
-            found.append(Slider(key=SURFACE, label="friction of the picked surface", unit="μ", low=0.0, high=1.5,
-                                step=0.01, value=value))  # fmt: skip
-        return tuple(found)
+            friction = terrain["polygons"][self.chosen].get("friction")
+            value = float(terrain.get("friction", 1.0) if friction is None else friction)
+            result.append(
+                Slider(
+                    key=SURFACE,
+                    label="friction of the picked surface",
+                    unit="μ",
+                    low=0.0,
+                    high=1.5,
+                    step=0.01,
+                    value=value,
+                )
+            )
+        return tuple(result)
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
-        """The goal; the start where nothing is laid out about it; both walls; the surface that was picked."""
-        found = [Grip(key="goal", label="goal", position_m=course.goal_m)]
+        """The goal; the start where nothing is laid out about it; both walls; the surface that was
+        picked."""
+        result = [Grip(key="goal", label="goal", position_m=course.goal_m)]
         middle = course.com_nominal_m.mean(axis=0)
         if LIKE.get(self.kind, self.kind) == "walls":
             terrain = self.keys["terrain"]
             for side, name in enumerate(SIDES):
                 away = _at(terrain, ("apart_m",), 0.38) + _at(terrain, ("offset_m", str(side)), 0.0)
                 at = np.array([middle[0], (1.0, -1.0)[side] * away, course.com_nominal_m[0, 2]])
-                found.append(Grip(key=name, label=name, position_m=at, axes=(False, True, False)))
+                result.append(Grip(key=name, label=name, position_m=at, axes=(False, True, False)))
         else:
-            found.append(Grip(key="start", label="start", position_m=course.com_nominal_m[0]))
+            result.append(Grip(key="start", label="start", position_m=course.com_nominal_m[0]))
         if self.chosen is not None:
-            corners = np.array(self.keys["terrain"]["polygons"][self.chosen]["vertices_m"], dtype=np.float64)
-            found.append(Grip(key=SURFACE, label=f"surface {self.chosen}", position_m=corners.mean(axis=0)))
-        return tuple(found)
+            corners = np.array(
+                self.keys["terrain"]["polygons"][self.chosen]["vertices_m"], dtype=np.float64
+            )
+            result.append(
+                Grip(key=SURFACE, label=f"surface {self.chosen}", position_m=corners.mean(axis=0))
+            )
+        return tuple(result)
 
     def slid(self, key: str, value: float) -> KeysScenario:
         """Another value of a slider; a number of key frames that is slid stays as it is."""
@@ -149,20 +210,27 @@ class KeysScenario:
         terrain = dict(self.keys["terrain"])
         if key == SURFACE and self.chosen is not None:
             terrain["polygons"] = [*terrain["polygons"]]
-            terrain["polygons"][self.chosen] = {**terrain["polygons"][self.chosen], "friction": float(value)}
+            terrain["polygons"][self.chosen] = {
+                **terrain["polygons"][self.chosen],
+                "friction": float(value),
+            }
         elif key == "friction":
             terrain["friction"] = float(value)
             if self.kind == "polygons":
-                terrain["polygons"] = [{**each, "friction": float(value)} for each in terrain["polygons"]]
+                terrain["polygons"] = [
+                    {**each, "friction": float(value)} for each in terrain["polygons"]
+                ]
         else:
             rows = OF_TERRAIN[LIKE.get(self.kind, self.kind)]
-            (path, unit, default), *_ = [(row[0], row[2], row[6]) for row in rows if ".".join(row[0]) == key]
+            (path, unit, default), *_ = [
+                (row[0], row[2], row[6]) for row in rows if ".".join(row[0]) == key
+            ]
             _put(terrain, path, value / DEGREES if unit == "°" else float(value), default)
         return self._with({**self.keys, "terrain": terrain})
 
     def dragged(self, key: str, position_m: Array) -> KeysScenario:
-        """Another place of a grip; key frames are as many as the way to a goal takes at the stride, unless they were
-        slid."""
+        """Another place of a grip; key frames are as many as the way to a goal takes at the stride,
+        unless they were slid."""
         place = [round(float(value), 4) for value in position_m]
         if key in ("goal", "start"):
             return self._led({**self.keys, f"{key}_m": place})
@@ -176,17 +244,25 @@ class KeysScenario:
             corners = np.array(polygon["vertices_m"], dtype=np.float64)
             moved = corners + (np.array(place) - corners.mean(axis=0))
             terrain["polygons"] = [*terrain["polygons"]]
-            terrain["polygons"][self.chosen] = {**polygon, "vertices_m": np.round(moved, 6).tolist()}
+            terrain["polygons"][self.chosen] = {
+                **polygon,
+                "vertices_m": np.round(moved, 6).tolist(),
+            }
         return self._with({**self.keys, "terrain": terrain})
 
     def _led(self, keys: dict[str, Any]) -> KeysScenario:
         """Scenario on a path with another start or goal."""
         if self.follows:
-            via = [each if isinstance(each, list | tuple) else each["at_m"] for each in keys.get("via_m", ())]
+            via = [
+                each if isinstance(each, list | tuple) else each["at_m"]
+                for each in keys.get("via_m", ())
+            ]
             start = [*keys["start_m"], keys["goal_m"][2]][:3]
             way = np.array([start, *via, keys["goal_m"]], dtype=np.float64)
             length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-            keys["frames"] = int(min(math.ceil(length / self.stride_m - 1e-6) + 1, max(MOST_FRAMES, keys["frames"])))
+            keys["frames"] = int(
+                min(math.ceil(length / self.stride_m - 1e-6) + 1, max(MOST_FRAMES, keys["frames"]))
+            )
             keys["frames"] = max(keys["frames"], 2)
         return self._with(keys)
 
@@ -195,8 +271,14 @@ class KeysScenario:
         if self.kind == "polygons":
             return self._with(self.keys, chosen=patch)
         terrain = spec_from(self.keys).terrain.along(course.com_nominal_m, self.folder)
-        gaps = [float(np.linalg.norm(each.centre_m - course.terrain[patch].centre_m)) for each in terrain.patches]
-        keys = {**polygon_keys(terrain.patches, terrain.footing), "friction": self.keys["terrain"].get("friction", 1.0)}
+        gaps = [
+            float(np.linalg.norm(each.centre_m - course.terrain[patch].centre_m))
+            for each in terrain.patches
+        ]
+        keys = {
+            **polygon_keys(terrain.patches, terrain.footing),
+            "friction": self.keys["terrain"].get("friction", 1.0),
+        }
         return self._with({**self.keys, "terrain": keys}, chosen=int(np.argmin(gaps)))
 
     def with_robot(self, robot: str) -> KeysScenario:
@@ -222,28 +304,32 @@ class KeysScenario:
 
     def text(self) -> tuple[str, str]:
         """A YAML file."""
-        return ".yaml", yaml.safe_dump(_plain(self.keys), sort_keys=False, default_flow_style=None, width=110)
+        return ".yaml", yaml.safe_dump(
+            _plain(self.keys), sort_keys=False, default_flow_style=None, width=110
+        )
 
-    def _with(self, keys: Mapping[str, Any], own_kg: float | None = None, **changes: Any) -> KeysScenario:
+    def _with(
+        self, keys: Mapping[str, Any], own_kg: float | None = None, **changes: Any
+    ) -> KeysScenario:
         return replace(self, keys=keys, own_kg=own_kg or self.own_kg, _built={}, **changes)
 
 
 def _with_whole_paths(keys: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The keys with names of files that mean the same from every folder."""
-    found, terrain = dict(keys), keys.get("terrain")
+    whole, terrain = dict(keys), keys.get("terrain")
     if isinstance(robot := keys.get("robot"), str) and Path(robot).suffix:
-        found["robot"] = str((folder / robot).resolve())
+        whole["robot"] = str((folder / robot).resolve())
     if isinstance(terrain, Mapping) and isinstance(terrain.get("file"), str):
-        found["terrain"] = {**terrain, "file": str((folder / terrain["file"]).resolve())}
-    return found
+        whole["terrain"] = {**terrain, "file": str((folder / terrain["file"]).resolve())}
+    return whole
 
 
 def _at(keys: Mapping[str, Any], path: tuple[str, ...], default: float) -> float:
     """The number at a key, or at an index of the list there."""
-    found = keys.get(path[0])
-    if found is None:
+    value = keys.get(path[0])
+    if value is None:
         return default
-    return float(found if len(path) == 1 else found[int(path[1])])
+    return float(value if len(path) == 1 else value[int(path[1])])
 
 
 def _put(keys: dict[str, Any], path: tuple[str, ...], value: float, default: float) -> None:

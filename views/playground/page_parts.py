@@ -15,10 +15,16 @@ from stancekit.planners.files.arrays import Array
 
 FOV_RAD = 0.75
 BRAND = (39, 64, 127)
-GOOD, UNSURE, BAD = (f"light-dark({pair})" for pair in ("#1d6f62, #5cc4b3", "#7a5f00, #e0bd4a", "#b81c33, #ff8b99"))
-"""Colours of good news, of what nobody knows yet, and of bad news, on light and on dark; each is at least 4.5 : 1."""
-QUIET, RULE, TROUGH = (f"light-dark({pair})" for pair in ("#5b6672, #a9b4c0", "#d5dae0, #4a525b", "#e3e7eb, #3d454e"))
-"""Colours of what is read last, of lines, and of the empty part of a bar. Text has the page's own colour."""
+GOOD, UNSURE, BAD = (
+    f"light-dark({pair})" for pair in ("#1d6f62, #5cc4b3", "#7a5f00, #e0bd4a", "#b81c33, #ff8b99")
+)
+"""Colours of good news, of what nobody knows yet, and of bad news, on light and on dark; each is at
+least 4.5 : 1."""
+QUIET, RULE, TROUGH = (
+    f"light-dark({pair})" for pair in ("#5b6672, #a9b4c0", "#d5dae0, #4a525b", "#e3e7eb, #3d454e")
+)
+"""Colours of what is read last, of lines, and of the empty part of a bar. Text has the page's own
+colour."""
 
 
 def set_up(server: Any) -> None:
@@ -35,7 +41,8 @@ def let_camera(server: Any, target_m: Array, away_m: float, towards: Array) -> N
 
 
 def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
-    """A direction to look from, behind who goes from start to goal: what is left of the robot is left on the page.
+    """A direction to look from, behind who goes from start to goal: what is left of the robot is
+    left on the page.
 
     towards: from the scene to the eye, shape (3,); one that is ahead of the robot is mirrored.
     """
@@ -46,8 +53,8 @@ def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
 
 
 def said(colour: str, title: str, text: str, below: str, *, change: int, patient: bool) -> str:
-    """A verdict as HTML: a title in its colour, a sentence, and a quiet line. change: that it answers; patient: whether
-    it is the last word on that."""
+    """A verdict as HTML: a title in its colour, a sentence, and a quiet line. change: that it
+    answers; patient: whether it is the last word on that."""
     return (
         f'<div id="verdict" data-change="{change}" data-patient="{int(patient)}" style="border-left:5px solid '
         f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
@@ -66,7 +73,8 @@ def told(colour: str, words: str) -> str:
 
 
 def named_in(folder: Path, name: str, ending: str) -> Path:
-    """A file of this name in the folder, and never outside of it, whoever asks. Raises InvalidInput."""
+    """A file of this name in the folder, and never outside of it, whoever asks. Raises
+    InvalidInput."""
     name = name.strip()
     if not name or Path(name).name != name or name.startswith("."):
         raise InvalidInput(f"name: expected one without a folder, got {name!r}")
@@ -74,6 +82,10 @@ def named_in(folder: Path, name: str, ending: str) -> Path:
 
 
 def called(robots: Sequence[str]) -> dict[str, str]:
-    """Robots by what a menu calls them: a file by its name, or by all of its path where two have that name."""
+    """Robots by what a menu calls them: a file by its name, or by all of its path where two have
+    that name."""
     short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
-    return {name if short.count(name) == 1 else robot: robot for name, robot in zip(short, robots, strict=True)}
+    return {
+        name if short.count(name) == 1 else robot: robot
+        for name, robot in zip(short, robots, strict=True)
+    }

@@ -49,7 +49,10 @@ class Pictures:
     def ground(self, course: Problem) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
         box = bounds_m(course)
-        key = (box.tobytes(), *((patch.vertices_m.tobytes(), patch.friction) for patch in course.terrain))
+        key = (
+            box.tobytes(),
+            *((patch.vertices_m.tobytes(), patch.friction) for patch in course.terrain),
+        )
         if self._ground is None or self._ground[0] != key:
             colours = friction_colours([patch.friction for patch in course.terrain])
             self._ground = (key, surfaces(course.terrain, box, colours))
@@ -60,13 +63,19 @@ class Pictures:
         com, size = course.com_nominal_m, 0.02 * self.shape(course.robot).size_m
         line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)] or [com]))
         marks = [
-            DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT) for k, at in enumerate(com)
-        ] + [DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)]
+            DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT)
+            for k, at in enumerate(com)
+        ] + [
+            DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)
+        ]
         words = Label(name="asked", position_m=com[0], text="asked for: no plan", colour=ACCENT)
-        return Scene(paths=[Path(pieces_m=line, colour=ACCENT, width=2.0)], bodies=marks, labels=[words])
+        return Scene(
+            paths=[Path(pieces_m=line, colour=ACCENT, width=2.0)], bodies=marks, labels=[words]
+        )
 
     def found(self, view: PlanView) -> Scene:
-        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin lines."""
+        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
+        lines."""
         scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.problem.frames - 1):
             ghost = view.ghost(view.keys.key(k))
@@ -75,7 +84,9 @@ class Pictures:
 
     def moment(self, view: PlanView, now: Samples) -> tuple[Scene, Scene]:
         """The robot and its forces in their cones; and what they are called, in N."""
-        names = Scene(labels=[each for each in view.names(now).labels if each.name != "goal"])  # its grip has it
+        names = Scene(
+            labels=[each for each in view.names(now).labels if each.name != "goal"]
+        )  # its grip has it
         return view.at(now), names
 
 
@@ -87,8 +98,11 @@ def _between(scene: Scene) -> Scene:
 
 
 def bounds_m(course: Problem) -> Array:
-    """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs reach, in steps."""
-    reach = max(limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs)
+    """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs
+    reach, in steps."""
+    reach = max(
+        limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
+    )
     around = max(AROUND_M, 1.2 * reach)
     com = np.vstack([course.com_nominal_m, course.goal_m[None]])
     low, high = com.min(axis=0) - around, com.max(axis=0) + around

@@ -13,12 +13,14 @@ FPS = 15.0
 class Player:
     """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
-    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be shown; it returns
-    whether there is anything to show, and where there is nothing the time stays. at: the time that is shown; last:
-    where it ends.
+    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be
+    shown; it returns whether there is anything to show, and where there is nothing the time stays.
+    at: the time that is shown; last: where it ends.
     """
 
-    def __init__(self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]) -> None:
+    def __init__(
+        self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]
+    ) -> None:
         self._on_time, self._lock = on_time, lock
         self._stop: threading.Event | None = None
         self.at, self.last = 0.0, 0.0
@@ -56,7 +58,9 @@ class Player:
             self.stop()
         else:
             self._stop = threading.Event()
-            threading.Thread(target=self._play, args=(self._stop,), name="player", daemon=True).start()
+            threading.Thread(
+                target=self._play, args=(self._stop,), name="player", daemon=True
+            ).start()
         self._button.label = "play" if self._stop is None else "stop"
 
     def _slid(self, event: Any) -> None:

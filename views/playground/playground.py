@@ -1,4 +1,5 @@
-"""The playground's page: a scene in three dimensions with grips and sliders, its plan, and what that asks of limbs."""
+"""The playground's page: a scene in three dimensions with grips and sliders, its plan, and what
+that asks of limbs."""
 
 from __future__ import annotations
 
@@ -39,7 +40,9 @@ class Playground:
     Raises StancekitError where the scene is no course to begin with.
     """
 
-    def __init__(self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path) -> None:
+    def __init__(
+        self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
+    ) -> None:
         course = scenario.course()
         first = quick_answer(scenario)
         self._server, self._drawing = server, threading.RLock()
@@ -64,7 +67,8 @@ class Playground:
         self._player.stop()
         self.session.close()
 
-    # ------------------------------------------------------------------------------------------------- the page
+    # -------------------------------------------------------------------------------------------------
+    # the page
 
     def _set_up(self, course: Problem) -> None:
         """Lights, and from where the scene is seen first."""
@@ -91,7 +95,9 @@ class Playground:
             names = tuple(self._robots)
             self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
             self._menu.on_update(self._robot_chosen)
-        self._picker = gui.add_button(PICK, hint="The next click on a surface gives it a grip and a friction.")
+        self._picker = gui.add_button(
+            PICK, hint="The next click on a surface gives it a grip and a friction."
+        )
         self._picker.on_click(self._pick)
         self._files = Files(self._server, folder, lambda: (self.session.scenario, self._answer))
         panel = gui.add_panel()
@@ -104,7 +110,8 @@ class Playground:
         panel.set_width(380)
         self._server.on_client_disconnect(lambda _: self._controls.let_go())
 
-    # ----------------------------------------------------------------------------------------------- what changes
+    # -----------------------------------------------------------------------------------------------
+    # what changes
 
     def _slid(self, key: str, value: float) -> None:
         self._change(lambda scenario: scenario.slid(key, value))
@@ -120,7 +127,9 @@ class Playground:
 
     def _show_robot(self, scenario: Scenario) -> None:
         """Have the menu name the robot that there is."""
-        name = next((name for name, robot in self._robots.items() if _same(robot, scenario.robot)), None)
+        name = next(
+            (name for name, robot in self._robots.items() if _same(robot, scenario.robot)), None
+        )
         if self._menu is not None and name is not None and self._menu.value != name:
             self._menu.value = name
 
@@ -150,19 +159,22 @@ class Playground:
         for client in self.clients():
             client.add_notification("Not possible", text, auto_close_seconds=8.0)
 
-    # ------------------------------------------------------------------------------------------------ what is seen
+    # ------------------------------------------------------------------------------------------------
+    # what is seen
 
     def _draw(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         """Show an answer, all of it at once."""
         with self._drawing:
-            followed = self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001
-            kept = self._answer.course
+            followed = (
+                self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001
+            )
+            before = self._answer.course
             self._answer = answer
             course = answer.course
             with self._server.atomic():
                 if course is not None:
                     last = float(course.frames - 1)
-                    self._player.show(last if followed or kept is None else self._player.at, last)
+                    self._player.show(last if followed or before is None else self._player.at, last)
                     self._stage.show(self._pictures.ground(course), "/ground")
                     self._controls.update(scenario.sliders(), scenario.grips(course))
                 self._view = None if answer.plan is None else self._pictures.view(answer.plan)
@@ -192,8 +204,14 @@ class Playground:
         self._stage.pose(scene)
         self._stage.show(names, "/names")
         where = f"key frame {at} of {view.plan.problem.frames - 1}"
-        title = where if rests else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
-        self._limbs.content = limb_table(loads(view.plan, now, self._legs(view.plan.problem)), title)
+        title = (
+            where
+            if rests
+            else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
+        )
+        self._limbs.content = limb_table(
+            loads(view.plan, now, self._legs(view.plan.problem)), title
+        )
 
     def _legs(self, course: Problem) -> Kinematics | None:
         """The solver for the robot, made once."""
@@ -212,17 +230,18 @@ class Playground:
 
 
 def struck(course: Problem, origin: Any, direction: Any) -> int | None:
-    """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides; None for none."""
+    """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides;
+    None for none."""
     start, ray = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
-    best, found = np.inf, None
+    best, nearest = np.inf, None
     for index, patch in enumerate(course.terrain):
         slope = float(ray @ patch.normal)
         if abs(slope) < 1e-9:
             continue
         far = float((patch.centre_m - start) @ patch.normal) / slope
         if 0.0 < far < best and _inside(patch.vertices_m, patch.normal, start + far * ray):
-            best, found = far, index
-    return found
+            best, nearest = far, index
+    return nearest
 
 
 def _inside(corners: Array, normal: Array, point: Array) -> bool:
@@ -234,4 +253,6 @@ def _inside(corners: Array, normal: Array, point: Array) -> bool:
 
 def _same(robot: str, other: str) -> bool:
     """Tell whether two names or paths are those of one robot."""
-    return robot == other or bool(Path(robot).suffix and Path(robot).resolve() == Path(other).resolve())
+    return robot == other or bool(
+        Path(robot).suffix and Path(robot).resolve() == Path(other).resolve()
+    )

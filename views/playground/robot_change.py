@@ -1,4 +1,5 @@
-"""Another robot on a course in keys: it stands, spreads its feet and steps as it does, not as the one before it."""
+"""Another robot on a course in keys: it stands, spreads its feet and steps as it does, not as the
+one before it."""
 
 from __future__ import annotations
 
@@ -19,29 +20,35 @@ OURS = ("stance", "gait", "robot", "mass_kg")
 
 
 def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[str, Any], float]:
-    """The keys for another robot, a built-in name or a file, and its mass [kg]. Raises InvalidInput for none.
+    """The keys for another robot, a built-in name or a file, and its mass [kg]. Raises InvalidInput
+    for none.
 
     On ground its path is as much higher as it stands higher; between walls it stays.
     """
-    given = str(Path(robot).resolve()) if Path(robot).suffix else robot
-    found = {key: value for key, value in keys.items() if key not in OURS} | {"robot": given}
+    name = str(Path(robot).resolve()) if Path(robot).suffix else robot
+    changed = {key: value for key, value in keys.items() if key not in OURS} | {"robot": name}
     model = named_robot(robot)
     down = _stands_m(keys, folder)
     if robot == "hexapod":
-        found["gait"], height = "tripod", 0.20
-        found["stance"] = {"outward_m": 0.13, "down_m": 0.20} if down > 0.02 else {"outward_m": 0.08, "down_m": 0.0}
+        changed["gait"], height = "tripod", 0.20
+        changed["stance"] = (
+            {"outward_m": 0.13, "down_m": 0.20}
+            if down > 0.02
+            else {"outward_m": 0.08, "down_m": 0.0}
+        )
     else:
-        found["gait"] = "tripod" if len(model.legs) >= 6 and len(model.legs) % 2 == 0 else "wave"
+        changed["gait"] = "tripod" if len(model.legs) >= 6 and len(model.legs) % 2 == 0 else "wave"
         height = -float(standing_toes(model)[:, 2].mean())
     if down > 0.02:
         for key in ("start_m", "goal_m"):
-            found[key] = _raised(found[key], height - down)
-        found["via_m"] = [
-            _raised(each, height - down) if isinstance(each, list | tuple)
+            changed[key] = _raised(changed[key], height - down)
+        changed["via_m"] = [
+            _raised(each, height - down)
+            if isinstance(each, list | tuple)
             else {"at_m": _raised(each["at_m"], height - down)}
-            for each in found.get("via_m", ())
-        ]  # fmt: skip
-    return found, hexapod().mass_kg if robot == "hexapod" else model.body.mass_kg
+            for each in changed.get("via_m", ())
+        ]
+    return changed, hexapod().mass_kg if robot == "hexapod" else model.body.mass_kg
 
 
 def own_kg(spec: CourseSpec, folder: Path) -> float:

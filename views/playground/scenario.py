@@ -1,7 +1,8 @@
 """Interface of a playground's scenes: sliders and grips, known by their keys; a change gives
 another scene.
 
-No page takes part. A scene is a value: what it is asked for may make no sense, which ``course`` then says in one line.
+No page takes part. A scene is a value: what it is asked for may make no sense, which ``course``
+then says in one line.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ SURFACE = "surface"
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """A number that may be slid. unit: empty where it has none; whole: whether only whole numbers make sense."""
+    """A number that may be slid. unit: empty where it has none; whole: whether only whole numbers
+    make sense."""
 
     key: str
     label: str
@@ -98,5 +100,6 @@ class Scenario(Protocol):
         ...
 
     def text(self) -> tuple[str, str]:
-        """The course's file: how its name ends, and its text. Raises InvalidInput for a scene that is no course."""
+        """The course's file: how its name ends, and its text. Raises InvalidInput for a scene that
+        is no course."""
         ...

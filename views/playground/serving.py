@@ -40,7 +40,11 @@ class Page(Generic[Shown]):
 
     def open_browser(self) -> None:
         """Show it in a browser, where there is a desktop to show one on."""
-        if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        if (
+            sys.platform != "linux"
+            or os.environ.get("DISPLAY")
+            or os.environ.get("WAYLAND_DISPLAY")
+        ):
             webbrowser.open(self.address)
 
 
@@ -60,25 +64,41 @@ def check_port(host: str, port: int) -> None:
 
 @contextmanager
 def served(
-    scenario: Scenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
+    scenario: Scenario,
+    *,
+    robots: Sequence[str] = (),
+    folder: Path = Path(),
+    host: str = "127.0.0.1",
+    port: int = 0,
 ) -> Iterator[Page[Playground]]:
-    """A playground that is served while the block runs. Raises StancekitError for a scene that is no course."""
+    """A playground that is served while the block runs. Raises StancekitError for a scene that is
+    no course."""
     from .playground import Playground
 
     scenario.course()
-    with _served(lambda server: Playground(server, scenario, robots=robots, folder=folder), host, port) as page:
+    with _served(
+        lambda server: Playground(server, scenario, robots=robots, folder=folder), host, port
+    ) as page:
         yield page
 
 
 @contextmanager
 def served_walk(
-    scenario: WalkScenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
+    scenario: WalkScenario,
+    *,
+    robots: Sequence[str] = (),
+    folder: Path = Path(),
+    host: str = "127.0.0.1",
+    port: int = 0,
 ) -> Iterator[Page[WalkPage]]:
-    """A playground of walks that is served while the block runs. Raises InvalidInput for what is no walk."""
+    """A playground of walks that is served while the block runs. Raises InvalidInput for what is no
+    walk."""
     from .walk_page import WalkPage
 
     scenario.task()
-    with _served(lambda server: WalkPage(server, scenario, robots=robots, folder=folder), host, port) as page:
+    with _served(
+        lambda server: WalkPage(server, scenario, robots=robots, folder=folder), host, port
+    ) as page:
         yield page
 
 

@@ -1,7 +1,8 @@
 """A scene that is changed again and again, and the newest answer to it; no page takes part.
 
-A change takes the place of those that wait: nothing is queued, and the answer to a scene that was changed since is
-dropped. What is asked while the last answer is still worked out waits for no longer than that.
+A change takes the place of those that wait: nothing is queued, and the answer to a scene that was
+changed since is dropped. What is asked while the last answer is still worked out waits for no
+longer than that.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ log = logging.getLogger(__name__)
 
 
 class Session:
-    """on_answer(number, scenario, answer, since): called in the session's own thread for every answer that is drawn;
-    since: time of the change [s], as time.perf_counter has it."""
+    """on_answer(number, scenario, answer, since): called in the session's own thread for every
+    answer that is drawn; since: time of the change [s], as time.perf_counter has it."""
 
     def __init__(
         self,
@@ -60,8 +61,8 @@ class Session:
     def change(self, edit: Callable[[Scenario], Scenario]) -> int:
         """Another scene, made of the newest by ``edit``; its number. Raises what ``edit`` raises.
 
-        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene: it is done again on
-        what is the newest then, and what others change meanwhile stays.
+        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene:
+        it is done again on what is the newest then, and what others change meanwhile stays.
         """
         while True:
             with self._news:
@@ -105,7 +106,11 @@ class Session:
                 self._answered = number
             elif verdict is not None and verdict[0] == number:
                 self._say(number, scenario, verdict[1], since)
-            elif self._judge is not None and self._judged != number and time.perf_counter() - since >= self._rest_s:
+            elif (
+                self._judge is not None
+                and self._judged != number
+                and time.perf_counter() - since >= self._rest_s
+            ):
                 self._judged = number
                 self._judge.ask(number, scenario)
 
@@ -113,7 +118,8 @@ class Session:
         return self._closed or self._number != self._answered or self._verdict is not None
 
     def _patience_s(self) -> float | None:
-        """Until the scene counts as one that nobody changes any more; None where there is nothing to wait for."""
+        """Until the scene counts as one that nobody changes any more; None where there is nothing
+        to wait for."""
         if self._judge is None or self._judged == self._number or self._number != self._answered:
             return None
         return max(self._rest_s - (time.perf_counter() - self._since), 0.001)

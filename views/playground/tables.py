@@ -44,20 +44,26 @@ class LimbLoad:
 
 def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]:
     """Loads of every limb at a time. solver: of the plan's robot; without it no torque is known."""
-    found = list[LimbLoad]()
+    loads_of_limbs = list[LimbLoad]()
     torques, shares = _torques(plan, now, solver)
     for i, name in enumerate(plan.problem.robot.limb_names):
         force = now.forces_n[i]
-        found.append(LimbLoad(
-            name=name, force_n=float(np.linalg.norm(force)),
-            cone=cone_share(force, now.normals[i], float(now.friction[i])),
-            torque_nm=torques[i], torque=shares[i], in_air=not now.stands[i],
-        ))  # fmt: skip
-    return found
+        loads_of_limbs.append(
+            LimbLoad(
+                name=name,
+                force_n=float(np.linalg.norm(force)),
+                cone=cone_share(force, now.normals[i], float(now.friction[i])),
+                torque_nm=torques[i],
+                torque=shares[i],
+                in_air=not now.stands[i],
+            )
+        )
+    return loads_of_limbs
 
 
 def cone_share(force_n: Array, normal: Array, friction: float) -> float:
-    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is none."""
+    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is
+    none."""
     pressed = float(force_n @ normal)
     aside = float(np.linalg.norm(force_n - pressed * normal))
     if pressed < CARRIES_N:
@@ -77,15 +83,20 @@ def margins(plan: Plan) -> tuple[float, int, str]:
     return worst
 
 
-def _torques(plan: Plan, now: Samples, solver: Kinematics | None) -> tuple[list[float], list[float]]:
-    """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's limit."""
+def _torques(
+    plan: Plan, now: Samples, solver: Kinematics | None
+) -> tuple[list[float], list[float]]:
+    """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's
+    limit."""
     count = len(plan.problem.robot.limbs)
     if solver is None:
         return [float("nan")] * count, [float("nan")] * count
     angles = now.angles_rad
     if angles is None:
         near = None if plan.joints_rad is None else between(plan.joints_rad, now.frame)
-        angles = solver.solve(now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near).angles
+        angles = solver.solve(
+            now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
+        ).angles
     torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
     share = torque / solver.torque_nm
     worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
@@ -93,7 +104,8 @@ def _torques(plan: Plan, now: Samples, solver: Kinematics | None) -> tuple[list[
 
 
 def solver_of(course: Problem) -> Kinematics | None:
-    """The legs of a course's robot; None where they are not known, or pinocchio is not installed."""
+    """The legs of a course's robot; None where they are not known, or pinocchio is not
+    installed."""
     try:
         return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     except InvalidInput:
@@ -103,8 +115,14 @@ def solver_of(course: Problem) -> Kinematics | None:
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
     """The verdict as HTML. number: of the change that it answers; drawn_ms: since that change."""
     colour, title, text = _words(answer)
-    took = f"judged in {sum(answer.seconds):.1f} CPU-s" if answer.patient else f"drawn after {drawn_ms:.0f} ms"
-    return said(colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient)
+    took = (
+        f"judged in {sum(answer.seconds):.1f} CPU-s"
+        if answer.patient
+        else f"drawn after {drawn_ms:.0f} ms"
+    )
+    return said(
+        colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient
+    )
 
 
 def _words(answer: SceneAnswer) -> tuple[str, str, str]:
@@ -118,7 +136,11 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
         title, *_ = acceptance_word(answer.report.unchecked).capitalize().partition(":")
         return GOOD, title, " ".join(filter(None, (_accepted(answer.report), answer.message)))
     if answer.plan is not None and not answer.patient:
-        return UNSURE, "Contacts hold", "Joints, torques and bodies are judged once nothing is changed."
+        return (
+            UNSURE,
+            "Contacts hold",
+            "Joints, torques and bodies are judged once nothing is changed.",
+        )
     if answer.plan is not None:
         return BAD, "Not accepted", answer.message
     more = "" if answer.patient else "; the search goes on when nothing is changed"
@@ -138,9 +160,16 @@ def _accepted(report: Report[Plan]) -> str:
 def limb_table(rows: list[LimbLoad], title: str) -> str:
     """Forces, shares of cones, and torques of limbs as HTML, with bars against the limits."""
     cell = 'style="text-align:right;white-space:nowrap;padding:1px 4px"'
-    head = "".join(f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{QUIET}">{words}</th>'
-                   for side, words in (("left", "limb"), ("right", "force [N]"), ("left", "of its cone"),
-                                       ("right", "torque [Nm]"), ("left", "of its limit")))  # fmt: skip
+    head = "".join(
+        f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{QUIET}">{words}</th>'
+        for side, words in (
+            ("left", "limb"),
+            ("right", "force [N]"),
+            ("left", "of its cone"),
+            ("right", "torque [Nm]"),
+            ("left", "of its limit"),
+        )
+    )
     lines = []
     for k, row in enumerate(rows):
         dot = f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{leg_colour(k)}">'
@@ -164,8 +193,11 @@ SIDES, PLACES = {"L": "left", "R": "right"}, {"F": "front", "M": "middle", "R": 
 
 def explained(limbs: list[str]) -> str:
     """The names of limbs in words, seen by the robot, and what the shares of the table are of."""
-    names = [f"{name} {SIDES[name[0]]} {PLACES[name[1]]}" for name in limbs
-             if len(name) == 2 and name[0] in SIDES and name[1] in PLACES]  # fmt: skip
+    names = [
+        f"{name} {SIDES[name[0]]} {PLACES[name[1]]}"
+        for name in limbs
+        if len(name) == 2 and name[0] in SIDES and name[1] in PLACES
+    ]
     seen = f"{', '.join(names)}, as the robot looks. " if names else ""
     return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
 
@@ -180,11 +212,17 @@ def summary(answer: SceneAnswer) -> str:
     to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
     rows = [
         ("robot", f"{course.robot.name}, {course.robot.mass_kg:.3g} kg ({course.weight_n:.1f} N)"),
-        ("friction in hand", f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else "")),
+        (
+            "friction in hand",
+            f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else ""),
+        ),
         ("planned with", f"{100 * answer.share:.0f} % of the friction"),
         ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
     ]
-    if answer.report is not None and (most := answer.report.group("torque").figures.get("share")) is not None:
+    if (
+        answer.report is not None
+        and (most := answer.report.group("torque").figures.get("share")) is not None
+    ):
         rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
     return key_values(rows)
 
@@ -193,10 +231,13 @@ def key_values(rows: list[tuple[str, str]]) -> str:
     """A few numbers with their names, as HTML."""
     return (
         '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'
-        + "".join(f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
-                  f"<td>{html.escape(words)}</td></tr>" for name, words in rows)
+        + "".join(
+            f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
+            f"<td>{html.escape(words)}</td></tr>"
+            for name, words in rows
+        )
         + "</table>"
-    )  # fmt: skip
+    )
 
 
 def _bar(share: float) -> str:

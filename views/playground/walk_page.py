@@ -1,4 +1,5 @@
-"""The page of walks: a terrain with a start and a goal to drag; the walk is planned beside it, and then played."""
+"""The page of walks: a terrain with a start and a goal to drag; the walk is planned beside it, and
+then played."""
 
 from __future__ import annotations
 
@@ -23,7 +24,18 @@ from ..sheet import INK, leg_colour
 from ..stage import Stage
 from ..terrain import block, grid_on_ground, on_ground
 from .controls import Controls
-from .page_parts import BAD, GOOD, UNSURE, called, from_behind, let_camera, named_in, said, set_up, told
+from .page_parts import (
+    BAD,
+    GOOD,
+    UNSURE,
+    called,
+    from_behind,
+    let_camera,
+    named_in,
+    said,
+    set_up,
+    told,
+)
 from .player import Player
 from .tables import LimbLoad, cone_share, key_values, limb_table
 from .walk_planning import WalkAnswer, WalkPlanning
@@ -36,7 +48,9 @@ REST_S = 0.6
 class WalkPage:
     """A page on a viser server. robots: names and files in its menu; folder: where it saves."""
 
-    def __init__(self, server: Any, scenario: WalkScenario, *, robots: Sequence[str], folder: Path) -> None:
+    def __init__(
+        self, server: Any, scenario: WalkScenario, *, robots: Sequence[str], folder: Path
+    ) -> None:
         scenario.task()  # says what is wrong with it
         self._server, self._folder, self._lock = server, folder, threading.RLock()
         self.scenario, self.number = scenario, 0
@@ -46,10 +60,17 @@ class WalkPage:
         size = scenario.walker.stand_height_m
         self._ground = _ground(scenario, size)
         way = 0.5 * (scenario.torso_m(scenario.start_m) + scenario.torso_m(scenario.goal_m))
-        far_m = 2.2 * (float(np.hypot(*np.subtract(scenario.goal_m, scenario.start_m))) + 3.0 * size)
+        far_m = 2.2 * (
+            float(np.hypot(*np.subtract(scenario.goal_m, scenario.start_m))) + 3.0 * size
+        )
         set_up(server)
         towards = np.array([-0.45, -0.75, 0.5])
-        let_camera(server, way, far_m, from_behind(towards, *map(np.array, (scenario.start_m, scenario.goal_m))))
+        let_camera(
+            server,
+            way,
+            far_m,
+            from_behind(towards, *map(np.array, (scenario.start_m, scenario.goal_m))),
+        )
         self._stage = Stage(server.scene, far_m)
         self._lay_out(robots)
         self._planning = WalkPlanning(self._told)
@@ -71,14 +92,19 @@ class WalkPage:
         gui.set_panel_label(f"Stancekit playground: {self.scenario.name}")
         gui.main_panel.dock_left()
         self._controls = Controls(
-            self._server, lambda key, value: self._change(lambda it: it.slid(key, value)),
+            self._server,
+            lambda key, value: self._change(lambda it: it.slid(key, value)),
             lambda key, place: self._change(lambda it: it.dragged(key, place)),
-        )  # fmt: skip
+        )
         self._robots = called(list(dict.fromkeys((self.scenario.robot, *robots))))
-        menu = gui.add_dropdown("robot", tuple(self._robots), initial_value=next(iter(self._robots)))
+        menu = gui.add_dropdown(
+            "robot", tuple(self._robots), initial_value=next(iter(self._robots))
+        )
         menu.on_update(self._robot_chosen)
         with gui.add_folder("Files"):
-            self._name = gui.add_text("name", "played", hint="Of the file, without a folder or an ending.")
+            self._name = gui.add_text(
+                "name", "played", hint="Of the file, without a folder or an ending."
+            )
             gui.add_button("save walk", hint=f"Into {self._folder.resolve()}.").on_click(self._save)
             self._saved = gui.add_html("")
         panel = gui.add_panel()
@@ -90,7 +116,8 @@ class WalkPage:
         panel.set_width(380)
         self._server.on_client_disconnect(lambda _: self._controls.let_go())
 
-    # ----------------------------------------------------------------------------------------------- what changes
+    # -----------------------------------------------------------------------------------------------
+    # what changes
 
     def _robot_chosen(self, event: Any) -> None:
         if event.client is not None:
@@ -98,7 +125,8 @@ class WalkPage:
             self._change(lambda scenario: scenario.with_robot(robot))
 
     def _change(self, edit: Callable[[WalkScenario], WalkScenario]) -> None:
-        """Another walk: the planning of the one before ends, and this one's begins once nothing is changed."""
+        """Another walk: the planning of the one before ends, and this one's begins once nothing is
+        changed."""
         with self._lock:
             try:
                 self.scenario = edit(self.scenario)
@@ -148,7 +176,10 @@ class WalkPage:
             title, text = "No walk", answer.message
             if answer.accepted and answer.report is not None:
                 word = acceptance_word(answer.report.unchecked)
-                title, text = word.partition(":")[0].capitalize(), text.removeprefix(word).lstrip(":; ")
+                title, text = (
+                    word.partition(":")[0].capitalize(),
+                    text.removeprefix(word).lstrip(":; "),
+                )
             self._say(GOOD if answer.accepted else BAD, title, text, took)
             if answer.trajectory is not None:
                 self._view = GaitView(answer.trajectory, moves_as=feet_motion(answer.trajectory))
@@ -159,7 +190,8 @@ class WalkPage:
                     self._stage.show(Scene(paths=self._view.fixed.paths[1:]), "/way")
                     self._pose()
 
-    # ------------------------------------------------------------------------------------------------ what is seen
+    # ------------------------------------------------------------------------------------------------
+    # what is seen
 
     def _say(self, colour: str, title: str, text: str, took: str) -> None:
         done = self.answer is not None and self.answer.done
@@ -173,9 +205,14 @@ class WalkPage:
         low, high = np.array(scenario.terrain.domain_m).T
         laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
         ball = DrawnBody(
-            name="goal", shape=Sphere(0.06 * size), position_m=scenario.torso_m(scenario.goal_m), colour=GOAL
+            name="goal",
+            shape=Sphere(0.06 * size),
+            position_m=scenario.torso_m(scenario.goal_m),
+            colour=GOAL,
         )
-        return Scene(paths=[Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)], bodies=[ball])
+        return Scene(
+            paths=[Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)], bodies=[ball]
+        )
 
     def _pose(self) -> None:
         """The robot at the time that is shown, and what its feet give then."""
@@ -187,13 +224,24 @@ class WalkPage:
         rows, labels = list[LimbLoad](), list[Label]()
         for k, limb in enumerate(view.shape.limbs):
             down = bool(now.stands[k])
-            share = cone_share(forces[k], now.normals[k], trajectory.friction) if down else float("nan")
+            share = (
+                cone_share(forces[k], now.normals[k], trajectory.friction) if down else float("nan")
+            )
             size_n = float(np.linalg.norm(forces[k]))
             rows.append(LimbLoad(name=limb, force_n=size_n, cone=share, in_air=not down))
             if down:
-                labels.append(Label(name=limb, position_m=feet[k], text=f"{limb} {size_n:.0f} N", colour=leg_colour(k)))
+                labels.append(
+                    Label(
+                        name=limb,
+                        position_m=feet[k],
+                        text=f"{limb} {size_n:.0f} N",
+                        colour=leg_colour(k),
+                    )
+                )
         self._stage.show(Scene(labels=labels), "/names")
-        self._limbs.content = limb_table(rows, f"{self._player.at:.2f} s of {trajectory.duration_s:g} s")
+        self._limbs.content = limb_table(
+            rows, f"{self._player.at:.2f} s of {trajectory.duration_s:g} s"
+        )
 
     def _numbers(self) -> str:
         """The walk in a few numbers."""
@@ -201,12 +249,15 @@ class WalkPage:
         trajectory = self._view.trajectory
         length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
         robot = trajectory.robot
-        rows = [("robot", f"{robot.name}, {robot.mass_kg:.3g} kg"),
-                ("way", f"{length:.2f} m in {trajectory.duration_s:g} s"),
-                ("chart", str(trajectory.provenance.get("chart", "–")))]  # fmt: skip
+        rows = [
+            ("robot", f"{robot.name}, {robot.mass_kg:.3g} kg"),
+            ("way", f"{length:.2f} m in {trajectory.duration_s:g} s"),
+            ("chart", str(trajectory.provenance.get("chart", "–"))),
+        ]
         return key_values(rows)
 
-    # ------------------------------------------------------------------------------------------ the time, and files
+    # ------------------------------------------------------------------------------------------ the
+    # time, and files
 
     def _move(self) -> bool:
         """To the time that the player shows; whether there is anything to show."""
@@ -216,9 +267,15 @@ class WalkPage:
         return self._view is not None
 
     def save(self) -> Path:
-        """Write the walk that is shown; where it is. Raises InvalidInput where none was accepted."""
+        """Write the walk that is shown; where it is. Raises InvalidInput where none was
+        accepted."""
         answer = self.answer
-        if answer is None or answer.trajectory is None or answer.report is None or not answer.accepted:
+        if (
+            answer is None
+            or answer.trajectory is None
+            or answer.report is None
+            or not answer.accepted
+        ):
             raise InvalidInput("walk: expected one that is accepted, got none to save")
         path = named_in(self._folder, str(self._name.value), "-walk.json")
         write_trajectory(path, answer.trajectory, answer.report)

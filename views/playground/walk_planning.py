@@ -46,7 +46,8 @@ Told = Callable[[int, WalkAnswer], None]
 
 
 class WalkPlanning:
-    """Plans one walk at a time. on_answer(number, answer): in a thread of its own, for every step and at the end."""
+    """Plans one walk at a time. on_answer(number, answer): in a thread of its own, for every step
+    and at the end."""
 
     def __init__(self, on_answer: Told) -> None:
         self._on_answer = on_answer
@@ -63,7 +64,9 @@ class WalkPlanning:
             process.start()
             self._process = process
         there.close()
-        threading.Thread(target=self._listen, args=(number, process, here, time.monotonic()), daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(number, process, here, time.monotonic()), daemon=True
+        ).start()
 
     def end(self) -> None:
         """Stop planning."""
@@ -77,15 +80,26 @@ class WalkPlanning:
         done = False
         with suppress(EOFError, OSError):
             while not done:
-                done, message, *found = pipe.recv()
-                trajectory, report = found or (None, None)
+                done, message, *result = pipe.recv()
+                trajectory, report = result or (None, None)
                 took_s = time.monotonic() - begun_s
-                self._on_answer(number, WalkAnswer(
-                    done=done, message=message, seconds=took_s, trajectory=trajectory, report=report,
-                ))  # fmt: skip
-        if not done and self._process is process:  # nobody ended it: it was killed, or there was no memory left
+                self._on_answer(
+                    number,
+                    WalkAnswer(
+                        done=done,
+                        message=message,
+                        seconds=took_s,
+                        trajectory=trajectory,
+                        report=report,
+                    ),
+                )
+        if (
+            not done and self._process is process
+        ):  # nobody ended it: it was killed, or there was no memory left
             message = "the process that planned it ended without an answer"
-            self._on_answer(number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s))
+            self._on_answer(
+                number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s)
+            )
 
 
 def _serve(pipe: Any, task: Walk) -> None:
@@ -93,7 +107,9 @@ def _serve(pipe: Any, task: Walk) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     last = [0.0]
 
-    def progress(attempt: Attempt, iteration: int, violation: float, cost: float, phase: str) -> bool:
+    def progress(
+        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+    ) -> bool:
         if time.monotonic() - last[0] > 0.15:
             last[0] = time.monotonic()
             words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
@@ -102,7 +118,10 @@ def _serve(pipe: Any, task: Walk) -> None:
         return os.getppid() == 1
 
     try:
-        settings, caps = GaitSettings(max_iterations=ITERATIONS), Caps(iterations=ITERATIONS, total_s=TOTAL_S)
+        settings, caps = (
+            GaitSettings(max_iterations=ITERATIONS),
+            Caps(iterations=ITERATIONS, total_s=TOTAL_S),
+        )
         plan = plan_walk(task, settings, progress, caps=caps)
         best = plan.best if plan.best is not None and plan.best.solution.success else None
         answer = (True, plan.message, best and best.trajectory, best and best.report)

@@ -1,4 +1,5 @@
-"""Walks that can be changed: start, goal, duration, friction and robot over a terrain of heights."""
+"""Walks that can be changed: start, goal, duration, friction and robot over a terrain of
+heights."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ SHORTEST_S = 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkScenario:
-    """A walk from a place to another, (x, y) [m]. robot: a name or a file; duration_s: by the way's length if None."""
+    """A walk from a place to another, (x, y) [m]. robot: a name or a file; duration_s: by the way's
+    length if None."""
 
     terrain: HeightField
     walker: GaitRobot
@@ -53,10 +55,25 @@ class WalkScenario:
     def sliders(self) -> tuple[Slider, ...]:
         """Friction and duration."""
         return (
-            Slider(key="friction", label="friction of the terrain", unit="μ", low=0.05, high=1.5, step=0.01,
-                   value=self.friction),
-            Slider(key="duration_s", label="duration", unit="s", low=1.0, high=60.0, step=0.1, value=self.takes_s),
-        )  # fmt: skip
+            Slider(
+                key="friction",
+                label="friction of the terrain",
+                unit="μ",
+                low=0.05,
+                high=1.5,
+                step=0.01,
+                value=self.friction,
+            ),
+            Slider(
+                key="duration_s",
+                label="duration",
+                unit="s",
+                low=1.0,
+                high=60.0,
+                step=0.1,
+                value=self.takes_s,
+            ),
+        )
 
     def grips(self) -> tuple[Grip, ...]:
         """Start and goal, at the height of the torso."""
@@ -73,7 +90,9 @@ class WalkScenario:
 
     def slid(self, key: str, value: float) -> WalkScenario:
         """Another value of a slider."""
-        return replace(self, friction=value) if key == "friction" else replace(self, duration_s=value)
+        return (
+            replace(self, friction=value) if key == "friction" else replace(self, duration_s=value)
+        )
 
     def dragged(self, key: str, position_m: Array) -> WalkScenario:
         """Another start or goal."""
@@ -85,8 +104,14 @@ class WalkScenario:
         return replace(self, walker=named_walker(robot), robot=robot)
 
     def task(self) -> Walk:
-        """The walk that is asked for. Raises InvalidInput for a place where the robot cannot stand."""
+        """The walk that is asked for. Raises InvalidInput for a place where the robot cannot
+        stand."""
         return Walk(
-            robot=self.walker, terrain=self.terrain, start_xy_m=np.array(self.start_m), goal_xy_m=np.array(self.goal_m),
-            duration_s=self.takes_s, friction=self.friction, gait="trot" if len(self.walker.feet) == 4 else "tripod",
-        )  # fmt: skip
+            robot=self.walker,
+            terrain=self.terrain,
+            start_xy_m=np.array(self.start_m),
+            goal_xy_m=np.array(self.goal_m),
+            duration_s=self.takes_s,
+            friction=self.friction,
+            gait="trot" if len(self.walker.feet) == 4 else "tripod",
+        )

@@ -32,7 +32,9 @@ class Ambient(Chart):
         """f̄_i to f_i."""
         return bar
 
-    def cone(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:
+    def cone(
+        self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None
+    ) -> tuple[cs.SX, cs.SX]:
         """Normal and tangential part by the true normal at the foot (W5)."""
         assert expansion is not None
         normal = surface_normal(expansion.here[1].T)

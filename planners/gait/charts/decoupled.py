@@ -1,4 +1,5 @@
-"""The decoupled chart: feet over the terrain, the torso over a smoothed one, so that it does not feel every stone."""
+"""The decoupled chart: feet over the terrain, the torso over a smoothed one, so that it does not
+feel every stone."""
 
 from __future__ import annotations
 
@@ -11,9 +12,12 @@ from .shear import Shear
 
 
 class DecoupledChart(Shear):
-    """Feet as in the shear; the torso over the terrain under a Gaussian of deviation smoothing_m [m]."""
+    """Feet as in the shear; the torso over the terrain under a Gaussian of deviation smoothing_m
+    [m]."""
 
     @classmethod
-    def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
+    def of(
+        cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]
+    ) -> Self:
         """Chart of the terrain and its smoothed self."""
         return cls(terrain, terrain.smoothed(smoothing_m))

@@ -1,4 +1,5 @@
-"""A chart as functions of numbers: decision variables pushed forward to the world (Pan et al. §IV-C)."""
+"""A chart as functions of numbers: decision variables pushed forward to the world (Pan et al.
+§IV-C)."""
 
 from __future__ import annotations
 

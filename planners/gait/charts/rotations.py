@@ -1,4 +1,5 @@
-"""Rotations and frames of charts as CasADi symbols: Euler angles, the polar factor of a shear, the surface's frame."""
+"""Rotations and frames of charts as CasADi symbols: Euler angles, the polar factor of a shear, the
+surface's frame."""
 
 from __future__ import annotations
 
@@ -6,7 +7,8 @@ import casadi as cs
 
 
 def euler(angles: cs.SX) -> cs.SX:
-    """R = R_z(yaw) R_y(pitch) R_x(roll) of θ = (roll, pitch, yaw) [rad], shape (3, 3) (Pan et al. §III-A)."""
+    """R = R_z(yaw) R_y(pitch) R_x(roll) of θ = (roll, pitch, yaw) [rad], shape (3, 3) (Pan et al.
+    §III-A)."""
     cr, cp, cy = (cs.cos(angles[k]) for k in range(3))
     sr, sp, sy = (cs.sin(angles[k]) for k in range(3))
     return cs.vertcat(
@@ -19,8 +21,8 @@ def euler(angles: cs.SX) -> cs.SX:
 def shear_rotation(slope: cs.SX) -> cs.SX:
     """P(J) of the shear (x, y, z + h) with ∇h = slope, in closed form, shape (3, 3) (W12).
 
-    J differs from a rotation in the plane of the slope and z only; there the polar factor turns by atan(|∇h| / 2),
-    about the axis (h_y, −h_x, 0).
+    J differs from a rotation in the plane of the slope and z only; there the polar factor turns by
+    atan(|∇h| / 2), about the axis (h_y, −h_x, 0).
     """
     scale = cs.sqrt(4.0 + cs.sumsqr(slope))
     cosine = 2.0 / scale

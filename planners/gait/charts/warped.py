@@ -1,7 +1,9 @@
-"""The warped charts (W7, Pan et al. §IV-C): all variables live in the space that the map φ flattens.
+"""The warped charts (W7, Pan et al. §IV-C): all variables live in the space that the map φ
+flattens.
 
-As published, forces are pushed forward by J and held to the cone of W9, which is the true one only where φ is
-conformal. The exact chart differs in one line: forces are given in the orthonormal frame at the true normal.
+As published, forces are pushed forward by J and held to the cone of W9, which is the true one only
+where φ is conformal. The exact chart differs in one line: forces are given in the orthonormal frame
+at the true normal.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ class Warped(Chart):
         self._polar = polar_function(POLAR_STEPS)
 
     @classmethod
-    def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
+    def of(
+        cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]
+    ) -> Self:
         """Chart of the terrain and its map."""
         return cls(terrain, flattened())
 
@@ -71,9 +75,11 @@ class Warped(Chart):
 
 
 class WarpedExact(Warped):
-    """The warped chart with forces in the frame of the true normal: as convex, and no error in the cone.
+    """The warped chart with forces in the frame of the true normal: as convex, and no error in the
+    cone.
 
-    The map matches the terrain at z̄ = 0, so the first two columns of J span the tangent plane there.
+    The map matches the terrain at z̄ = 0, so the first two columns of J span the tangent plane
+    there.
     """
 
     def force(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:

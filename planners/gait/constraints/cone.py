@@ -1,9 +1,11 @@
-"""The friction cone of standing feet (W5 and W9): ν (f_n + s) ≥ ‖f_t‖ in units of m·g, s the suction of adhesive feet.
+"""The friction cone of standing feet (W5 and W9): ν (f_n + s) ≥ ‖f_t‖ in units of m·g, s the
+suction of adhesive feet.
 
-It is asked of the coefficients of each stance's spline. The cone is convex and the spline's values are means of its
-coefficients, so the force is in the cone at all times, not at the nodes only. The tip is rounded off so that the
-derivatives exist there, on the inside: √(‖f_t‖² + ε²) ≤ ν f_n. The solve's tolerance is held back, so that a point
-that counts as feasible is within the true cone, wherever the chart's cone is the true one.
+It is asked of the coefficients of each stance's spline. The cone is convex and the spline's values
+are means of its coefficients, so the force is in the cone at all times, not at the nodes only. The
+tip is rounded off so that the derivatives exist there, on the inside: √(‖f_t‖² + ε²) ≤ ν f_n. The
+solve's tolerance is held back, so that a point that counts as feasible is within the true cone,
+wherever the chart's cone is the true one.
 """
 
 from __future__ import annotations
@@ -32,8 +34,15 @@ def cone(structure: Structure) -> Constraint:
     for number, foot in enumerate(structure.layout.feet):
         for index, forces in enumerate(foot.forces):
             free = forces[forces[:, 0] != NOTHING]
-            entries.append(np.concatenate([np.broadcast_to(foot.stances[index], free.shape), free], axis=1))
-            suctions.append(np.full(len(free), task.suction_n / task.robot.weight_n if task.adhesive[number] else 0.0))
+            entries.append(
+                np.concatenate([np.broadcast_to(foot.stances[index], free.shape), free], axis=1)
+            )
+            suctions.append(
+                np.full(
+                    len(free),
+                    task.suction_n / task.robot.weight_n if task.adhesive[number] else 0.0,
+                )
+            )
     plain = structure.entries("force coefficients", np.concatenate(entries), True)
 
     def features(v: cs.SX, constants: cs.SX) -> cs.SX:

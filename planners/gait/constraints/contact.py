@@ -14,10 +14,13 @@ from ..variables.structure import Structure
 
 
 def contact(structure: Structure) -> Constraint | None:
-    """z_i − h(x_i, y_i) = 0 [m], one row for each place where a foot stands (W3); none in a flat chart (W8)."""
+    """z_i − h(x_i, y_i) = 0 [m], one row for each place where a foot stands (W3); none in a flat
+    chart (W8)."""
     if structure.chart.flat:
         return None
-    variables = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)
+    variables = structure.entries(
+        "footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True
+    )
     rows = np.arange(variables.count)
     zeros = np.zeros(variables.count)
     return Constraint("contact", zeros, zeros, (Block(above, ((variables, rows),), rows[:, None]),))

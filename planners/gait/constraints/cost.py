@@ -1,7 +1,8 @@
 """Objective of a second phase: acceleration and force rate, and the distance from a reference (E(c)
 of W1).
 
-Non-dimensional: accelerations in g, moments in m·g·(stand height), force rates in m·g a second, integrated over time.
+Non-dimensional: accelerations in g, moments in m·g·(stand height), force rates in m·g a second,
+integrated over time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The torso's equations of motion: PCDM, centred or as printed (W11), and Newton and Euler's (W2).
 
-Rows of a node: three of the force balance in units of m·g, three of the moment balance about the centre of mass in
-units of m·g·(stand height), in world axes. W11 omits gravity in print; it is here.
+Rows of a node: three of the force balance in units of m·g, three of the moment balance about the
+centre of mass in units of m·g·(stand height), in world axes. W11 omits gravity in print; it is
+here.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ UP = (0.0, 0.0, 1.0)
 def dynamics(structure: Structure) -> Constraint:
     """Σ f_i = m (p̈ − g) and Σ (p_i − p) × f_i = d/dt (R I ω) at all nodes (W2, W11).
 
-    Six rows a node, world axes: forces in m·g, moments in m·g·(stand height); by the form that the settings ask for.
+    Six rows a node, world axes: forces in m·g, moments in m·g·(stand height); by the form that the
+    settings ask for.
     """
     form, count = structure.settings.dynamics, structure.nodes
     nodes = np.arange(count)
@@ -51,13 +53,20 @@ def dynamics(structure: Structure) -> Constraint:
 def inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
     """Rows of the torso's motion: −m (p̈ − g) and −d/dt (R I ω) at nodes."""
     form, chart, robot, step_s = (
-        structure.settings.dynamics, structure.chart, structure.task.robot, structure.settings.step_s,
-    )  # fmt: skip
+        structure.settings.dynamics,
+        structure.chart,
+        structure.task.robot,
+        structure.settings.step_s,
+    )
     if form == "newton-euler":
-        return Block(newton_euler(chart, robot), (moving_torso(structure, nodes),), scatter, order=3)
+        return Block(
+            newton_euler(chart, robot), (moving_torso(structure, nodes),), scatter, order=3
+        )
     offsets = (-1, 0, 1) if form == "centred" else (-2, -1, 0)
     selections = tuple(structure.torso_at(nodes + offset) for offset in offsets)
-    return Block((centred if form == "centred" else printed)(chart, robot, step_s), selections, scatter)
+    return Block(
+        (centred if form == "centred" else printed)(chart, robot, step_s), selections, scatter
+    )
 
 
 def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
@@ -74,7 +83,8 @@ def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
 
 
 def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
-    """PCDM (W11) about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for the moment."""
+    """PCDM (W11) about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for
+    the moment."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_old, r_old), (p, r), (p_new, r_new) = _torsos(chart, features, expansions)
@@ -105,7 +115,10 @@ def newton_euler(chart: Chart, robot: GaitRobot) -> Kernel:
         time = cs.SX.sym("t")
         p, r = chart.torso(state[:6] + time * state[6:12] + 0.5 * time**2 * state[12:], expansion)
         speed, turning = cs.jacobian(p, time), cs.reshape(cs.jacobian(cs.vec(r), time), 3, 3)
-        acceleration, turned = cs.jacobian(speed, time), cs.reshape(cs.jacobian(cs.vec(turning), time), 3, 3)
+        acceleration, turned = (
+            cs.jacobian(speed, time),
+            cs.reshape(cs.jacobian(cs.vec(turning), time), 3, 3),
+        )
         r_0, turning, turned, acceleration = (
             cs.substitute(term, time, 0.0) for term in (r, turning, turned, acceleration)
         )
@@ -121,8 +134,8 @@ def newton_euler(chart: Chart, robot: GaitRobot) -> Kernel:
 def moving_torso(structure: Structure, nodes: Rows) -> Selection:
     """(p̄, θ̄) with its first and second derivative at nodes."""
     parts = [structure.layout.torso_rows(structure.times_s[nodes], order) for order in range(3)]
-    own = 6 * np.arange(len(nodes))[:, None] + np.arange(6)
-    index = np.concatenate([own + k * 6 * len(nodes) for k in range(3)], axis=1)
+    columns = 6 * np.arange(len(nodes))[:, None] + np.arange(6)
+    index = np.concatenate([columns + k * 6 * len(nodes) for k in range(3)], axis=1)
     rows = csr_array(csr_array(vstack(parts))[index.ravel()])
     return VariableGroup("moving torso", rows, 18, structure.chart.torso_map), np.arange(len(nodes))
 

@@ -1,6 +1,6 @@
-"""Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and heading; over the
-goal at the end, with the heading asked for there, if one is (Pan et al. §V: "the target position is added as a hard
-constraint on the X-Y plane")."""
+"""Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and
+heading; over the goal at the end, with the heading asked for there, if one is (Pan et al. §V: "the
+target position is added as a hard constraint on the X-Y plane")."""
 
 from __future__ import annotations
 
@@ -17,20 +17,27 @@ from ..variables.structure import Structure
 
 
 def still_start(structure: Structure) -> Constraint:
-    """The first three coefficients of the torso's spline are equal: velocity and acceleration are 0 at the start."""
+    """The first three coefficients of the torso's spline are equal: velocity and acceleration are 0
+    at the start."""
     return _still(structure, "still start", structure.layout.torso[:3])
 
 
 def still_end(structure: Structure) -> Constraint | None:
     """The last three are equal, where the settings ask for an end at rest."""
-    return _still(structure, "still end", structure.layout.torso[-3:]) if structure.settings.still_end else None
+    return (
+        _still(structure, "still end", structure.layout.torso[-3:])
+        if structure.settings.still_end
+        else None
+    )
 
 
 def start(structure: Structure) -> tuple[Constraint, Constraint]:
     """p_xy = start (metres) and heading = start yaw (radians) at t = 0."""
     yaw = structure.layout.entry_rows(structure.layout.torso[0, 5:])
     heading = np.array([structure.task.start_yaw_rad])
-    return over(structure, "start", 0, structure.task.start_xy_m), Constraint("heading", heading, heading, (), yaw)
+    return over(structure, "start", 0, structure.task.start_xy_m), Constraint(
+        "heading", heading, heading, (), yaw
+    )
 
 
 def goal(structure: Structure) -> Constraint:
@@ -48,14 +55,19 @@ def heading_end(structure: Structure) -> Constraint | None:
 
 
 def poised(structure: Structure) -> Constraint | None:
-    """Height, roll and pitch of the torso and every foot at t = 0 and t = T are those of the standing robot, where the
-    settings ask for it. Where rows of other terms say so already, they are left out."""
+    """Height, roll and pitch of the torso and every foot at t = 0 and t = T are those of the
+    standing robot, where the settings ask for it. Where rows of other terms say so already, they
+    are left out."""
     if not structure.settings.poised:
         return None
     task, layout, chart = structure.task, structure.layout, structure.chart
     rows, values = list[csr_array](), list[Array]()
     for xy, yaw, knot, stance in zip(
-        (task.start_xy_m, task.goal_xy_m), task.yaws(), (layout.torso[0], layout.torso[-1]), (0, -1), strict=True
+        (task.start_xy_m, task.goal_xy_m),
+        task.yaws(),
+        (layout.torso[0], layout.torso[-1]),
+        (0, -1),
+        strict=True,
     ):
         feet = task.stance_m(xy, yaw)
         torso = np.array([[*xy, feet[:, 2].mean() + task.robot.stand_height_m]])
@@ -72,7 +84,9 @@ def poised(structure: Structure) -> Constraint | None:
 
 def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:
     """The torso over a point at a node."""
-    block = Block(horizontal(structure.chart), (structure.torso_at(np.array([node])),), np.array([[0, 1]]))
+    block = Block(
+        horizontal(structure.chart), (structure.torso_at(np.array([node])),), np.array([[0, 1]])
+    )
     return Constraint(name, xy_m, xy_m, (block,))
 
 
@@ -86,6 +100,9 @@ def horizontal(chart: Chart) -> Kernel:
 
 
 def _still(structure: Structure, name: str, coefficients: Index) -> Constraint:
-    rows = [structure.layout.entry_rows(coefficients[k]) - structure.layout.entry_rows(coefficients[1]) for k in (0, 2)]
+    rows = [
+        structure.layout.entry_rows(coefficients[k]) - structure.layout.entry_rows(coefficients[1])
+        for k in (0, 2)
+    ]
     zeros = np.zeros(12)
     return Constraint(name, zeros, zeros, (), csr_array(vstack(rows)))

@@ -1,4 +1,5 @@
-"""Sure footing: the ground about every place where a foot stands is no steeper than friction holds, with some in hand.
+"""Sure footing: the ground about every place where a foot stands is no steeper than friction holds,
+with some in hand.
 
 Pan et al. have no such term. A foot that comes down a centimetre off its place on the edge of a
 stair finds ground that is steeper than where it was sent, slips, and a robot that stands on two
@@ -24,14 +25,20 @@ from ..variables.structure import Structure
 SHARE = 0.6
 """The usual share of the slope on which friction holds that ground about feet may have."""
 NEAREST_M, FINE_M = 0.12, 0.01
-"""How far a guess's foot may move to where it has sure footing, and how finely places are looked at."""
+"""How far a guess's foot may move to where it has sure footing, and how finely places are looked
+at."""
 AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
 
 
 def footing(structure: Structure) -> Constraint | None:
-    """σ² − ‖∇h‖² ≥ 0, five rows for each place of a foot that does not stick; None where nothing is asked for."""
+    """σ² − ‖∇h‖² ≥ 0, five rows for each place of a foot that does not stick; None where nothing is
+    asked for."""
     task, chart = structure.task, structure.chart
-    feet = [foot.stances for foot, sticks in zip(structure.layout.feet, task.adhesive, strict=True) if not sticks]
+    feet = [
+        foot.stances
+        for foot, sticks in zip(structure.layout.feet, task.adhesive, strict=True)
+        if not sticks
+    ]
     if not structure.settings.footing or not feet:
         return None
     limit = structure.settings.footing * task.friction
@@ -45,7 +52,9 @@ def footing(structure: Structure) -> Constraint | None:
 
     blocks = []
     for at, off in enumerate(OFF_M * AROUND):
-        there = replace(plain, name="footing", map=ground, inner=chart.foot_map, place=beside(structure, off))
+        there = replace(
+            plain, name="footing", map=ground, inner=chart.foot_map, place=beside(structure, off)
+        )
         blocks.append(Block(kernel, ((there, rows),), at * plain.count + rows[:, None]))
     count = len(AROUND) * plain.count
     return Constraint("footing", np.zeros(count), np.full(count, np.inf), tuple(blocks))
@@ -69,7 +78,9 @@ def sure_xy(task: Walk, share: float, xy: Array) -> Array:
     offs = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     offs = offs[np.argsort(np.linalg.norm(offs, axis=1), kind="stable")]
     places = np.clip(xy[:, None] + offs, *np.transpose(task.terrain.domain_m))
-    first = np.argmax(slope_about(task.terrain, places) <= share * task.friction, axis=1)  # 0, itself, for none
+    first = np.argmax(
+        slope_about(task.terrain, places) <= share * task.friction, axis=1
+    )  # 0, itself, for none
     return np.asarray(places[np.arange(len(xy)), first])
 
 

@@ -12,7 +12,8 @@ from ..variables.structure import Structure
 
 
 def reach(structure: Structure) -> Constraint:
-    """Rᵀ (p_i − p) ∈ R_i at all nodes [m] (W4, W10), of standing and swinging feet, with a margin in hand."""
+    """Rᵀ (p_i − p) ∈ R_i at all nodes [m] (W4, W10), of standing and swinging feet, with a margin
+    in hand."""
     margin, feet = structure.settings.reach_margin_m, structure.task.robot.feet
     low = np.array([foot.reach_min_m + margin for foot in feet])
     high = np.array([foot.reach_max_m - margin for foot in feet])
@@ -21,7 +22,13 @@ def reach(structure: Structure) -> Constraint:
     blocks: list[Block] = []
     for group in structure.feet_at_nodes:
         scatter = 3 * (count + np.arange(len(group.foot)))[:, None] + np.arange(3)
-        blocks.append(Block(within(structure.chart), (group.selection(), structure.torso_at(group.node)), scatter))
+        blocks.append(
+            Block(
+                within(structure.chart),
+                (group.selection(), structure.torso_at(group.node)),
+                scatter,
+            )
+        )
         count, order = count + len(group.foot), [*order, group.foot]
     foot = np.concatenate(order)
     return Constraint("reach", low[foot].ravel(), high[foot].ravel(), tuple(blocks))

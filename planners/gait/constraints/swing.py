@@ -1,6 +1,7 @@
 """Swinging feet above the terrain (W3 and W8), in metres.
 
-In a flat chart the height of a swing is two Hermite pieces from 0 to z̄_m and back, so z̄(t) ≥ 0 all along exactly when
+In a flat chart the height of a swing is two Hermite pieces from 0 to z̄_m and back, so z̄(t) ≥ 0
+all along exactly when
 |v̄_z| T/2 ≤ 3 z̄_m; else the height is asked for at nodes within the swing. Half-way a swing has the settings' clearance.
 """
 
@@ -39,7 +40,8 @@ def half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> 
 
 
 def curved_swing(structure: Structure) -> Constraint:
-    """W3: z − h(x, y) ≥ 0 at the settings' number of nodes in each half of a swing, and half-way."""
+    """W3: z − h(x, y) ≥ 0 at the settings' number of nodes in each half of a swing, and
+    half-way."""
     variables, count = swings(structure)
     within = structure.settings.swing_nodes
     half = np.arange(1, within + 1) / (2.0 * (within + 1.0))
@@ -47,9 +49,13 @@ def curved_swing(structure: Structure) -> Constraint:
     blocks, rows = [], np.arange(count)
     for at, share in enumerate([*shares, 0.5]):
         placed = VariableGroup(
-            "swing node", variables.rows, variables.width, structure.chart.foot_map, at_share(share, variables),
+            "swing node",
+            variables.rows,
+            variables.width,
+            structure.chart.foot_map,
+            at_share(share, variables),
             variables.constants,
-        )  # fmt: skip
+        )
         blocks.append(Block(above, ((placed, rows),), at * count + rows[:, None]))
     lower = np.zeros(count * (len(shares) + 1))
     lower[-count:] = structure.settings.clearance_m
@@ -83,7 +89,9 @@ def swings(structure: Structure) -> tuple[VariableGroup, int]:
     entries, lasting = [], []
     for foot in structure.layout.feet:
         for index in range(foot.phases.swings):
-            entries.append(np.concatenate([foot.stances[index], foot.stances[index + 1], foot.swings[index]]))
+            entries.append(
+                np.concatenate([foot.stances[index], foot.stances[index + 1], foot.swings[index]])
+            )
             if len(foot.switches):
                 entries[-1] = np.append(entries[-1], foot.switches[2 * index : 2 * index + 2])
             begin, end = foot.phases.swing(index)
@@ -96,4 +104,6 @@ def swings(structure: Structure) -> tuple[VariableGroup, int]:
         return cs.vertcat(at[:12], at[13] - at[12] if optimised else constants[0])
 
     constants = np.array(lasting)[:, None]
-    return VariableGroup("swings", variables.rows, variables.width, None, features, constants), len(entries)
+    return VariableGroup("swings", variables.rows, variables.width, None, features, constants), len(
+        entries
+    )

@@ -1,9 +1,10 @@
-"""Joint torques within limits, about postures that are known: τ_j = rest_j − J_j(r)ᵀ Rᵀ f, r = Rᵀ (p_i − p).
+"""Joint torques within limits, about postures that are known: τ_j = rest_j − J_j(r)ᵀ Rᵀ f, r = Rᵀ
+(p_i − p).
 
-What a joint gives depends on where its foot is in the torso's frame and on the force there. J_j is the foot's
-derivative in joint j, along a line about the posture of the last solve, J_j(r₀) + ∂J_j (r − r₀), so that a row is
-wrong to the second order of what the leg moves alone, and right for whatever the force does; rest_j, what the leg's own
-weight and motion take, stays what it was.
+What a joint gives depends on where its foot is in the torso's frame and on the force there. J_j is
+the foot's derivative in joint j, along a line about the posture of the last solve, J_j(r₀) + ∂J_j
+(r − r₀), so that a row is wrong to the second order of what the leg moves alone, and right for
+whatever the force does; rest_j, what the leg's own weight and motion take, stays what it was.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from ..variables.structure import Structure
 class LegLoads:
     """T joints of standing legs, each at a node of the program.
 
-    foot, node: shape (T,). at_m: r₀, the foot in the torso's frame, shape (T, 3) [m]; levers_m: J_j(r₀), (T, 3) [m or
-    m/rad]; slopes: ∂J_j, (T, 3, 3); rest_nm: shape (T,); most_nm: what the joint may give, shape (T,) [Nm].
+    foot, node: shape (T,). at_m: r₀, the foot in the torso's frame, shape (T, 3) [m]; levers_m:
+    J_j(r₀), (T, 3) [m or m/rad]; slopes: ∂J_j, (T, 3, 3); rest_nm: shape (T,); most_nm: what the
+    joint may give, shape (T,) [Nm].
     """
 
     foot: Rows
@@ -46,9 +48,13 @@ def torque(structure: Structure, loads: LegLoads) -> Constraint | None:
     """−1 ≤ τ_j / most_j ≤ 1 of these joints; None where there is none."""
     blocks, count = list[Block](), 0
     weight = structure.task.robot.weight_n
-    numbers = np.concatenate(
-        [loads.rest_nm[:, None], weight * loads.levers_m, weight * loads.slopes.reshape(-1, 9)], axis=1
-    ) / loads.most_nm[:, None]  # fmt: skip
+    numbers = (
+        np.concatenate(
+            [loads.rest_nm[:, None], weight * loads.levers_m, weight * loads.slopes.reshape(-1, 9)],
+            axis=1,
+        )
+        / loads.most_nm[:, None]
+    )
     numbers = np.concatenate([numbers, loads.at_m], axis=1)
     no_variables = csr_array((0, structure.layout.size))
     for group in structure.feet_at_nodes:
@@ -56,7 +62,11 @@ def torque(structure: Structure, loads: LegLoads) -> Constraint | None:
         if not (group.pushes and len(rows)):
             continue
         known = VariableGroup("leg loads", no_variables, 0, None, _constants, numbers[rows])
-        selections = (group.selection(chosen), structure.torso_at(group.node[chosen]), (known, np.arange(len(rows))))
+        selections = (
+            group.selection(chosen),
+            structure.torso_at(group.node[chosen]),
+            (known, np.arange(len(rows))),
+        )
         scatter = count + np.arange(len(rows))[:, None]
         blocks.append(Block(given(structure.chart), selections, scatter))
         count += len(rows)

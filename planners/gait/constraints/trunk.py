@@ -21,16 +21,18 @@ from ..variables.structure import Structure
 SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""
 NEAR_M = 0.15
-"""A point that stays higher over the ground than this in the guess, and all about it, gets no row."""
+"""A point that stays higher over the ground than this in the guess, and all about it, gets no
+row."""
 SINKING = 0.8
-"""Share of the height which the guess gains on slopes, where it stands off along the normal, that walks may give up."""
+"""Share of the height which the guess gains on slopes, where it stands off along the normal, that
+walks may give up."""
 AROUND_M = 0.2
 """How far about a point of the guess the ground is looked at: a solution moves about as far."""
 
 
 def trunk(structure: Structure) -> Constraint | None:
-    """Rows of points of the lower face near the ground at nodes, by turns; None where there is none, or no clearance
-    is asked for."""
+    """Rows of points of the lower face near the ground at nodes, by turns; None where there is
+    none, or no clearance is asked for."""
     margin = structure.settings.trunk_clearance_m
     if margin is None:
         return None
@@ -48,16 +50,23 @@ def trunk(structure: Structure) -> Constraint | None:
         return cs.vertcat(v, constants)
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
-        corner, below = place(features[0], expansions[0] if len(expansions) > 1 else None), expansions[-1]
+        corner, below = (
+            place(features[0], expansions[0] if len(expansions) > 1 else None),
+            expansions[-1],
+        )
         assert below is not None
         return corner[2] - below.here[0]
 
     rows = structure.layout.torso_rows(structure.times_s[node])
     ground = TaylorMap.of_heights(structure.task.terrain)
-    variables = VariableGroup("trunk", rows, 6, ground, features, points[point], chart.torso_map, place)
+    variables = VariableGroup(
+        "trunk", rows, 6, ground, features, points[point], chart.torso_map, place
+    )
     every = np.arange(variables.count)
     block = Block(kernel, ((variables, every),), every[:, None])
-    return Constraint("trunk", np.full(variables.count, margin), np.full(variables.count, np.inf), (block,))
+    return Constraint(
+        "trunk", np.full(variables.count, margin), np.full(variables.count, np.inf), (block,)
+    )
 
 
 def lower_face(half_m: Array) -> Array:
@@ -70,9 +79,10 @@ def lower_face(half_m: Array) -> Array:
 
 
 def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
-    """Nodes and points, each of shape (K,), at which the guess's lower face, and the plane that it goes on as within
-    AROUND_M, comes nearer than NEAR_M to the ground, or a little more on slopes; of these every other one, as on a
-    chessboard, since neighbours in time and place know nearly the same."""
+    """Nodes and points, each of shape (K,), at which the guess's lower face, and the plane that it
+    goes on as within AROUND_M, comes nearer than NEAR_M to the ground, or a little more on slopes;
+    of these every other one, as on a chessboard, since neighbours in time and place know nearly the
+    same."""
     p, rotation = GuessedWalk(structure).torso(structure.times_s)
     face = p[:, None] + np.einsum("kij,nj->kni", rotation, points)
     turns = np.arange(8) * np.pi / 4.0
@@ -80,7 +90,11 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     about = AROUND_M * np.concatenate([np.zeros((1, 2)), 0.5 * ring, ring])
     normal = rotation[:, :, 2]
     rise = -(normal[:, :2] @ about.T) / normal[:, 2:]
-    above = face[:, :, None, 2] + rise[:, None] - structure.task.terrain.height(face[:, :, None, :2] + about)
+    above = (
+        face[:, :, None, 2]
+        + rise[:, None]
+        - structure.task.terrain.height(face[:, :, None, :2] + about)
+    )
     gap = above.min(axis=2) * normal[:, None, 2]
     row, column = np.divmod(np.arange(len(points)), len(np.unique(points[:, 1])))
     turn = (np.arange(len(p))[:, None] + row + column) % 2 == 0

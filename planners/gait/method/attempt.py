@@ -1,4 +1,5 @@
-"""One attempt at a gait task: a chart, a homotopy in the terrain's height, an initial guess; and the verifier's word.
+"""One attempt at a gait task: a chart, a homotopy in the terrain's height, an initial guess; and
+the verifier's word.
 
 What a portfolio is made of, and what ``stancekit/WarpedGait-v0`` chooses among.
 """
@@ -24,9 +25,9 @@ from ..gait_program import GaitProgram, GaitSolution
 from ..task import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
-"""Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
-the phase, ``feasible``, ``smooth`` or ``densify``, after "piece 2 of 9, " where there are some; may return True to
-stop."""
+"""Called at every iteration with the attempt, the iteration over all its solves, the largest
+violation, the cost and the phase, ``feasible``, ``smooth`` or ``densify``, after "piece 2 of 9, "
+where there are some; may return True to stop."""
 Homotopy = Literal["height", "smoothing"]
 """What makes a terrain gentler: lower heights, or a Gaussian."""
 
@@ -35,9 +36,10 @@ Homotopy = Literal["height", "smoothing"]
 class Attempt:
     """Method of solving a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
 
-    heights: factors on the terrain's gradients, solved one after another, the last is 1.
-    by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest gradient.
-    noise: deviation of what is added to every variable of the terrain-following guess [m, rad, m·g].
+    heights: factors on the terrain's gradients, solved one after another, the last is 1. by:
+    whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest
+    gradient. noise: deviation of what is added to every variable of the terrain-following guess [m,
+    rad, m·g].
     """
 
     chart: str = "decoupled"
@@ -62,7 +64,9 @@ class Attempt:
         """Name in tables and files."""
         words = [self.chart]
         if len(self.heights) > 1:
-            words.append(f"{len(self.heights)} {'heights' if self.by == 'height' else 'smoothings'}")
+            words.append(
+                f"{len(self.heights)} {'heights' if self.by == 'height' else 'smoothings'}"
+            )
         if self.noise:
             words.append(f"seed {self.seed}")
         return ", ".join(words)
@@ -73,8 +77,9 @@ class Attempted:
     """Result of an attempt. solution: of its last stage; iterations, seconds: of all stages, CPU
     time.
 
-    history: the largest violation at every iterate. trajectory, report: of the point it ended at, feasible or not;
-    stage: the last height that was solved; stopped: it was ended before its own end, by the caller or at a cap.
+    history: the largest violation at every iterate. trajectory, report: of the point it ended at,
+    feasible or not; stage: the last height that was solved; stopped: it was ended before its own
+    end, by the caller or at a cap.
     """
 
     attempt: Attempt
@@ -96,10 +101,13 @@ class Attempted:
 class Workbench:
     """A task with what has been written down for it: a program a chart, and the map of the terrain.
 
-    One thread at a time may use it. A copy (deepcopy, pickle) has the map, and writes its own programs.
+    One thread at a time may use it. A copy (deepcopy, pickle) has the map, and writes its own
+    programs.
     """
 
-    def __init__(self, task: Walk, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
+    def __init__(
+        self, task: Walk, settings: GaitSettings | None = None, warp: SplineMap | None = None
+    ) -> None:
         self.task, self.settings, self.warp = task, sure(task, settings or GaitSettings()), warp
         self._programs: dict[str, GaitProgram] = {}
 
@@ -107,9 +115,12 @@ class Workbench:
         return {**self.__dict__, "_programs": {}}
 
     def program(self, chart: str) -> GaitProgram:
-        """The task in this chart, written down once. Raises InvalidInput, and PlanningFailed for a map that folds."""
+        """The task in this chart, written down once. Raises InvalidInput, and PlanningFailed for a
+        map that folds."""
         if chart not in self._programs:
-            self._programs[chart] = formulate(self.task, replace(self.settings, chart=chart), self._flattened)
+            self._programs[chart] = formulate(
+                self.task, replace(self.settings, chart=chart), self._flattened
+            )
         return self._programs[chart]
 
     def _flattened(self) -> SplineMap:
@@ -119,15 +130,25 @@ class Workbench:
         return self.warp
 
     def run(
-        self, attempt: Attempt, progress: Progress | None = None, *, guess: Array | None = None, stage: int = 0
+        self,
+        attempt: Attempt,
+        progress: Progress | None = None,
+        *,
+        guess: Array | None = None,
+        stage: int = 0,
     ) -> Attempted:
         """Solve stage by stage, each from the last one's point, and verify what comes out.
 
-        guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at which of its heights,
-        e.g. where a run was stopped. A chart with a map has no heights but 1, and no Gaussian is used here.
+        guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at which
+        of its heights, e.g. where a run was stopped. A chart with a map has no heights but 1, and
+        no Gaussian is used here.
         """
         program = self.program(attempt.chart)
-        heights = attempt.heights if CHARTS.get(attempt.chart).scales and attempt.by == "height" else (1.0,)
+        heights = (
+            attempt.heights
+            if CHARTS.get(attempt.chart).scales and attempt.by == "height"
+            else (1.0,)
+        )
         x = attempt.guess(program) if guess is None else guess
         history: list[float] = []
         seconds, stages, stopped = 0.0, 0, False
@@ -135,7 +156,9 @@ class Workbench:
         def on_iterate(_iteration: int, violation: float, cost: float) -> bool:
             nonlocal stopped
             history.append(violation)
-            stopped = bool(progress and progress(attempt, len(history) - 1, violation, cost, "feasible"))
+            stopped = bool(
+                progress and progress(attempt, len(history) - 1, violation, cost, "feasible")
+            )
             return stopped
 
         for factor in heights[stage:]:
@@ -147,12 +170,20 @@ class Workbench:
         provenance = self.provenance(attempt, solution, iterations=solution.iterations)
         trajectory = replace(solution.trajectory(STEP_S), provenance=provenance)
         return Attempted(
-            attempt=attempt, solution=solution, trajectory=trajectory, report=check_trajectory(trajectory),
-            iterations=max(len(history) - stages, 0), seconds=seconds, history=np.array(history),
-            stage=stage + stages - 1, stopped=stopped,
-        )  # fmt: skip
+            attempt=attempt,
+            solution=solution,
+            trajectory=trajectory,
+            report=check_trajectory(trajectory),
+            iterations=max(len(history) - stages, 0),
+            seconds=seconds,
+            history=np.array(history),
+            stage=stage + stages - 1,
+            stopped=stopped,
+        )
 
-    def provenance(self, attempt: Attempt, solution: GaitSolution, iterations: int) -> dict[str, Any]:
+    def provenance(
+        self, attempt: Attempt, solution: GaitSolution, iterations: int
+    ) -> dict[str, Any]:
         """Provenance that a trajectory carries, without clock times."""
         return {
             "chart": attempt.chart,

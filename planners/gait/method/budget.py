@@ -30,8 +30,8 @@ PATIENCE = 10.0
 class SolveRecord:
     """One solve. phase: ``feasible``, ``smooth`` or ``densify``; factor: on the terrain's heights.
 
-    iterations, success, status: of the solver; violations: the largest at every iterate; seconds: CPU time in all, in
-    functions and derivatives, in the solver with its linear algebra.
+    iterations, success, status: of the solver; violations: the largest at every iterate; seconds:
+    CPU time in all, in functions and derivatives, in the solver with its linear algebra.
     """
 
     attempt: str
@@ -48,10 +48,12 @@ class SolveRecord:
 
 
 class SolveBudget:
-    """Solves programs on one budget of CPU time and of iterations; called like ``GaitProgram.solve``. The time is all
-    that passes from its beginning on, whatever it passes with.
+    """Solves programs on one budget of CPU time and of iterations; called like
+    ``GaitProgram.solve``. The time is all that passes from its beginning on, whatever it passes
+    with.
 
-    solves: every one in its order; stopped: the caller's progress said so; phase: the name of the next solves.
+    solves: every one in its order; stopped: the caller's progress said so; phase: the name of the
+    next solves.
     """
 
     def __init__(
@@ -63,7 +65,12 @@ class SolveBudget:
         in_subprocess: bool = False,
         progress: Progress | None = None,
     ) -> None:
-        self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
+        self._solve_s, self._total_s, self._in_subprocess, self._progress = (
+            solve_s,
+            total_s,
+            in_subprocess,
+            progress,
+        )
         self._began = cpu_s()
         self._attempt, self._iterations, self._left = Attempt(), 0, iterations
         self.solves: list[SolveRecord] = []
@@ -80,7 +87,8 @@ class SolveBudget:
 
     @property
     def spent_s(self) -> float:
-        """CPU time since its beginning, also that of programs that were written down and of verdicts [s]."""
+        """CPU time since its beginning, also that of programs that were written down and of
+        verdicts [s]."""
         return max(cpu_s() - self._began, self.seconds)
 
     @property
@@ -93,10 +101,14 @@ class SolveBudget:
         """Tell whether there is nothing left to spend, or the caller asked to stop."""
         return self.stopped or self.left_s <= VERDICT_S or self._left <= 0
 
-    def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
+    def __call__(
+        self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]
+    ) -> GaitSolution:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
         program.build(**options)
-        limit_s = min(self._solve_s, max(self.left_s - VERDICT_S, LEAST_S if self.solves else FIRST_S))
+        limit_s = min(
+            self._solve_s, max(self.left_s - VERDICT_S, LEAST_S if self.solves else FIRST_S)
+        )
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
         else:
@@ -105,16 +117,29 @@ class SolveBudget:
         self.solves.append(self._record(program, solution))
         LOG.info(
             "walk: %s, %s: %d iterations, %s, largest violation %.1e, %.1f CPU-s so far",
-            *(self._attempt.name, self.phase, solution.iterations, solution.status, solution.violation, self.seconds),
+            *(
+                self._attempt.name,
+                self.phase,
+                solution.iterations,
+                solution.status,
+                solution.violation,
+                self.seconds,
+            ),
         )
         return solution
 
-    def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions) -> GaitSolution:
+    def _in_child(
+        self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions
+    ) -> GaitSolution:
         try:
             return solve_in_subprocess(
-                program, guess, time_limit_s=PATIENCE * limit_s, on_iterate=self._on_iterate,
-                callback=_TimeLimit(limit_s), **options,  # the clock of a child begins at 0
-            )  # fmt: skip
+                program,
+                guess,
+                time_limit_s=PATIENCE * limit_s,
+                on_iterate=self._on_iterate,
+                callback=_TimeLimit(limit_s),
+                **options,  # the clock of a child begins at 0
+            )
         except PlanningFailed as error:
             return _nothing(program, guess, limit_s, str(error))
 
@@ -152,7 +177,9 @@ def cpu_s() -> float:
 class _TimeLimit:
     """Ends a solve at a CPU time of its process [s], or when on_iterate says so."""
 
-    def __init__(self, end_s: float, on_iterate: Callable[[int, float, float], bool] | None = None) -> None:
+    def __init__(
+        self, end_s: float, on_iterate: Callable[[int, float, float], bool] | None = None
+    ) -> None:
         self._end_s, self._on_iterate = end_s, on_iterate
 
     def __call__(self, iteration: int, violation: float, cost: float) -> bool:
@@ -162,6 +189,14 @@ class _TimeLimit:
 
 def _nothing(program: GaitProgram, guess: Array, seconds: float, status: str) -> GaitSolution:
     return GaitSolution(
-        program=program, success=False, iterations=0, history=(), x=guess, violations=program.violations(guess),
-        status=status, seconds=seconds, seconds_evaluating=0.0, seconds_linear=0.0,
-    )  # fmt: skip
+        program=program,
+        success=False,
+        iterations=0,
+        history=(),
+        x=guess,
+        violations=program.violations(guess),
+        status=status,
+        seconds=seconds,
+        seconds_evaluating=0.0,
+        seconds_linear=0.0,
+    )

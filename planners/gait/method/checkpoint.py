@@ -22,25 +22,32 @@ from ..task import GaitSettings
 from .attempt import Attempt, Attempted
 
 DONE, CUT, ROUND = "done", "cut", "round"
-"""What became of a piece of a walk: it was planned, it was cut in two, or the walk goes another way from there on."""
+"""What became of a piece of a walk: it was planned, it was cut in two, or the walk goes another way
+from there on."""
 FAILED = -1
 """Stage of an attempt that came to its end without success."""
 
 
 class Checkpoint:
-    """Points that attempts reached, in NAME.partial.npz; it belongs to one task, its settings and attempts.
+    """Points that attempts reached, in NAME.partial.npz; it belongs to one task, its settings and
+    attempts.
 
-    A walk that is planned piece by piece keeps ``pieces``, what became of each (``DONE``, ``CUT``, ``ROUND``), and
-    ``samples`` of all that are done as one walk, by name.
+    A walk that is planned piece by piece keeps ``pieces``, what became of each (``DONE``, ``CUT``,
+    ``ROUND``), and ``samples`` of all that are done as one walk, by name.
 
-    out: the file of the run, None keeps nothing. phases: what else is done with the points (``Caps.phases``). What
-    stands there already is taken up if it is of the same task, settings, attempts and phases, and ignored if not.
+    out: the file of the run, None keeps nothing. phases: what else is done with the points
+    (``Caps.phases``). What stands there already is taken up if it is of the same task, settings,
+    attempts and phases, and ignored if not.
     """
 
     def __init__(
-        self, out: Path | None, task: Walk, settings: GaitSettings, attempts: Sequence[Attempt],
+        self,
+        out: Path | None,
+        task: Walk,
+        settings: GaitSettings,
+        attempts: Sequence[Attempt],
         phases: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.path = None if out is None else out.with_suffix(".partial.npz")
         self._digest, self._own = _digest(task, settings, attempts, phases or {}), False
         self._points: dict[int, tuple[int, Array]] = {}
@@ -90,12 +97,18 @@ class Checkpoint:
         arrays |= {f"stage_{k}": np.array(stage) for k, (stage, _) in self._points.items()}
         arrays |= {f"walk_{name}": array for name, array in self.samples.items()}
         arrays["pieces"] = np.array(self.pieces, dtype=np.str_)
-        np.savez(packed, digest=np.array(self._digest), done=np.array(sorted(self._done), dtype=np.intp), **arrays)
+        np.savez(
+            packed,
+            digest=np.array(self._digest),
+            done=np.array(sorted(self._done), dtype=np.intp),
+            **arrays,
+        )
         write_bytes(self.path, packed.getvalue())
         self._own = True
 
     def remove(self) -> None:
-        """The run is done: nothing is left of it here, and of killed writers; what others left whole stays."""
+        """The run is done: nothing is left of it here, and of killed writers; what others left
+        whole stays."""
         if self.path is None:
             return
         if self._own:
@@ -104,7 +117,8 @@ class Checkpoint:
         remove_leftovers(self.path.parent, self.path.name.__eq__)
 
     def _read(self, path: Path) -> None:
-        """Take up what a run of the same task left; a file that cannot be read counts for nothing."""
+        """Take up what a run of the same task left; a file that cannot be read counts for
+        nothing."""
         with suppress(ValueError, KeyError, TypeError):
             packed = read_archive(path)
             if str(packed["digest"]) == self._digest:
@@ -116,11 +130,13 @@ class Checkpoint:
                 self._done, self._points, self._own = {int(k) for k in packed["done"]}, points, True
 
 
-def _digest(task: Walk, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]) -> str:
+def _digest(
+    task: Walk, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]
+) -> str:
     content = hashlib.sha256()
     for array in task.terrain.to_arrays().values():
         content.update(np.ascontiguousarray(array).tobytes())
-    asked = {
+    question = {
         "robot": task.robot.to_json(),
         "start": task.start_xy_m.tolist(),
         "goal": task.goal_xy_m.tolist(),
@@ -131,5 +147,5 @@ def _digest(task: Walk, settings: GaitSettings, attempts: Sequence[Attempt], pha
         "attempts": [asdict(attempt) for attempt in attempts],
         "phases": dict(phases),
     }
-    content.update(json.dumps(asked, sort_keys=True).encode())
+    content.update(json.dumps(question, sort_keys=True).encode())
     return content.hexdigest()

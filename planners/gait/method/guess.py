@@ -1,4 +1,5 @@
-"""Initial guesses: a straight walk that turns evenly and follows the terrain, one along key frames, perturbations."""
+"""Initial guesses: a straight walk that turns evenly and follows the terrain, one along key frames,
+perturbations."""
 
 from __future__ import annotations
 
@@ -19,33 +20,39 @@ if TYPE_CHECKING:
 RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""
 LOADING_S = 0.1
-"""How long a foot takes to get its full share of the weight after touchdown, and to lose it before lift-off [s]."""
+"""How long a foot takes to get its full share of the weight after touchdown, and to lose it before
+lift-off [s]."""
 
 
 def terrain_following(structure: Structure) -> Array:
-    """A decision vector: torso at stand height over the smoothed terrain along a straight line, feet beneath it,
-    the weight shared by the feet that stand. Shape (size,)."""
+    """A decision vector: torso at stand height over the smoothed terrain along a straight line,
+    feet beneath it, the weight shared by the feet that stand. Shape (size,)."""
     x, walk = np.zeros(structure.layout.size), GuessedWalk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
     return _with_feet(x, structure, walk, walk.footholds)
 
 
 def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
-    """A decision vector whose torso goes over key frames' bodies and whose footholds are their toes, shape (size,).
+    """A decision vector whose torso goes over key frames' bodies and whose footholds are their
+    toes, shape (size,).
 
-    Time runs along the key frames as it runs along the path of the terrain-following guess, whose swings and forces it
-    has. Raises InvalidInput for a robot with other feet.
+    Time runs along the key frames as it runs along the path of the terrain-following guess, whose
+    swings and forces it has. Raises InvalidInput for a robot with other feet.
     """
     task, names, walk = structure.task, structure.task.robot.foot_names, GuessedWalk(structure)
     if set(names) != set(frames.limbs):
-        raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
+        raise InvalidInput(
+            f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}"
+        )
 
     def footholds(number: int) -> Array:
         phases = structure.layout.feet[number].phases
         times = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
         times[[0, -1]] = 0.0, task.duration_s
         nearest = np.rint(walk.share(times) * (len(frames.toes_m) - 1)).astype(np.intp)
-        toes = frames.toes_m[np.clip(nearest, 0, len(frames.toes_m) - 1), frames.limbs.index(names[number])]
+        toes = frames.toes_m[
+            np.clip(nearest, 0, len(frames.toes_m) - 1), frames.limbs.index(names[number])
+        ]
         return np.column_stack([toes[:, :2], task.terrain.height(toes[:, :2])])
 
     x = np.array(terrain_following(structure))
@@ -54,8 +61,11 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     return _with_feet(x, structure, walk, footholds)
 
 
-def _with_feet(x: Array, structure: Structure, walk: GuessedWalk, footholds: Callable[[int], Array]) -> Array:
-    """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings and forces."""
+def _with_feet(
+    x: Array, structure: Structure, walk: GuessedWalk, footholds: Callable[[int], Array]
+) -> Array:
+    """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings
+    and forces."""
     for number, foot in enumerate(structure.layout.feet):
         stood = footholds(number)
         bar = structure.chart.foot_bar(stood)
@@ -68,8 +78,11 @@ def _with_feet(x: Array, structure: Structure, walk: GuessedWalk, footholds: Cal
     return x
 
 
-def perturbed(x: Array, rng: np.random.Generator, structure: Structure, size: float = 0.02) -> Array:
-    """``x`` with normal noise of this deviation on every variable [m, rad, m·g]; switching times keep theirs."""
+def perturbed(
+    x: Array, rng: np.random.Generator, structure: Structure, size: float = 0.02
+) -> Array:
+    """``x`` with normal noise of this deviation on every variable [m, rad, m·g]; switching times
+    keep theirs."""
     moved = x + size * rng.standard_normal(len(x))
     for foot in structure.layout.feet:
         moved[foot.switches] = x[foot.switches]
@@ -88,7 +101,9 @@ class GuessedWalk:
 
     def share(self, times_s: Array) -> Array:
         """Share of the way that is behind the torso, with smooth ends, shape (K,)."""
-        share = np.clip((np.asarray(times_s) - self._begins_s) / (self._ends_s - self._begins_s), 0.0, 1.0)
+        share = np.clip(
+            (np.asarray(times_s) - self._begins_s) / (self._ends_s - self._begins_s), 0.0, 1.0
+        )
         return _eased(share, RAMP)
 
     def torso_xy(self, times_s: Array) -> Array:
@@ -97,12 +112,14 @@ class GuessedWalk:
         return (1.0 - share) * self._task.start_xy_m + share * self._task.goal_xy_m
 
     def yaw(self, times_s: Array) -> Array:
-        """From the heading at the start evenly along the way to that at the end, shape (K,) [rad]."""
+        """From the heading at the start evenly along the way to that at the end, shape (K,)
+        [rad]."""
         start, end = self._task.yaws()
         return np.asarray(start + self.share(times_s) * (end - start))
 
     def torso(self, times_s: Array) -> tuple[Array, Array]:
-        """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): along the smoothed terrain, at stand height from its slope."""
+        """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): along the smoothed terrain, at stand height
+        from its slope."""
         xy = self.torso_xy(times_s)
         height, slope = self._body.height_and_gradient(xy)
         lift = self._task.robot.stand_height_m * np.sqrt(1.0 + np.sum(slope**2, axis=1))
@@ -136,7 +153,9 @@ class GuessedWalk:
     def swings_bar(self, foot: int, footholds: Array, bar: Array) -> Array:
         """Place and velocity half-way through each swing, shape (S, 6)."""
         phases = self._structure.layout.feet[foot].phases
-        lasting = np.array([np.subtract(*phases.swing(index)[::-1]) for index in range(phases.swings)])
+        lasting = np.array(
+            [np.subtract(*phases.swing(index)[::-1]) for index in range(phases.swings)]
+        )
         middle, across = 0.5 * (bar[1:] + bar[:-1]), (bar[1:] - bar[:-1]) / lasting[:, None]
         lift = self._structure.settings.swing_height_m
         if self._structure.chart.flat:
@@ -149,7 +168,8 @@ class GuessedWalk:
         return np.column_stack([middle, 1.5 * across])
 
     def forces_bar(self, foot: int, times_s: Array, bar: Array) -> Array:
-        """A share of the weight, straight up, at times of one stance of a foot, shape (K, 3) [m·g]."""
+        """A share of the weight, straight up, at times of one stance of a foot, shape (K, 3)
+        [m·g]."""
         loads = [self._load(other, times_s) for other in range(self._structure.feet)]
         share = np.zeros((len(times_s), 3))
         share[:, 2] = loads[foot] / np.maximum(np.sum(loads, axis=0), 1e-6)
@@ -166,7 +186,8 @@ class GuessedWalk:
 
 
 def _eased(share: Array, ramp: float) -> Array:
-    """Distance covered at a share of the time, speeding up and slowing down smoothly over ``ramp`` of it."""
+    """Distance covered at a share of the time, speeding up and slowing down smoothly over ``ramp``
+    of it."""
 
     def rise(s: Array) -> Array:  # of the integral of 3u² − 2u³
         return np.asarray(ramp * (s**3 - 0.5 * s**4))
@@ -184,13 +205,15 @@ def euler_angles(rotation: Array) -> Array:
 
 
 def _put(x: Array, entries: Index, values: Array) -> None:
-    kept = entries != NOTHING
-    x[entries[kept]] = values[kept]
+    there = entries != NOTHING
+    x[entries[there]] = values[there]
 
 
 def _yaws(angles: Array) -> Array:
     cosine, sine, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
-    return np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0], axis=-1).reshape(-1, 3, 3)
+    return np.stack(
+        [cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0], axis=-1
+    ).reshape(-1, 3, 3)
 
 
 def _shear_rotations(slope: Array) -> Array:

@@ -1,11 +1,14 @@
-"""Homotopy in the terrain: solve on a gentler terrain first, and let it steepen from one solution to the next.
+"""Homotopy in the terrain: solve on a gentler terrain first, and let it steepen from one solution
+to the next.
 
-A terrain is made gentler by scaling its heights, or by a Gaussian: a wall that is widened keeps its height, so that
-what has to be climbed is there from the first stage on, and the walk hardly changes while the wall gets steep.
+A terrain is made gentler by scaling its heights, or by a Gaussian: a wall that is widened keeps its
+height, so that what has to be climbed is there from the first stage on, and the walk hardly changes
+while the wall gets steep.
 
-Charts that know the terrain by its heights have a factor on them as a parameter of their program. A terrain under a
-Gaussian has a program of its own, and so have the stages of warped charts, whose map belongs to its terrain; a stage's
-solution is the next one's guess in the chart's own coordinates, in which the ground stays flat.
+Charts that know the terrain by its heights have a factor on them as a parameter of their program. A
+terrain under a Gaussian has a program of its own, and so have the stages of warped charts, whose
+map belongs to its terrain; a stage's solution is the next one's guess in the chart's own
+coordinates, in which the ground stays flat.
 """
 
 from __future__ import annotations
@@ -28,24 +31,32 @@ from .smoothing import Solver
 GENTLE = 1.0
 """Gradient that needs no homotopy: 45°."""
 GROWTH = 1.7
-"""By how much the steepest gradient grows from one stage to the next; 3 → 6 → 10 → 14 → 20 on the pit of 87°."""
+"""By how much the steepest gradient grows from one stage to the next; 3 → 6 → 10 → 14 → 20 on the
+pit of 87°."""
 WIDEST_M = 1.6
 """No Gaussian is wider [m]."""
 LEAST = 0.04
-"""Steps in the factor below this are not tried: what separates the stages is then no longer the terrain."""
+"""Steps in the factor below this are not tried: what separates the stages is then no longer the
+terrain."""
 
 
-def heights_for(terrain: HeightField, gentle: float = GENTLE, growth: float = GROWTH) -> tuple[float, ...]:
-    """Factors on the gradients, the last 1: the first makes the terrain gentle, each next one steeper by ``growth``."""
+def heights_for(
+    terrain: HeightField, gentle: float = GENTLE, growth: float = GROWTH
+) -> tuple[float, ...]:
+    """Factors on the gradients, the last 1: the first makes the terrain gentle, each next one
+    steeper by ``growth``."""
     slope = steepest(terrain)
     if slope <= gentle:
         return (1.0,)
     stages = int(np.ceil(np.log(slope / gentle) / np.log(growth)))
-    return tuple(float(factor) for factor in (gentle / slope) ** (1.0 - np.arange(stages + 1) / stages))
+    return tuple(
+        float(factor) for factor in (gentle / slope) ** (1.0 - np.arange(stages + 1) / stages)
+    )
 
 
 def softened(terrain: HeightField, factor: float) -> HeightField:
-    """The terrain under the Gaussian that leaves this share, within (0, 1], of its steepest gradient.
+    """The terrain under the Gaussian that leaves this share, within (0, 1], of its steepest
+    gradient.
 
     Raises InvalidInput for an uneven grid.
     """
@@ -75,7 +86,9 @@ class HomotopyPath:
     @property
     def reached(self) -> float:
         """The largest factor that was solved, 0 for none."""
-        solved = [factor for factor, one in zip(self.factors, self.solutions, strict=True) if one.success]
+        solved = [
+            factor for factor, one in zip(self.factors, self.solutions, strict=True) if one.success
+        ]
         return max(solved, default=0.0)
 
 
@@ -90,12 +103,14 @@ def follow_homotopy(
     most_stages: int = 12,
     stop: Callable[[], bool] = lambda: False,
 ) -> HomotopyPath:
-    """Solve at one of an attempt's heights after another, each from the last solution; half-way where one fails.
+    """Solve at one of an attempt's heights after another, each from the last solution; half-way
+    where one fails.
 
-    A gentler terrain on which the task is none is left out. guess: of the first stage in its program, shape (size,),
-    the attempt's own if missing; stage: the index of the height to begin with, where a run goes on. solve: in place of
-    the programs' own; max_iterations: of one stage; stop: asked before every stage but the first.
-    Ends at the last factor, after most_stages, or where a step is too small to halve.
+    A gentler terrain on which the task is none is left out. guess: of the first stage in its
+    program, shape (size,), the attempt's own if missing; stage: the index of the height to begin
+    with, where a run goes on. solve: in place of the programs' own; max_iterations: of one stage;
+    stop: asked before every stage but the first. Ends at the last factor, after most_stages, or
+    where a step is too small to halve.
     """
     ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
     begun = attempt.heights[stage - 1] if stage else 0.0
@@ -103,14 +118,14 @@ def follow_homotopy(
     while ahead and len(solutions) < most_stages and not (solutions and stop()):
         factor = ahead[0]
         try:
-            program, own = stage_program(bench, attempt.chart, factor, attempt.by)
+            program, by_stage = stage_program(bench, attempt.chart, factor, attempt.by)
         except InvalidInput:
             if len(ahead) == 1:
                 raise
             ahead.pop(0)
             continue
         begin = attempt.guess(program) if x is None else x
-        solution = solve(program, begin, height_factor=own, max_iterations=max_iterations)
+        solution = solve(program, begin, height_factor=by_stage, max_iterations=max_iterations)
         solutions, factors = [*solutions, solution], [*factors, factor]
         if solution.success:
             x, reached = solution.x, ahead.pop(0)
@@ -121,10 +136,15 @@ def follow_homotopy(
     return HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
 
 
-def stage_program(bench: Workbench, chart: str, factor: float, by: Homotopy = "height") -> tuple[GaitProgram, float]:
-    """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a map of its own."""
+def stage_program(
+    bench: Workbench, chart: str, factor: float, by: Homotopy = "height"
+) -> tuple[GaitProgram, float]:
+    """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a
+    map of its own."""
     if factor == 1.0 or (CHARTS.get(chart).scales and by == "height"):
         return bench.program(chart), factor
     terrain = bench.task.terrain
-    lower = replace(bench.task, terrain=terrain.scaled(factor) if by == "height" else softened(terrain, factor))
+    lower = replace(
+        bench.task, terrain=terrain.scaled(factor) if by == "height" else softened(terrain, factor)
+    )
     return Workbench(lower, bench.settings).program(chart), 1.0

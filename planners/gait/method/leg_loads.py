@@ -1,8 +1,8 @@
 """Joint torques of a walk, and their derivatives: the numbers of ``constraints.torque`` about one
 trajectory.
 
-Kinematics are chains of our own, as far as the rows go; how much of a joint's torque is not the foot's force is taken
-from the verifier, which has it by pinocchio of the whole robot.
+Kinematics are chains of our own, as far as the rows go; how much of a joint's torque is not the
+foot's force is taken from the verifier, which has it by pinocchio of the whole robot.
 """
 
 from __future__ import annotations
@@ -27,16 +27,19 @@ STEP_M = 1e-4
 NEAR = 0.7
 """A joint gets a row where it gives this share of what it may."""
 ROOM = 0.01
-"""Of the limit, between what the verifier allows and what rows ask for, besides what a joint gives more between a node
-and the next than at it."""
+"""Of the limit, between what the verifier allows and what rows ask for, besides what a joint gives
+more between a node and the next than at it."""
 
 
 def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:
-    """Rows for the joints of standing legs that give much, at the program's nodes, about a report's trajectory."""
+    """Rows for the joints of standing legs that give much, at the program's nodes, about a report's
+    trajectory."""
     trajectory = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(trajectory))
     legs, solver = body.kinematics.model.legs, body.kinematics
-    sample = np.clip(np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2)
+    sample = np.clip(
+        np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2
+    )
     about = 2 * (round(0.5 * structure.settings.step_s / trajectory.step_s)) + 1
     highest = maximum_filter1d(np.abs(body.torques_nm), about, axis=0, mode="nearest")[sample - 1]
     torques, angles = body.torques_nm[sample - 1], body.postures.angles[sample]
@@ -45,19 +48,35 @@ def leg_loads(structure: Structure, report: Report[Trajectory], room: float = RO
     felt = np.einsum("kji,knj->kni", rotation, forces)
     arms = trajectory.feet_m[sample] - trajectory.torso_m[sample][:, None]
     at = np.einsum("kji,knj->kni", rotation, arms)
-    found = list[tuple[Any, ...]]()
+    triplets = list[tuple[Any, ...]]()
     for i, leg in enumerate(legs):
-        own = solver.joints_of(i)
-        levers, slopes = _levers(leg, angles[:, own])
-        rest = torques[:, own] + np.einsum("kij,ki->kj", levers, felt[:, i])
-        asked = trajectory.contact[sample, i][:, None] & (np.abs(torques[:, own]) > NEAR * most[:, own])
-        node, joint = np.nonzero(asked & np.isfinite(most[:, own]))
-        found.append((np.full(len(node), i), node, at[node, i], levers[node, :, joint], slopes[node, :, joint],
-                      rest[node, joint], most[node, own[joint]]))  # fmt: skip
-    return LegLoads(**dict(zip(
-        ("foot", "node", "at_m", "levers_m", "slopes", "rest_nm", "most_nm"),
-        (np.concatenate(part) for part in zip(*found, strict=True)), strict=True,
-    )))  # fmt: skip
+        joints = solver.joints_of(i)
+        levers, slopes = _levers(leg, angles[:, joints])
+        rest = torques[:, joints] + np.einsum("kij,ki->kj", levers, felt[:, i])
+        wanted = trajectory.contact[sample, i][:, None] & (
+            np.abs(torques[:, joints]) > NEAR * most[:, joints]
+        )
+        node, joint = np.nonzero(wanted & np.isfinite(most[:, joints]))
+        triplets.append(
+            (
+                np.full(len(node), i),
+                node,
+                at[node, i],
+                levers[node, :, joint],
+                slopes[node, :, joint],
+                rest[node, joint],
+                most[node, joints[joint]],
+            )
+        )
+    return LegLoads(
+        **dict(
+            zip(
+                ("foot", "node", "at_m", "levers_m", "slopes", "rest_nm", "most_nm"),
+                (np.concatenate(part) for part in zip(*triplets, strict=True)),
+                strict=True,
+            )
+        )
+    )
 
 
 def _levers(leg: Leg, angles: Array) -> tuple[Array, Array]:
@@ -65,7 +84,9 @@ def _levers(leg: Leg, angles: Array) -> tuple[Array, Array]:
     feet, jacobian = leg.chain.feet_and_jacobian(angles)
     slopes = np.empty((*jacobian.shape, 3))
     for axis in range(3):
-        sides = [descend(leg, feet + step * np.eye(3)[axis], angles)[0] for step in (STEP_M, -STEP_M)]
+        sides = [
+            descend(leg, feet + step * np.eye(3)[axis], angles)[0] for step in (STEP_M, -STEP_M)
+        ]
         ahead, behind = (leg.chain.feet_and_jacobian(q)[1] for q in sides)
         slopes[..., axis] = (ahead - behind) / (2.0 * STEP_M)
     return jacobian, slopes

@@ -24,11 +24,13 @@ from ..variables.structure import Structure
 STEP = 2e-3
 """Between postures whose depths are compared [m, rad]."""
 CLEAR_M, TRIES = 2e-3, 21
-"""Links are apart when they are so far off each other; steps of the way of feet to where they stand."""
+"""Links are apart when they are so far off each other; steps of the way of feet to where they
+stand."""
 
 
 def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
-    """Rows at the nodes on both sides of every posture of a report's trajectory in which something overlaps."""
+    """Rows at the nodes on both sides of every posture of a report's trajectory in which something
+    overlaps."""
     walk = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
     bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
@@ -47,7 +49,9 @@ def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
         sample = int(np.clip(np.rint(structure.times_s[node] / walk.step_s), 0, walk.samples - 1))
         rows.append((np.array(node), *slopes.row(sample, overlap)))
     names = ("node", "feet", "depth_m", "feet_m", "by_foot", "torso_m", "rotation", "by_torso")
-    return Overlaps(**dict(zip(names, (np.array(part) for part in zip(*rows, strict=True)), strict=True)))
+    return Overlaps(
+        **dict(zip(names, (np.array(part) for part in zip(*rows, strict=True)), strict=True))
+    )
 
 
 class _Slopes:
@@ -60,8 +64,8 @@ class _Slopes:
 
     def row(self, sample: int, overlap: Overlap) -> tuple[Array, ...]:
         """Feet, depth, r₀, derivatives in both feet, p₀, R₀, derivatives in the torso."""
-        own = [self._legs.get(name) for name in (overlap.link, overlap.other)]
-        legs = sorted({leg for leg in own if leg is not None}) or [0]
+        pair = [self._legs.get(name) for name in (overlap.link, overlap.other)]
+        legs = sorted({leg for leg in pair if leg is not None}) or [0]
         feet = np.array([legs[0], legs[-1]])
         torso, rotation = self._walk.torso_m[sample], self._walk.rotation[sample]
         at = (self._walk.feet_m[sample, feet] - torso) @ rotation
@@ -72,7 +76,9 @@ class _Slopes:
             depth, (by_foot, by_torso) = overlap.depth_m, self._tangent(overlap, posture, legs)
         return feet, np.array(depth), at, by_foot, torso, rotation, by_torso
 
-    def _homeward(self, overlap: Overlap, posture: WholeBody, legs: list[int], at: Array) -> tuple[float, Array]:
+    def _homeward(
+        self, overlap: Overlap, posture: WholeBody, legs: list[int], at: Array
+    ) -> tuple[float, Array]:
         """Distance that feet have to go towards where they stand for the links to come apart, as a
         depth [m], and the direction. Links may be thinner than they are deep in each other, so that
         a tangent leads nowhere."""
@@ -88,7 +94,9 @@ class _Slopes:
         by_foot[: len(legs)] = -home / max(far, 1e-9)
         return share * far, by_foot
 
-    def _tangent(self, overlap: Overlap, posture: WholeBody, legs: list[int]) -> tuple[Array, Array]:
+    def _tangent(
+        self, overlap: Overlap, posture: WholeBody, legs: list[int]
+    ) -> tuple[Array, Array]:
         """The depth's derivatives in the foot and in the torso, by differences."""
         axes = STEP * np.concatenate([np.eye(3), -np.eye(3)])
         ways: tuple[Callable[[Array], WholeBody], ...] = (
@@ -96,20 +104,26 @@ class _Slopes:
             lambda step: replace(posture, origin_m=posture.origin_m + step),
             lambda step: self._turning(posture, step),
         )
-        depths = np.array([[self._bodies.depth(overlap, way(step)) for step in axes] for way in ways])
+        depths = np.array(
+            [[self._bodies.depth(overlap, way(step)) for step in axes] for way in ways]
+        )
         slopes = (depths[:, :3] - depths[:, 3:]) / (2.0 * STEP)
         return np.stack([slopes[0], np.zeros(3)]), slopes[1:].ravel()
 
     def _reaching(self, posture: WholeBody, leg: int, by_m: Array) -> WholeBody:
         """With one foot elsewhere in the body."""
-        own, model = self._solver.joints_of(leg), self._solver.model.legs[leg]
+        joints, model = self._solver.joints_of(leg), self._solver.model.legs[leg]
         angles = np.array(posture.angles)
-        centre = model.chain.feet(angles[None, own]) + by_m
-        angles[own] = descend(model, centre, angles[None, own])[0][0]
+        centre = model.chain.feet(angles[None, joints]) + by_m
+        angles[joints] = descend(model, centre, angles[None, joints])[0][0]
         return replace(posture, angles=angles)
 
     def _turning(self, posture: WholeBody, by_rad: Array) -> WholeBody:
         """With the torso turned about its own axes through the centre of mass."""
         shift = self._solver.com_offset(posture.angles)
         rotation = posture.rotation @ rotation_of(by_rad)
-        return replace(posture, rotation=rotation, origin_m=posture.origin_m + (posture.rotation - rotation) @ shift)
+        return replace(
+            posture,
+            rotation=rotation,
+            origin_m=posture.origin_m + (posture.rotation - rotation) @ shift,
+        )

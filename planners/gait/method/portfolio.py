@@ -1,9 +1,11 @@
-"""A product's answer: charts tried in turn under caps, then smoothed, then densified until the verifier accepts.
+"""A product's answer: charts tried in turn under caps, then smoothed, then densified until the
+verifier accepts.
 
-DESIGN of the order: decoupled first, which needs the fewest iterations; then the exact warped chart; then the world's
-own coordinates with the terrain growing. Where walls are steep the world's own coordinates come first, on walls that
-are widened and get steep from solution to solution: a shear sends a foot up a wall as fast as the wall is steep.
-The first that the verifier accepts is the answer.
+DESIGN of the order: decoupled first, which needs the fewest iterations; then the exact warped
+chart; then the world's own coordinates with the terrain growing. Where walls are steep the world's
+own coordinates come first, on walls that are widened and get steep from solution to solution: a
+shear sends a foot up a wall as fast as the wall is steep. The first that the verifier accepts is
+the answer.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ from .homotopy import follow_homotopy, heights_for
 from .smoothing import Smoothing, peak_g, smoothed
 
 STEEP = 6.0
-"""Gradient (81°) beyond which walls are widened first, and feet swing in the world's own coordinates."""
+"""Gradient (81°) beyond which walls are widened first, and feet swing in the world's own
+coordinates."""
 WIDENED = 4.0
 """Gradient of the first stage then."""
 
@@ -47,7 +50,8 @@ class Caps:
     a walk is the same on a busy computer. densifications: how often rows are added; smoothing: of
     the second phase.
 
-    in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
+    in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since
+    a solver may hang.
     """
 
     iterations: int = 80
@@ -80,7 +84,8 @@ class Attempts:
     Arguments:
         walk: that was asked for.
         attempts: with the best trajectory of each, accepted or not.
-        feasible: the verifier's report on the first feasible point of each, before the second phase, None for none.
+        feasible: the verifier's report on the first feasible point of each, before the second
+            phase, None for none.
         solves: every one in its order.
         failures: of attempts that could not begin, for example for a terrain that no map fits.
         stopped: the caller asked it to end.
@@ -95,8 +100,8 @@ class Attempts:
 
     @property
     def answer(self) -> Answer[Trajectory]:
-        """The smoothest walk that the verifier accepts; where there is none, undecided, with the best walk that it
-        refuses, and with none where no attempt came to a feasible point."""
+        """The smoothest walk that the verifier accepts; where there is none, undecided, with the
+        best walk that it refuses, and with none where no attempt came to a feasible point."""
         best, names = self.best, [one.attempt.name for one in self.attempts]
         if best is not None and not best.solution.success:
             best = None
@@ -107,11 +112,7 @@ class Attempts:
             solution=None if best is None else best.trajectory,
             report=None if best is None else best.report,
             residual=math.nan if best is None else best.report.worst,
-            effort=Effort(
-                solves=len(self.solves),
-                tries=len(self.attempts),
-                seconds=self.seconds,
-            ),
+            effort=Effort(solves=len(self.solves), tries=len(self.attempts), seconds=self.seconds),
             message=self.message,
             details={"iterations": float(sum(one.iterations for one in self.solves))},
         )
@@ -123,7 +124,8 @@ class Attempts:
 
     @property
     def best(self) -> Attempted | None:
-        """The best attempt, accepted or not; verified before feasible before the rest; None where none began."""
+        """The best attempt, accepted or not; verified before feasible before the rest; None where
+        none began."""
         return min(self.attempts, key=_merit, default=None)
 
     @property
@@ -153,23 +155,25 @@ def plan_gait(
     attempts: Sequence[Attempt] | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Attempts:
-    """Find a walk: try attempts in their order until the verifier accepts one, smoothed and densified.
+    """Find a walk: try attempts in their order until the verifier accepts one, smoothed and
+    densified.
 
     Arguments:
         task: robot, terrain, start and goal.
         settings: of every attempt but for its chart; the usual ones if missing.
         progress: called at every iteration, see ``attempt.Progress``; may return True to stop.
         caps: what the plan may cost, and what comes after a feasible point.
-        attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess alone are all tried,
-            and the smoothest is the answer.
+        attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess
+            alone are all tried, and the smoothest is the answer.
         checkpoint: takes up and keeps where attempts stand.
     Returns:
-        The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it was refused for, and
-        ``answer`` is what ``stancekit.walk`` returns.
+        The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it
+        was refused for, and ``answer`` is what ``stancekit.walk`` returns.
     Raises:
         InvalidInput: for settings that do not fit the task, and for an unknown chart.
     Source:
-        W1 and W7, for a first feasible point; the order of charts, the second phase and densification are the house's.
+        W1 and W7, for a first feasible point; the order of charts, the second phase and
+        densification are the house's.
     """
     settings = settings or GaitSettings()
     if reason := forbidden(task, settings):
@@ -178,23 +182,25 @@ def plan_gait(
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
     run = PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
-    found, failures = list[Attempted](), list[str]()
+    walks, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(todo):
-        if any(one.verified for one in found) and _unperturbed(attempt) != _unperturbed(todo[index - 1]):
+        if any(one.verified for one in walks) and _unperturbed(attempt) != _unperturbed(
+            todo[index - 1]
+        ):
             break
         if checkpoint.begin(index)[1] == FAILED:
             continue
         try:
-            found.append(run.run(index, attempt))
+            walks.append(run.run(index, attempt))
         except PlanningFailed as error:
             failures.append(f"{attempt.name}: {error}")
             continue
-        checkpoint.keep(index, found[-1])
+        checkpoint.keep(index, walks[-1])
         if run.budget.exhausted:
             break
     return Attempts(
         walk=task,
-        attempts=tuple(found),
+        attempts=tuple(walks),
         feasible=tuple(run.feasible),
         solves=tuple(run.budget.solves),
         failures=tuple(failures),
@@ -219,9 +225,12 @@ def default_attempts(task: Walk) -> list[Attempt]:
 
 
 class PortfolioRun:
-    """Attempts at one task on one budget. feasible: the verifier's word on the first feasible point of each."""
+    """Attempts at one task on one budget. feasible: the verifier's word on the first feasible point
+    of each."""
 
-    def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint) -> None:
+    def __init__(
+        self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint
+    ) -> None:
         self.bench, self.caps, self._checkpoint = bench, caps, checkpoint
         self.feasible: list[Report[Trajectory] | None] = []
         self.budget = SolveBudget(
@@ -233,7 +242,8 @@ class PortfolioRun:
         )
 
     def run(self, index: int, attempt: Attempt) -> Attempted:
-        """A feasible point; if there is one, the second phase and densification; the best of what came out.
+        """A feasible point; if there is one, the second phase and densification; the best of what
+        came out.
 
         index: by which the checkpoint knows the attempt; one that is done is only verified again.
         """
@@ -241,23 +251,33 @@ class PortfolioRun:
         guess, stage = self._checkpoint.begin(index)
         budget.begin(attempt)
         path = follow_homotopy(
-            self.bench, attempt, guess, stage=stage, solve=budget, stop=lambda: budget.exhausted,
+            self.bench,
+            attempt,
+            guess,
+            stage=stage,
+            solve=budget,
+            stop=lambda: budget.exhausted,
             max_iterations=min(self.caps.iterations, self.bench.settings.max_iterations),
-        )  # fmt: skip
+        )
         solution, heights = path.solutions[-1], attempt.heights[stage:]
         if path.factors[-1] != 1.0:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
         refines = solution.success and not self._checkpoint.done(index)
-        worth = solution.success or not budget.exhausted  # bodies on no walk's way take longer to judge than on one's
+        worth = (
+            solution.success or not budget.exhausted
+        )  # bodies on no walk's way take longer to judge than on one's
         best = _verified(solution, body=worth and not refines)
         self.feasible.append(best[1] if solution.success else None)
         if refines:
-            best = self._refined(best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x))
+            best = self._refined(
+                best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x)
+            )
         solves = budget.solves[began:]
         provenance = self.bench.provenance(attempt, best[0], sum(one.iterations for one in solves))
         trajectory = replace(
-            best[1].answer, provenance={**provenance, "heights_by": attempt.by, "solves": float(len(solves))}
+            best[1].answer,
+            provenance={**provenance, "heights_by": attempt.by, "solves": float(len(solves))},
         )
         return Attempted(
             attempt=attempt,
@@ -266,14 +286,16 @@ class PortfolioRun:
             report=replace(best[1], answer=trajectory),
             iterations=sum(one.iterations for one in budget.solves[began:searched]),
             seconds=sum(one.seconds for one in solves),
-            history=np.array([violation for one in budget.solves[began:searched] for violation in one.violations]),
+            history=np.array(
+                [violation for one in budget.solves[began:searched] for violation in one.violations]
+            ),
             stage=stage + min(sum(height <= path.reached for height in heights), len(heights) - 1),
             stopped=budget.exhausted,
         )
 
     def _refined(self, start: _Verified, note: Callable[[Array], None]) -> _Verified:
-        """Dense enough for the verifier, smooth, and dense enough again, now for the robot's own body, too, which takes
-        the verifier long; the best so far is noted."""
+        """Dense enough for the verifier, smooth, and dense enough again, now for the robot's own
+        body, too, which takes the verifier long; the best so far is noted."""
         best = self._dense(start, body=False)
         note(best[0].x)
         self.budget.phase = "smooth"
@@ -329,7 +351,9 @@ def _better(before: _Verified, after: _Verified) -> _Verified:
 def _rank(report: Report[Trajectory]) -> tuple[bool, float]:
     if report.accepted:
         return False, peak_g(report)
-    return True, max((group.value / max(group.limit, 1e-3) for group in report.refused), default=float("inf"))
+    return True, max(
+        (group.value / max(group.limit, 1e-3) for group in report.refused), default=float("inf")
+    )
 
 
 def _merit(one: Attempted) -> tuple[bool, bool, float]:

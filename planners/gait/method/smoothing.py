@@ -1,7 +1,9 @@
-"""The second phase: a motion that is feasible is made smooth, with modest peaks, and stays feasible.
+"""The second phase: a motion that is feasible is made smooth, with modest peaks, and stays
+feasible.
 
-One long solve on the cost does not work. What does: a few iterations of the solver on the cost, kept near the last
-feasible point, and then a solve for feasibility alone that stops at its first feasible iterate; and again.
+One long solve on the cost does not work. What does: a few iterations of the solver on the cost,
+kept near the last feasible point, and then a solve for feasibility alone that stops at its first
+feasible iterate; and again.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions
 class Solver(Protocol):
     """Solver of a program from a guess, here or elsewhere."""
 
-    def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
+    def __call__(
+        self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]
+    ) -> GaitSolution:
         """Solve it, with the options of ``GaitProgram.solve``."""
 
 
@@ -30,15 +34,17 @@ class Smoothing:
     """Settings of smoothing. rounds: at most; iterations: of the solver on the cost in each;
     repair: to be feasible again.
 
-    costs: weights of the terms, the first of the distance from the feasible point. enough_g: a peak acceleration that
-    needs no more rounds [g]; gain: least share by which a round has to lower the peak for another one to follow, which
-    takes about as long as the first feasible point did.
+    costs: weights of the terms, the first of the distance from the feasible point. enough_g: a peak
+    acceleration that needs no more rounds [g]; gain: least share by which a round has to lower the
+    peak for another one to follow, which takes about as long as the first feasible point did.
     """
 
     rounds: int = 4
     iterations: int = 8
     repair: int = 40
-    costs: Costs = field(default_factory=lambda: Costs(proximal=0.1, acceleration=0.3, force_rate=0.03))
+    costs: Costs = field(
+        default_factory=lambda: Costs(proximal=0.1, acceleration=0.3, force_rate=0.03)
+    )
     enough_g: float = 0.35
     gain: float = 0.15
 
@@ -52,7 +58,8 @@ class Smoothing:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
-    """One round: the solve on the cost, what made its point feasible again, and the verifier's word.
+    """One round: the solve on the cost, what made its point feasible again, and the verifier's
+    word.
 
     solution is ``lowered`` itself where that was feasible.
     """
@@ -64,7 +71,9 @@ class Round:
     @property
     def seconds(self) -> float:
         """CPU time of both solves."""
-        return self.lowered.seconds + (self.solution.seconds if self.solution is not self.lowered else 0.0)
+        return self.lowered.seconds + (
+            self.solution.seconds if self.solution is not self.lowered else 0.0
+        )
 
     @property
     def peak_g(self) -> float:
@@ -87,9 +96,9 @@ def smoothed(
 ) -> Iterator[Round]:
     """Rounds from a feasible solution on, each from the last that ended feasible.
 
-    A round that ends infeasible is the last, and so is one that gains too little to be worth another. report: the
-    verifier's on the start, where it has judged it. solve: in place of the program's own,
-    e.g. in a child process. stop: asked between solves.
+    A round that ends infeasible is the last, and so is one that gains too little to be worth
+    another. report: the verifier's on the start, where it has judged it. solve: in place of the
+    program's own, e.g. in a child process. stop: asked between solves.
     """
     settings, program, x = settings or Smoothing(), start.program, start.x
     last = peak_g(report or check_trajectory(start.trajectory(), body=False))
@@ -97,11 +106,24 @@ def smoothed(
         if stop() or last <= settings.enough_g:
             return
         lowered = solve(
-            program, x, costs=settings.costs, reference=x, max_iterations=settings.iterations, stop_when_feasible=False
+            program,
+            x,
+            costs=settings.costs,
+            reference=x,
+            max_iterations=settings.iterations,
+            stop_when_feasible=False,
         )
-        solution = lowered if lowered.success else solve(program, lowered.x, max_iterations=settings.repair)
-        found = Round(lowered=lowered, solution=solution, report=check_trajectory(solution.trajectory(), body=False))
-        yield found
-        if not solution.success or found.peak_g > (1.0 - settings.gain) * last:
+        solution = (
+            lowered
+            if lowered.success
+            else solve(program, lowered.x, max_iterations=settings.repair)
+        )
+        stage = Round(
+            lowered=lowered,
+            solution=solution,
+            report=check_trajectory(solution.trajectory(), body=False),
+        )
+        yield stage
+        if not solution.success or stage.peak_g > (1.0 - settings.gain) * last:
             return
-        x, last = solution.x, found.peak_g
+        x, last = solution.x, stage.peak_g

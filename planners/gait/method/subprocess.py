@@ -1,7 +1,8 @@
-"""Solves in a child process with an alarm: a linear solver can hang far beyond any limit that IPOPT is told.
+"""Solves in a child process with an alarm: a linear solver can hang far beyond any limit that IPOPT
+is told.
 
-The child is a copy of this process (fork), so a program that was compiled here is ready there; what comes back is the
-solution's arrays. Where there is no fork the solve runs here, without an alarm.
+The child is a copy of this process (fork), so a program that was compiled here is ready there; what
+comes back is the solution's arrays. Where there is no fork the solve runs here, without an alarm.
 """
 
 from __future__ import annotations
@@ -27,8 +28,16 @@ if TYPE_CHECKING:
 
     Pair = Connection[Any, Any]
 
-FIELDS = ("success", "iterations", "violations", "status", "seconds", "seconds_evaluating", "seconds_linear",
-          "height_factor")  # fmt: skip
+FIELDS = (
+    "success",
+    "iterations",
+    "violations",
+    "status",
+    "seconds",
+    "seconds_evaluating",
+    "seconds_linear",
+    "height_factor",
+)
 
 
 def solve_in_subprocess(
@@ -42,12 +51,15 @@ def solve_in_subprocess(
 ) -> GaitSolution:
     """``program.solve(guess, callback, **options)`` in a child; the callback runs there.
 
-    on_iterate(iteration, violation, cost): called here while the child works, which ends soon after it returns True.
-    Raises PlanningFailed when the child has not answered after time_limit_s of wall-clock time, or died.
+    on_iterate(iteration, violation, cost): called here while the child works, which ends soon after
+    it returns True. Raises PlanningFailed when the child has not answered after time_limit_s of
+    wall-clock time, or died.
     """
     if not hasattr(os, "fork"):
         return program.solve(
-            guess, lambda *at: bool(on_iterate and on_iterate(*at)) | bool(callback and callback(*at)), **options
+            guess,
+            lambda *at: bool(on_iterate and on_iterate(*at)) | bool(callback and callback(*at)),
+            **options,
         )
     program.build(**options)
     here, there = Pipe()
@@ -64,9 +76,14 @@ def solve_in_subprocess(
 
 
 def _answer(
-    program: GaitProgram, guess: Array | None, callback: Callback | None, options: dict[str, Any], pipe: Pair
+    program: GaitProgram,
+    guess: Array | None,
+    callback: Callback | None,
+    options: dict[str, Any],
+    pipe: Pair,
 ) -> None:
-    """The child's whole life: it leaves without any of the parent's clean-up, and where the parent is gone."""
+    """The child's whole life: it leaves without any of the parent's clean-up, and where the parent
+    is gone."""
     status = 1
 
     def on_iterate(*at: Any) -> bool:
@@ -78,12 +95,20 @@ def _answer(
         return stop or bool(callback and callback(*at))
 
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):  # come to the whole group; the parent decides
+        for number in (
+            signal.SIGINT,
+            signal.SIGTERM,
+        ):  # come to the whole group; the parent decides
             signal.signal(number, signal.SIG_IGN)
         solution = program.solve(guess, on_iterate, **options)
         header = {name: getattr(solution, name) for name in FIELDS}
         content = io.BytesIO()
-        np.savez(content, x=solution.x, history=np.array(solution.history), header=np.array(json.dumps(header)))
+        np.savez(
+            content,
+            x=solution.x,
+            history=np.array(solution.history),
+            header=np.array(json.dumps(header)),
+        )
         pipe.send(content.getvalue())
         status = 0
     finally:
@@ -117,5 +142,12 @@ def _ended(child: int) -> None:
 def _solution(program: GaitProgram, content: bytes) -> GaitSolution:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         header = json.loads(str(arrays["header"]))
-        history = tuple((float(violation), float(cost)) for violation, cost in arrays["history"].reshape(-1, 2))
-        return GaitSolution(program=program, x=read_only(arrays["x"], (program.size,), "x"), history=history, **header)
+        history = tuple(
+            (float(violation), float(cost)) for violation, cost in arrays["history"].reshape(-1, 2)
+        )
+        return GaitSolution(
+            program=program,
+            x=read_only(arrays["x"], (program.size,), "x"),
+            history=history,
+            **header,
+        )

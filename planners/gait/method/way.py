@@ -1,9 +1,10 @@
-"""Walks along a guide path, in pieces that share their ends: each goes straight from one place to the next and ends as
-the robot stands, so that the next one begins there, and all together are one walk, which the verifier judges as a
-whole.
+"""Walks along a guide path, in pieces that share their ends: each goes straight from one place to
+the next and ends as the robot stands, so that the next one begins there, and all together are one
+walk, which the verifier judges as a whole.
 
-What a piece costs depends on its own length. One that has no walk is tried as two of half its length, and then another
-way is taken round its middle. What is planned is kept after every piece, and a run that was interrupted goes on there.
+What a piece costs depends on its own length. One that has no walk is tried as two of half its
+length, and then another way is taken round its middle. What is planned is kept after every piece,
+and a run that was interrupted goes on there.
 """
 
 from __future__ import annotations
@@ -55,11 +56,12 @@ PATIENCE = 4.0
 
 
 def guided(task: Walk) -> GuidePath | None:
-    """The guide path of a walk that is planned in pieces: one that is long, or whose straight way is barred; else None,
-    also for a short walk without such a path, which may be walked all the same: nothing is proved by its absence.
+    """The guide path of a walk that is planned in pieces: one that is long, or whose straight way
+    is barred; else None, also for a short walk without such a path, which may be walked all the
+    same: nothing is proved by its absence.
 
-    Raises InvalidInput for a start or goal in a solid, and of a long walk also for one that the robot cannot stand at,
-    and PlanningFailed where a long one has no way.
+    Raises InvalidInput for a start or goal in a solid, and of a long walk also for one that the
+    robot cannot stand at, and PlanningFailed where a long one has no way.
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
@@ -80,19 +82,23 @@ def guided(task: Walk) -> GuidePath | None:
     except (InvalidInput, PlanningFailed) as error:
         if length >= FAR_M:
             name, colon, rest = str(error).partition(":")
-            raise type(error)(f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)) from None
+            raise type(error)(
+                f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
+            ) from None
         LOG.info("walk: no guide path: %s", error)
         return None
     return None if straight and length < FAR_M else path
 
 
 def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
-    """Walks straight from place to place along a path, as fast as the whole is asked to be, and no shorter than
-    ``LEAST_S``."""
+    """Walks straight from place to place along a path, as fast as the whole is asked to be, and no
+    shorter than ``LEAST_S``."""
     places = _spread(path.points_m[:, :2])
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
     pace = task.duration_s / path.length_m
-    return [_between(task, places[k], places[k + 1], _lasting(leg * pace)) for k, leg in enumerate(legs)]
+    return [
+        _between(task, places[k], places[k + 1], _lasting(leg * pace)) for k, leg in enumerate(legs)
+    ]
 
 
 def _lasting(seconds: float) -> float:
@@ -102,8 +108,12 @@ def _lasting(seconds: float) -> float:
 
 def _between(task: Walk, start: Array, goal: Array, duration_s: float) -> Walk:
     return replace(
-        task, start_xy_m=start, goal_xy_m=goal, duration_s=duration_s, end_yaw_rad=task.start_yaw_rad
-    )  # fmt: skip
+        task,
+        start_xy_m=start,
+        goal_xy_m=goal,
+        duration_s=duration_s,
+        end_yaw_rad=task.start_yaw_rad,
+    )
 
 
 def _spread(corners: Array) -> Array:
@@ -111,11 +121,11 @@ def _spread(corners: Array) -> Array:
     ahead = np.diff(corners, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1)[:, None]
     turns = np.linalg.norm(np.diff(ahead, axis=0), axis=1) > TURN_RAD
-    found = [corners[0]]
+    points = [corners[0]]
     for corner in corners[1:][np.append(turns, True)]:
-        count = math.ceil(float(np.linalg.norm(corner - found[-1])) / PIECE_M)
-        found += [found[-1] + (corner - found[-1]) * k / count for k in range(1, count + 1)]
-    return np.array(found)
+        count = math.ceil(float(np.linalg.norm(corner - points[-1])) / PIECE_M)
+        points += [points[-1] + (corner - points[-1]) * k / count for k in range(1, count + 1)]
+    return np.array(points)
 
 
 def joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
@@ -123,16 +133,20 @@ def joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
     first, last, clock = walks[0], walks[-1], 0
     parts: dict[str, list[Any]] = {}
     for number, walk in enumerate(walks):
-        own = slice(0 if number == 0 else 1, None)
+        rows = slice(0 if number == 0 else 1, None)
         for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact"):
-            parts.setdefault(name, []).append(getattr(walk, name)[own])
+            parts.setdefault(name, []).append(getattr(walk, name)[rows])
         clock += walk.samples - (number > 0)
     whole: dict[str, Any] = {name: np.concatenate(each) for name, each in parts.items()}
     times_s = np.asarray(first.step_s * np.arange(clock), dtype=np.float64)
     return replace(
-        last, **whole, times_s=times_s, start_xy_m=first.start_xy_m, heading_rad=first.heading_rad,
+        last,
+        **whole,
+        times_s=times_s,
+        start_xy_m=first.start_xy_m,
+        heading_rad=first.heading_rad,
         heading_end_rad=task.end_yaw_rad,
-    )  # fmt: skip
+    )
 
 
 def plan_walk(
@@ -144,11 +158,11 @@ def plan_walk(
     attempts: Sequence[Attempt] | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Attempts:
-    """``plan_gait``, or, of a walk that is long or whose straight way is barred, the same along its guide path piece by
-    piece; the one attempt is then the whole.
+    """``plan_gait``, or, of a walk that is long or whose straight way is barred, the same along its
+    guide path piece by piece; the one attempt is then the whole.
 
-    Arguments and errors are those of ``plan_gait``; a walk without a way has no attempts, and its failure names what is
-    in the way. checkpoint: of a walk in pieces keeps those that are done.
+    Arguments and errors are those of ``plan_gait``; a walk without a way has no attempts, and its
+    failure names what is in the way. checkpoint: of a walk in pieces keeps those that are done.
     """
     settings, caps = settings or GaitSettings(), caps or Caps()
     try:
@@ -156,7 +170,9 @@ def plan_walk(
     except PlanningFailed as error:
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(str(error),))
     if path is None:
-        return plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
+        return plan_gait(
+            task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint
+        )
     begun, kept = cpu_s(), checkpoint or Checkpoint(None, task, settings, attempts or ())
     done, solves = list[Attempted](), list[SolveRecord]()
     way, walked = _gone_on(task, path, kept)
@@ -166,16 +182,31 @@ def plan_walk(
         share_s = min(remains_s, PATIENCE * remains_s / len(way.left))
         if share_s <= 0.0:
             count = way.outcomes.count(DONE)
-            return _ended(task, way, solves, f"the time limit ended after {count} pieces of {len(way.left) + count}")
-        own = default_attempts(piece) if attempts is None or len(attempts) > 1 else attempts
-        told, its = None if progress is None else way.telling(progress), replace(caps, total_s=share_s)
-        found = plan_gait(piece, replace(settings, poised=True), told, caps=its, attempts=own)
-        solves += found.solves
-        LOG.info("walk: piece %d, %d to go: %s", way.outcomes.count(DONE) + 1, len(way.left) - 1, found.message)
-        if found.stopped:
-            return replace(_ended(task, way, solves, found.message), stopped=True)
-        if found.best is not None and found.verified:
-            done.append(found.best)
+            return _ended(
+                task,
+                way,
+                solves,
+                f"the time limit ended after {count} pieces of {len(way.left) + count}",
+            )
+        choices = default_attempts(piece) if attempts is None or len(attempts) > 1 else attempts
+        told, its = (
+            None if progress is None else way.telling(progress),
+            replace(caps, total_s=share_s),
+        )
+        attempts_of_piece = plan_gait(
+            piece, replace(settings, poised=True), told, caps=its, attempts=choices
+        )
+        solves += attempts_of_piece.solves
+        LOG.info(
+            "walk: piece %d, %d to go: %s",
+            way.outcomes.count(DONE) + 1,
+            len(way.left) - 1,
+            attempts_of_piece.message,
+        )
+        if attempts_of_piece.stopped:
+            return replace(_ended(task, way, solves, attempts_of_piece.message), stopped=True)
+        if attempts_of_piece.best is not None and attempts_of_piece.verified:
+            done.append(attempts_of_piece.best)
             outcome = DONE
         else:
             outcome = CUT if cut < AGAIN else ROUND
@@ -184,10 +215,12 @@ def plan_walk(
         except (InvalidInput, PlanningFailed) as error:
             place = f"from ({piece.start_xy_m[0]:.2f}, {piece.start_xy_m[1]:.2f})"
             other = f"; another way: {error}" if str(error) else ""
-            return _ended(task, way, solves, f"{place}: {found.message}{other}")
+            return _ended(task, way, solves, f"{place}: {attempts_of_piece.message}{other}")
         if outcome == DONE:
-            assert found.best is not None
-            walked = joined_walks(task, [*([] if walked is None else [walked]), found.best.trajectory])
+            assert attempts_of_piece.best is not None
+            walked = joined_walks(
+                task, [*([] if walked is None else [walked]), attempts_of_piece.best.trajectory]
+            )
         samples = {} if walked is None else {name: getattr(walked, name) for name in SAMPLES}
         if way.left:
             kept.keep_pieces(way.outcomes, samples)
@@ -195,14 +228,19 @@ def plan_walk(
     whole = replace(walked, goal_xy_m=task.goal_xy_m, provenance={**walked.provenance, **way.told})
     report: Report[Trajectory] = check_trajectory(whole)
     attempt = replace(
-        done[-1], trajectory=whole, report=report, iterations=sum(one.iterations for one in done),
-        seconds=sum(one.seconds for one in done), history=np.concatenate([one.history for one in done]),
-    )  # fmt: skip
+        done[-1],
+        trajectory=whole,
+        report=report,
+        iterations=sum(one.iterations for one in done),
+        seconds=sum(one.seconds for one in done),
+        history=np.concatenate([one.history for one in done]),
+    )
     return Attempts(walk=task, attempts=(attempt,), feasible=(report,), solves=tuple(solves))
 
 
 class _Way:
-    """The pieces of a walk that are left, and what became of those before: the same outcomes leave the same pieces."""
+    """The pieces of a walk that are left, and what became of those before: the same outcomes leave
+    the same pieces."""
 
     def __init__(self, task: Walk, path: GuidePath) -> None:
         self._task, self._pace = task, task.duration_s / path.length_m
@@ -212,7 +250,8 @@ class _Way:
 
     @property
     def told(self) -> dict[str, str | float]:
-        """Number of pieces, and the guide path and the ways that were left for another, for pictures."""
+        """Number of pieces, and the guide path and the ways that were left for another, for
+        pictures."""
         paths = [np.round(points, 3).tolist() for points in self.paths_m]
         return {"pieces": float(self.outcomes.count(DONE)), "guide_m": json.dumps(paths)}
 
@@ -221,14 +260,16 @@ class _Way:
         number = self.outcomes.count(DONE) + 1
         piece = f"piece {number} of {number - 1 + len(self.left)}"
 
-        def told(attempt: Attempt, iteration: int, violation: float, cost: float, phase: str) -> bool | None:
+        def told(
+            attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+        ) -> bool | None:
             return progress(attempt, iteration, violation, cost, f"{piece}, {phase}")
 
         return told
 
     def go(self, outcome: str) -> None:
-        """Go on after what became of the next piece. Raises InvalidInput and PlanningFailed where there is no other
-        way round a piece that failed."""
+        """Go on after what became of the next piece. Raises InvalidInput and PlanningFailed where
+        there is no other way round a piece that failed."""
         piece, cut = self.left[0]
         if outcome == ROUND:
             if len(self._avoid_m) >= DETOURS:
@@ -242,7 +283,10 @@ class _Way:
             self._avoid_m, self.left = avoid, [(each, 0) for each in pieces_of(onward, path)]
             self.paths_m.append(path.points_m)
         elif outcome == CUT:
-            middle, half_s = 0.5 * (piece.start_xy_m + piece.goal_xy_m), _lasting(0.5 * piece.duration_s)
+            middle, half_s = (
+                0.5 * (piece.start_xy_m + piece.goal_xy_m),
+                _lasting(0.5 * piece.duration_s),
+            )
             self.left[:1] = [
                 (_between(self._task, piece.start_xy_m, middle, half_s), cut + 1),
                 (_between(self._task, middle, piece.goal_xy_m, half_s), cut + 1),
@@ -253,8 +297,8 @@ class _Way:
 
 
 def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Trajectory | None]:
-    """The way, as far as an interrupted run had gone, and what it had planned, which is judged anew; from the start
-    where that is not this way's or not accepted."""
+    """The way, as far as an interrupted run had gone, and what it had planned, which is judged
+    anew; from the start where that is not this way's or not accepted."""
     way = _Way(task, path)
     if not kept.pieces:
         return way, None
@@ -266,10 +310,16 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
             return way, None
         samples: dict[str, Any] = {name: kept.samples[name] for name in SAMPLES}
         walked = Trajectory(
-            **samples, robot=task.robot, terrain=task.terrain,
-            friction=task.friction, adhesive=np.array(task.adhesive),
-            start_xy_m=task.start_xy_m, goal_xy_m=place, heading_rad=task.start_yaw_rad, still=(True, True),
-        )  # fmt: skip
+            **samples,
+            robot=task.robot,
+            terrain=task.terrain,
+            friction=task.friction,
+            adhesive=np.array(task.adhesive),
+            start_xy_m=task.start_xy_m,
+            goal_xy_m=place,
+            heading_rad=task.start_yaw_rad,
+            still=(True, True),
+        )
         if check_trajectory(walked).accepted:
             LOG.info("walk: goes on after %d pieces", way.outcomes.count(DONE))
             return way, walked
@@ -278,5 +328,5 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
 
 def _ended(task: Walk, way: _Way, solves: Sequence[SolveRecord], why: str) -> Attempts:
     """No walk: pieces that were planned alone are none."""
-    said = f"planned {way.outcomes.count(DONE)} pieces of a walk round; the next one: {why}"
-    return Attempts(walk=task, attempts=(), feasible=(), solves=tuple(solves), failures=(said,))
+    message = f"planned {way.outcomes.count(DONE)} pieces of a walk round; the next one: {why}"
+    return Attempts(walk=task, attempts=(), feasible=(), solves=tuple(solves), failures=(message,))

@@ -1,1 +1,2 @@
-"""From terms to a nonlinear program: Taylor maps, blocks, sparse derivatives, and IPOPT, which solves it."""
+"""From terms to a nonlinear program: Taylor maps, blocks, sparse derivatives, and IPOPT, which
+solves it."""

@@ -1,8 +1,10 @@
-"""A nonlinear program of many small equal pieces: kernels over gathered rows of the decision vector.
+"""A nonlinear program of many small equal pieces: kernels over gathered rows of the decision
+vector.
 
-A block evaluates one kernel at K instances: v_k = A_k x, out_k = kernel(v_k), and adds out_k into rows of the whole.
-Its Jacobian is that of the kernel times A_k and its Hessian A_kᵀ H_k A_k, so everything is exact and sparse, and what
-has to be differentiated is small (SX) and differentiated once.
+A block evaluates one kernel at K instances: v_k = A_k x, out_k = kernel(v_k), and adds out_k into
+rows of the whole. Its Jacobian is that of the kernel times A_k and its Hessian A_kᵀ H_k A_k, so
+everything is exact and sparse, and what has to be differentiated is small (SX) and differentiated
+once.
 """
 
 from __future__ import annotations
@@ -36,9 +38,10 @@ def identity(v: cs.SX, constants: cs.SX) -> cs.SX:
 class VariableGroup:
     """Signals of one kind at many instances, e.g. the torso at all nodes.
 
-    rows: shape (K · width, size), the local arguments of each instance; feature: what kernels get of (arguments,
-    constants); constants: shape (K, c); map: the smooth map that kernels see about the point of a feature, which is
-    its first entries or ``place`` of it. inner: a map that ``place`` needs about the first entries, to find the point.
+    rows: shape (K · width, size), the local arguments of each instance; feature: what kernels get
+    of (arguments, constants); constants: shape (K, c); map: the smooth map that kernels see about
+    the point of a feature, which is its first entries or ``place`` of it. inner: a map that
+    ``place`` needs about the first entries, to find the point.
     """
 
     name: str
@@ -66,14 +69,22 @@ class VariableGroup:
 
     def expansions(self, feature: cs.SX, order: int, jets: cs.SX) -> list[ExpansionPoint]:
         """The inner and the outer map about their points, as far as the variables has them."""
-        found: list[ExpansionPoint] = []
+        points: list[ExpansionPoint] = []
         if self.inner is not None:
-            found.append(_expansion(self.inner, feature[: self.inner.inputs], order, jets[: self.inner.size(order)]))
+            points.append(
+                _expansion(
+                    self.inner, feature[: self.inner.inputs], order, jets[: self.inner.size(order)]
+                )
+            )
         if self.map is not None:
-            point = feature if self.place is None else self.place(feature, found[0] if found else None)
-            own = jets[self.jets(order) - self.map.size(order) :]
-            found.append(_expansion(self.map, point[: self.map.inputs], order, own))
-        return found
+            point = (
+                feature
+                if self.place is None
+                else self.place(feature, points[0] if points else None)
+            )
+            jet = jets[self.jets(order) - self.map.size(order) :]
+            points.append(_expansion(self.map, point[: self.map.inputs], order, jet))
+        return points
 
 
 def _expansion(chart_map: TaylorMap, point: cs.SX, order: int, jet: cs.SX) -> ExpansionPoint:
@@ -87,9 +98,11 @@ Kernel = Callable[[list[cs.SX], list[ExpansionPoint | None]], cs.SX]
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One kernel at K instances. selections: its arguments; scatter: shape (K, outputs), the row of each output.
+    """One kernel at K instances. selections: its arguments; scatter: shape (K, outputs), the row of
+    each output.
 
-    order: how many derivatives of a selection's map the kernel's value needs (1: the map and its Jacobian).
+    order: how many derivatives of a selection's map the kernel's value needs (1: the map and its
+    Jacobian).
     """
 
     kernel: Kernel
@@ -107,7 +120,8 @@ class Block:
 class Constraint:
     """Rows of the program, lower ≤ Σ blocks + linear x ≤ upper.
 
-    name: what a violation is called; lower, upper: shape (rows,); blocks: their scatter counts rows from 0.
+    name: what a violation is called; lower, upper: shape (rows,); blocks: their scatter counts rows
+    from 0.
     """
 
     name: str
@@ -123,15 +137,22 @@ class Constraint:
 
 
 class Compiled:
-    """A block as CasADi functions: value, Jacobian and Hessian of the kernel, and the gathering matrix."""
+    """A block as CasADi functions: value, Jacobian and Hessian of the kernel, and the gathering
+    matrix."""
 
     def __init__(self, block: Block) -> None:
         self.block = block
         self.groups = [variables for variables, _ in block.selections]
         self.gather = _gathered(block)
         self.width = sum(variables.width for variables in self.groups)
-        fixed = [variables.constants[columns] for variables, columns in block.selections if variables.fixed]
-        self.constants: Array = np.concatenate(fixed, axis=1) if fixed else np.zeros((block.count, 0))
+        fixed = [
+            variables.constants[columns]
+            for variables, columns in block.selections
+            if variables.fixed
+        ]
+        self.constants: Array = (
+            np.concatenate(fixed, axis=1) if fixed else np.zeros((block.count, 0))
+        )
 
     @cached_property
     def value(self) -> cs.Function:
@@ -159,25 +180,40 @@ class Compiled:
         elif derivatives == 2:
             multipliers = cs.SX.sym("m", self.block.scatter.shape[1])
             output, inputs = cs.hessian(cs.dot(multipliers, output), v)[0], [*inputs, multipliers]
-        for expansion in reversed(expansions):  # every jet at its own point: powers of the distance to it vanish
+        for expansion in reversed(
+            expansions
+        ):  # every jet at its own point: powers of the distance to it vanish
             output = cs.substitute(output, expansion.base, expansion.point)
         return cs.Function("kernel", inputs, [output])
 
-    def _evaluated(self, v: cs.SX, c: cs.SX, jets: cs.SX, order: int) -> tuple[cs.SX, list[ExpansionPoint]]:
+    def _evaluated(
+        self, v: cs.SX, c: cs.SX, jets: cs.SX, order: int
+    ) -> tuple[cs.SX, list[ExpansionPoint]]:
         features: list[cs.SX] = []
         shown: list[ExpansionPoint | None] = []
         every: list[ExpansionPoint] = []
         at = constant = jet = 0
         for variables in self.groups:
-            features.append(variables.features(v[at : at + variables.width], c[constant : constant + variables.fixed]))
-            expansions = variables.expansions(features[-1], order, jets[jet : jet + variables.jets(order)])
-            at, constant, jet = at + variables.width, constant + variables.fixed, jet + variables.jets(order)
+            features.append(
+                variables.features(
+                    v[at : at + variables.width], c[constant : constant + variables.fixed]
+                )
+            )
+            expansions = variables.expansions(
+                features[-1], order, jets[jet : jet + variables.jets(order)]
+            )
+            at, constant, jet = (
+                at + variables.width,
+                constant + variables.fixed,
+                jet + variables.jets(order),
+            )
             shown += expansions or [None]
             every += expansions
         return self.block.kernel(features, shown), every
 
     def at(self, x: cs.MX, bank: TaylorBank, derivatives: int) -> list[cs.MX]:
-        """Arguments of ``value``, ``jacobian`` or ``hessian`` (but its multipliers) at all instances."""
+        """Arguments of ``value``, ``jacobian`` or ``hessian`` (but its multipliers) at all
+        instances."""
         order = self.block.order + derivatives
         v = cs.reshape(matrix(self.gather) @ x, self.width, self.block.count)
         jets = [
@@ -202,7 +238,11 @@ class TaylorBank:
         key = (id(variables), order)
         if key not in self._found:
             v = cs.reshape(matrix(variables.rows) @ self._x, variables.width, variables.count)
-            constants = cs.MX(cs.DM(variables.constants.T)) if variables.fixed else cs.MX(0, variables.count)
+            constants = (
+                cs.MX(cs.DM(variables.constants.T))
+                if variables.fixed
+                else cs.MX(0, variables.count)
+            )
             points = self._mapped(variables, v, constants)
             jets = []
             if variables.inner is not None:
@@ -225,7 +265,9 @@ class TaylorBank:
         if variables.features is identity:
             return v
         a, c = cs.SX.sym("v", variables.width), cs.SX.sym("c", variables.fixed)
-        return cs.Function("feature", [a, c], [cs.densify(variables.features(a, c))]).map(variables.count)(v, constants)
+        return cs.Function("feature", [a, c], [cs.densify(variables.features(a, c))]).map(
+            variables.count
+        )(v, constants)
 
     @staticmethod
     def _placed(variables: VariableGroup, features: cs.MX, jets: cs.MX) -> cs.MX:
@@ -235,7 +277,9 @@ class TaylorBank:
         if variables.inner is not None:
             point = feature[: variables.inner.inputs]
             expansion = ExpansionPoint(variables.inner.polynomial(1), point, point, jet)
-        place = cs.Function("place", [feature, jet], [cs.densify(variables.place(feature, expansion))])
+        place = cs.Function(
+            "place", [feature, jet], [cs.densify(variables.place(feature, expansion))]
+        )
         return place.map(variables.count)(features, jets)
 
 
@@ -260,7 +304,9 @@ def _gathered(block: Block) -> csr_array:
     at = 0
     for variables, columns in block.selections:
         local = np.arange(variables.width)
-        parts.append(variables.rows[(variables.width * np.asarray(columns)[:, None] + local).ravel()])
+        parts.append(
+            variables.rows[(variables.width * np.asarray(columns)[:, None] + local).ravel()]
+        )
         order.append((width * np.arange(block.count)[:, None] + at + local).ravel())
         at += variables.width
     stacked = csr_array(vstack(parts))
@@ -269,9 +315,9 @@ def _gathered(block: Block) -> csr_array:
 
 def blocks_of(constraints: Sequence[Constraint]) -> list[Block]:
     """All blocks, their scatter counted over all the constraints' rows."""
-    found, first = [], 0
+    blocks, first = [], 0
     for constraint in constraints:
         for block in constraint.blocks:
-            found.append(Block(block.kernel, block.selections, block.scatter + first, block.order))
+            blocks.append(Block(block.kernel, block.selections, block.scatter + first, block.order))
         first += constraint.rows
-    return found
+    return blocks

@@ -1,4 +1,5 @@
-"""IPOPT with MUMPS through CasADi: every iterate is recorded, the first feasible one wins. All that knows of IPOPT."""
+"""IPOPT with MUMPS through CasADi: every iterate is recorded, the first feasible one wins. All that
+knows of IPOPT."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from ...files.arrays import Array
 from .program import Program
 
 Callback = Callable[[int, float, float], "bool | None"]
-"""Called at every iterate with its number, the largest violation and the cost; may return True to stop."""
+"""Called at every iterate with its number, the largest violation and the cost; may return True to
+stop."""
 OPTIONS: dict[str, Any] = {
     "ipopt.linear_solver": "mumps",
     "ipopt.nlp_scaling_method": "none",
@@ -28,8 +30,9 @@ class IpoptResult:
     """Result of a solve. x: the first feasible iterate, or the last where that was not asked for,
     shape (size,).
 
-    success: x violates no constraint by the tolerance or more; iterations: until x; history: (violation, cost) at every
-    iterate from the start on; status: what IPOPT said; seconds: CPU time in all, and in functions and derivatives.
+    success: x violates no constraint by the tolerance or more; iterations: until x; history:
+    (violation, cost) at every iterate from the start on; status: what IPOPT said; seconds: CPU time
+    in all, and in functions and derivatives.
     """
 
     x: Array
@@ -44,7 +47,8 @@ class IpoptResult:
 class Ipopt:
     """Solves one program, again and again; what IPOPT compiles is kept.
 
-    exact: the exact Hessian, else L-BFGS. tolerance: a point is feasible whose largest violation is below it.
+    exact: the exact Hessian, else L-BFGS. tolerance: a point is feasible whose largest violation is
+    below it.
     """
 
     def __init__(self, program: Program, *, exact: bool, tolerance: float) -> None:
@@ -64,8 +68,9 @@ class Ipopt:
     ) -> IpoptResult:
         """Solve from a point, shape (size,).
 
-        parameters: of the program's functions, shape (size + 4,); costs: the objective with all its parts, else the
-        distance from the reference alone; options: further ones of IPOPT by their own names.
+        parameters: of the program's functions, shape (size + 4,); costs: the objective with all its
+        parts, else the distance from the reference alone; options: further ones of IPOPT by their
+        own names.
         """
         solver, recorder = self._solver(costs, max_iterations, dict(options or {}))
         recorder.begin(callback, stop_when_feasible)
@@ -75,42 +80,66 @@ class Ipopt:
         stats = solver.stats()
         x, iterations, success = recorder.result()
         return IpoptResult(
-            x=x, success=success, iterations=iterations, history=tuple(recorder.history),
-            status=str(stats["return_status"]), seconds=seconds,
+            x=x,
+            success=success,
+            iterations=iterations,
+            history=tuple(recorder.history),
+            status=str(stats["return_status"]),
+            seconds=seconds,
             seconds_evaluating=sum(stats[key] for key in stats if key.startswith("t_proc_nlp_")),
-        )  # fmt: skip
+        )
 
-    def build(self, *, costs: bool, max_iterations: int, options: Mapping[str, Any] | None = None) -> None:
-        """Build what ``solve`` needs with these arguments, before a copy of this process does it again."""
+    def build(
+        self, *, costs: bool, max_iterations: int, options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Build what ``solve`` needs with these arguments, before a copy of this process does it
+        again."""
         self._solver(costs, max_iterations, dict(options or {}))
 
-    def _solver(self, costs: bool, limit: int, options: dict[str, Any]) -> tuple[Any, IterateRecorder]:
-        """IPOPT on the program, and what looks at its iterates; built once for each kind of objective and options."""
+    def _solver(
+        self, costs: bool, limit: int, options: dict[str, Any]
+    ) -> tuple[Any, IterateRecorder]:
+        """IPOPT on the program, and what looks at its iterates; built once for each kind of
+        objective and options."""
         key = (costs, limit, tuple(sorted(options.items())))
         if key not in self._solvers:
             nlp = self._program
             recorder = IterateRecorder(nlp, self._tolerance)
-            own = {
-                "ipopt.max_iter": limit, "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False,
+            defaults = {
+                "ipopt.max_iter": limit,
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "print_time": False,
                 "ipopt.hessian_approximation": "exact" if self._exact else "limited-memory",
-                **OPTIONS, **{f"ipopt.{name}": value for name, value in options.items()},
-                "iteration_callback": recorder, "jac_g": nlp.jacobian, "grad_f": nlp.gradient(costs),
-            }  # fmt: skip
+                **OPTIONS,
+                **{f"ipopt.{name}": value for name, value in options.items()},
+                "iteration_callback": recorder,
+                "jac_g": nlp.jacobian,
+                "grad_f": nlp.gradient(costs),
+            }
             if self._exact:
-                own["hess_lag"] = nlp.hessian(costs)
+                defaults["hess_lag"] = nlp.hessian(costs)
             x, p = cs.MX.sym("x", nlp.size), cs.MX.sym("p", nlp.size + 4)
             oracle = {"x": x, "p": p, "f": nlp.objective(costs)(x, p), "g": nlp.constraint(x, p)}
-            self._solvers[key] = cs.nlpsol("gait", "ipopt", oracle, own), recorder
+            self._solvers[key] = cs.nlpsol("gait", "ipopt", oracle, defaults), recorder
         return self._solvers[key]
 
 
 class IterateRecorder(cs.Callback):
-    """Looks at every iterate: records its violation and cost, keeps the first feasible one, and stops there."""
+    """Looks at every iterate: records its violation and cost, keeps the first feasible one, and
+    stops there."""
 
     def __init__(self, program: Program, tolerance: float) -> None:
         super().__init__()
         size, rows, self._program, self._tolerance = program.size, program.rows, program, tolerance
-        self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": size + 4}
+        self._sizes = {
+            "x": size,
+            "f": 1,
+            "g": rows,
+            "lam_x": size,
+            "lam_g": rows,
+            "lam_p": size + 4,
+        }
         self.begin(None, True)
         self.construct("recorder", {})
 
@@ -122,10 +151,15 @@ class IterateRecorder(cs.Callback):
         self._callback, self._stop = callback, stop
 
     def result(self) -> tuple[Array, int, bool]:
-        """The first feasible iterate, or the last one where ``stop`` was not asked for; its iteration; success."""
+        """The first feasible iterate, or the last one where ``stop`` was not asked for; its
+        iteration; success."""
         if self._stop and self._feasible is not None:
             return self._feasible, len(self.history) - 1, True
-        return self._x, len(self.history) - 1, bool(self.history) and self.history[-1][0] < self._tolerance
+        return (
+            self._x,
+            len(self.history) - 1,
+            bool(self.history) and self.history[-1][0] < self._tolerance,
+        )
 
     def get_n_in(self) -> int:
         """As many as IPOPT gives."""

@@ -1,4 +1,5 @@
-"""The nonlinear program: values, exact sparse Jacobians and Hessians out of blocks, as CasADi functions for IPOPT."""
+"""The nonlinear program: values, exact sparse Jacobians and Hessians out of blocks, as CasADi
+functions for IPOPT."""
 
 from __future__ import annotations
 
@@ -16,20 +17,28 @@ from .blocks import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, 
 class Program:
     """lower ≤ g(x) ≤ upper, and an objective, from constraints and cost blocks.
 
-    Parameters of all functions, p: the reference x₁ (size), the weights of the objective's parts (3) and the factor on
-    the heights of the terrain. Objective: ½ w₀ ‖x − x₁‖² + ½ w₁ Σ costs + ½ w₂ ‖rates x‖².
+    Parameters of all functions, p: the reference x₁ (size), the weights of the objective's parts
+    (3) and the factor on the heights of the terrain. Objective: ½ w₀ ‖x − x₁‖² + ½ w₁ Σ costs + ½
+    w₂ ‖rates x‖².
     """
 
-    def __init__(self, size: int, constraints: Sequence[Constraint], costs: Sequence[Block], rates: csr_array) -> None:
+    def __init__(
+        self, size: int, constraints: Sequence[Constraint], costs: Sequence[Block], rates: csr_array
+    ) -> None:
         self.size, self.constraints = size, tuple(constraints)
         self.lower = np.concatenate([one.lower for one in constraints])
         self.upper = np.concatenate([one.upper for one in constraints])
         self._blocks = [Compiled(block) for block in blocks_of(constraints)]
         self._costs_of, self._rates = tuple(costs), rates
-        linear = [one.linear if one.linear is not None else csr_array((one.rows, size)) for one in constraints]
+        linear = [
+            one.linear if one.linear is not None else csr_array((one.rows, size))
+            for one in constraints
+        ]
         self._linear = matrix(vstack(linear))
         self._x, self._p = cs.MX.sym("x", size), cs.MX.sym("p", size + 4)
-        self._reference, self._weights, self._factor = cs.vertsplit(self._p, [0, size, size + 3, size + 4])
+        self._reference, self._weights, self._factor = cs.vertsplit(
+            self._p, [0, size, size + 3, size + 4]
+        )
         self._bank = TaylorBank(self._x, self._factor)
 
     @cached_property
@@ -41,7 +50,8 @@ class Program:
         """Number of constraints."""
         return len(self.lower)
 
-    # ------------------------------------------------------------------------------------------ the constraints
+    # ------------------------------------------------------------------------------------------ the
+    # constraints
 
     @cached_property
     def constraint(self) -> cs.Function:
@@ -53,7 +63,9 @@ class Program:
         total = self._linear @ self._x
         for compiled in self._blocks:
             value = compiled.value.map(compiled.block.count)(*compiled.at(self._x, self._bank, 0))
-            total += matrix(scattered(compiled.block.scatter, self.rows)) @ cs.densify(cs.vec(value))
+            total += matrix(scattered(compiled.block.scatter, self.rows)) @ cs.densify(
+                cs.vec(value)
+            )
         return total
 
     @cached_property
@@ -62,21 +74,24 @@ class Program:
         total = cs.MX(self._linear)
         for compiled in self._blocks:
             total += matrix(scattered(compiled.block.scatter, self.rows)) @ self._slopes(compiled)
-        return cs.Function("nlp_jac_g", [self._x, self._p], [self._constraint, total], ["x", "p"], ["g", "jac_g_x"])
+        return cs.Function(
+            "nlp_jac_g", [self._x, self._p], [self._constraint, total], ["x", "p"], ["g", "jac_g_x"]
+        )
 
     def _slopes(self, compiled: Compiled) -> cs.MX:
         """Derivatives of all outputs of a block in x, shape (K · outputs, size)."""
-        found = compiled.jacobian.map(compiled.block.count)(*compiled.at(self._x, self._bank, 1))
-        return _diagonal(compiled.jacobian, found, compiled.block.count) @ matrix(compiled.gather)
+        slopes = compiled.jacobian.map(compiled.block.count)(*compiled.at(self._x, self._bank, 1))
+        return _diagonal(compiled.jacobian, slopes, compiled.block.count) @ matrix(compiled.gather)
 
     def _curvature(self, compiled: Compiled, multipliers: cs.MX) -> cs.MX:
         """Hessian of multipliers · outputs, multipliers of shape (outputs, K)."""
         arguments = compiled.at(self._x, self._bank, 2)
-        found = compiled.hessian.map(compiled.block.count)(*arguments, multipliers)
+        curvature = compiled.hessian.map(compiled.block.count)(*arguments, multipliers)
         gather = matrix(compiled.gather)
-        return gather.T @ (_diagonal(compiled.hessian, found, compiled.block.count) @ gather)
+        return gather.T @ (_diagonal(compiled.hessian, curvature, compiled.block.count) @ gather)
 
-    # -------------------------------------------------------------------------------------------- the objective
+    # --------------------------------------------------------------------------------------------
+    # the objective
 
     def objective(self, costs: bool) -> cs.Function:
         """(x, p) → f; ``costs``: with all parts, else the first alone."""
@@ -86,7 +101,9 @@ class Program:
         total = 0.5 * self._weights[0] * cs.sumsqr(self._x - self._reference)
         if costs:
             for compiled in self._costs:
-                value = compiled.value.map(compiled.block.count)(*compiled.at(self._x, self._bank, 0))
+                value = compiled.value.map(compiled.block.count)(
+                    *compiled.at(self._x, self._bank, 0)
+                )
                 total += 0.5 * self._weights[1] * cs.sum2(value)
             total += 0.5 * self._weights[2] * cs.sumsqr(matrix(self._rates) @ self._x)
         return total
@@ -97,14 +114,20 @@ class Program:
         if costs:
             for compiled in self._costs:
                 slopes = self._slopes(compiled)
-                total += 0.5 * self._weights[1] * cs.densify(slopes.T @ cs.MX.ones(compiled.block.count))
+                total += (
+                    0.5 * self._weights[1] * cs.densify(slopes.T @ cs.MX.ones(compiled.block.count))
+                )
             rates = matrix(self._rates)
             total += self._weights[2] * (rates.T @ (rates @ self._x))
         total = cs.densify(total)
         if total.nnz() != self.size:
             raise AssertionError("the gradient has to be dense")
         return cs.Function(
-            "nlp_grad_f", [self._x, self._p], [self._objective(costs), total], ["x", "p"], ["f", "grad_f_x"]
+            "nlp_grad_f",
+            [self._x, self._p],
+            [self._objective(costs), total],
+            ["x", "p"],
+            ["f", "grad_f_x"],
         )
 
     def hessian(self, costs: bool) -> cs.Function:
@@ -113,18 +136,26 @@ class Program:
         total = sigma * self._weights[0] * cs.MX(cs.DM.eye(self.size))
         for compiled in self._blocks:
             local = matrix(scattered(compiled.block.scatter, self.rows).T) @ multipliers
-            total += self._curvature(compiled, cs.reshape(local, compiled.block.scatter.shape[1], compiled.block.count))
+            total += self._curvature(
+                compiled, cs.reshape(local, compiled.block.scatter.shape[1], compiled.block.count)
+            )
         if costs:
             for compiled in self._costs:
-                total += self._curvature(compiled, 0.5 * sigma * self._weights[1] * cs.MX.ones(1, compiled.block.count))
+                total += self._curvature(
+                    compiled, 0.5 * sigma * self._weights[1] * cs.MX.ones(1, compiled.block.count)
+                )
             rates = matrix(self._rates)
             total += sigma * self._weights[2] * (rates.T @ rates)
         return cs.Function(
-            "nlp_hess_l", [self._x, self._p, sigma, multipliers], [cs.triu(total)],
-            ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
-        )  # fmt: skip
+            "nlp_hess_l",
+            [self._x, self._p, sigma, multipliers],
+            [cs.triu(total)],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        )
 
-    # ------------------------------------------------------------------------------------------------ violations
+    # ------------------------------------------------------------------------------------------------
+    # violations
 
     def excess(self, values: Array) -> Array:
         """Distance of g outside its bounds, shape (rows,), at least 0."""
@@ -133,12 +164,12 @@ class Program:
     def violations(self, values: Array) -> dict[str, float]:
         """The largest violation of each named group of constraints."""
         excess, first = self.excess(values), 0
-        found: dict[str, float] = {}
+        largest: dict[str, float] = {}
         for one in self.constraints:
             worst = float(excess[first : first + one.rows].max(initial=0.0))
-            found[one.name] = max(found.get(one.name, 0.0), worst)
+            largest[one.name] = max(largest.get(one.name, 0.0), worst)
             first += one.rows
-        return found
+        return largest
 
 
 def _diagonal(kernel: cs.Function, found: cs.MX, count: int) -> cs.MX:

@@ -1,8 +1,10 @@
-"""Smooth maps inside the program as their Taylor polynomials: exact derivatives at the price of a look-up.
+"""Smooth maps inside the program as their Taylor polynomials: exact derivatives at the price of a
+look-up.
 
-A kernel (``blocks``) sees the terrain or the warp map about the current point as a polynomial of order n whose
-coefficients, the jet, are parameters. At that point it agrees with the map in n derivatives, so values, Jacobians and
-Hessians of whatever a kernel makes of the map and of its Jacobian are exact with jets of order 1, 2 and 3.
+A kernel (``blocks``) sees the terrain or the warp map about the current point as a polynomial of
+order n whose coefficients, the jet, are parameters. At that point it agrees with the map in n
+derivatives, so values, Jacobians and Hessians of whatever a kernel makes of the map and of its
+Jacobian are exact with jets of order 1, 2 and 3.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ DEGREE = 3
 class TaylorMap:
     """A map R^d → R^m of tensor-product cubic splines, and its jets.
 
-    control: coefficients, shape (m, n₁, …, n_d); knots: along each axis, shape (n_k + 4,). homogeneous: whether the map
-    is a height that may be multiplied by the program's height factor.
+    control: coefficients, shape (m, n₁, …, n_d); knots: along each axis, shape (n_k + 4,).
+    homogeneous: whether the map is a height that may be multiplied by the program's height factor.
     """
 
     def __init__(self, control: Array, knots: Sequence[Array], *, homogeneous: bool) -> None:
@@ -46,11 +48,11 @@ class TaylorMap:
 
     def powers(self, order: int) -> list[tuple[int, ...]]:
         """Multi-indices α with |α| ≤ order, by growing |α|."""
-        found = []
+        exponents = []
         for degree in range(order + 1):
             for axes in combinations_with_replacement(range(self.inputs), degree):
-                found.append(tuple(axes.count(k) for k in range(self.inputs)))
-        return found
+                exponents.append(tuple(axes.count(k) for k in range(self.inputs)))
+        return exponents
 
     def size(self, order: int) -> int:
         """Length of a jet of this order."""
@@ -67,7 +69,9 @@ class TaylorMap:
         if power not in self._derivatives:
             control, knots, degrees = self._control, list(self._knots), [DEGREE] * self.inputs
             if max(power) > DEGREE:
-                self._derivatives[power] = cs.Function("d", [cs.MX.sym("x", self.inputs)], [cs.DM.zeros(self.outputs)])
+                self._derivatives[power] = cs.Function(
+                    "d", [cs.MX.sym("x", self.inputs)], [cs.DM.zeros(self.outputs)]
+                )
                 return self._derivatives[power]
             for axis, count in enumerate(power):
                 for _ in range(count):
@@ -79,12 +83,15 @@ class TaylorMap:
                     knots[axis], degrees[axis] = line[1:-1], degree - 1
             point = cs.MX.sym("x", self.inputs)
             lines = [line.tolist() for line in knots]
-            value = cs.bspline(point, cs.DM(control.ravel(order="F")), lines, degrees, self.outputs, {})
+            value = cs.bspline(
+                point, cs.DM(control.ravel(order="F")), lines, degrees, self.outputs, {}
+            )
             self._derivatives[power] = cs.Function("d", [point], [value])
         return self._derivatives[power]
 
     def polynomial(self, order: int) -> cs.Function:
-        """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m, d)."""
+        """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m,
+        d)."""
         point, base = cs.SX.sym("x", self.inputs), cs.SX.sym("b", self.inputs)
         jet = cs.SX.sym("j", self.size(order))
         value = self.taylor(point, base, jet, order)
@@ -101,7 +108,8 @@ class TaylorMap:
 
 
 class SnappedMap(TaylorMap):
-    """φ of a warp map: splines s(x̄), and a correction fade(z̄) · δ(s_x, s_y) upward that makes the ground exact.
+    """φ of a warp map: splines s(x̄), and a correction fade(z̄) · δ(s_x, s_y) upward that makes the
+    ground exact.
 
     Its jet is that of s and then that of δ.
     """
@@ -126,13 +134,13 @@ class SnappedMap(TaylorMap):
 
     def taylor(self, point: cs.SX, base: cs.SX, jet: cs.SX, order: int) -> cs.SX:
         """The polynomial of s, corrected by that of δ about s_xy(base)."""
-        own = super().size(order)
-        value = super().taylor(point, base, jet[:own], order)
+        size = super().size(order)
+        value = super().taylor(point, base, jet[:size], order)
         if self._snap is None:
             return value
         u = cs.fmin(cs.fmax(point[2] / self._fade_m, 0.0), 1.0)
         fade = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
-        correction = self._snap.taylor(value[:2], jet[:2], jet[own:], order)
+        correction = self._snap.taylor(value[:2], jet[:2], jet[size:], order)
         return value + cs.vertcat(0.0, 0.0, fade * correction)
 
 

@@ -1,7 +1,8 @@
 """The decision vector c of W1: which entry is what, and the rows that read splines off it.
 
-All forces are in units of m·g, lengths in metres, angles in radians. A standing foot of a chart that flattens the
-terrain has no height: z̄ = 0 is not a constraint there, it is not a variable (W8).
+All forces are in units of m·g, lengths in metres, angles in radians. A standing foot of a chart
+that flattens the terrain has no height: z̄ = 0 is not a constraint there, it is not a variable
+(W8).
 """
 
 from __future__ import annotations
@@ -16,7 +17,15 @@ from scipy.sparse import coo_array, csr_array
 
 from ...files.arrays import Array
 from ...problem.gaits import FootPhases
-from .splines import clamped_basis, clamped_knots, greville, hermite, uniform_basis, uniform_greville, uniform_size
+from .splines import (
+    clamped_basis,
+    clamped_knots,
+    greville,
+    hermite,
+    uniform_basis,
+    uniform_greville,
+    uniform_size,
+)
 
 Index = NDArray[np.intp]
 NOTHING = -1
@@ -27,9 +36,10 @@ NOTHING = -1
 class FootEntries:
     """Entries of one foot's variables in the decision vector.
 
-    stances: shape (S + 1, 3), their places; swings: shape (S, 6), place and velocity in the middle of each swing;
-    forces: for each stance, shape (coefficients, 3), those of its clamped B-spline; switches: shape (2 S,), lift-offs
-    and touchdowns, empty where timings are fixed. NOTHING marks what is always 0.
+    stances: shape (S + 1, 3), their places; swings: shape (S, 6), place and velocity in the middle
+    of each swing; forces: for each stance, shape (coefficients, 3), those of its clamped B-spline;
+    switches: shape (2 S,), lift-offs and touchdowns, empty where timings are fixed. NOTHING marks
+    what is always 0.
     """
 
     phases: FootPhases
@@ -69,7 +79,8 @@ class GaitLayout:
             return self
         moved = copy(self)
         moved.feet = tuple(
-            replace(foot, phases=FootPhases(x[foot.switches], foot.phases.duration_s)) for foot in self.feet
+            replace(foot, phases=FootPhases(x[foot.switches], foot.phases.duration_s))
+            for foot in self.feet
         )
         return moved
 
@@ -91,7 +102,9 @@ class GaitLayout:
         for index in range(count):
             begin, end = phases.stance(index)
             entries = np.full((max(2, round((end - begin) / force_knot_s)) + 3, 3), NOTHING)
-            free = slice(0 if index == 0 else 1, None if index == count - 1 else -1)  # 0 at lift-off and touchdown
+            free = slice(
+                0 if index == 0 else 1, None if index == count - 1 else -1
+            )  # 0 at lift-off and touchdown
             entries[free] = self._take(entries[free].shape)
             forces.append(entries)
         return FootEntries(
@@ -102,7 +115,8 @@ class GaitLayout:
             switches=self._take((2 * phases.swings if optimised else 0,)),
         )
 
-    # --------------------------------------------------------------------------------------- rows of the splines
+    # --------------------------------------------------------------------------------------- rows
+    # of the splines
 
     def torso_rows(self, times_s: Array, order: int = 0) -> csr_array:
         """Rows of (p̄, θ̄) at times, or of a derivative, shape (6 len(times), size)."""
@@ -113,7 +127,11 @@ class GaitLayout:
 
     def foot_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
         """Rows of p̄_i at times, by the schedule's switching times, shape (3 len(times), size)."""
-        entries, triplets, times = self.feet[foot], _Triplets(), np.asarray(times_s, dtype=np.float64)
+        entries, triplets, times = (
+            self.feet[foot],
+            _Triplets(),
+            np.asarray(times_s, dtype=np.float64),
+        )
         phase = entries.phases.phase_at(times)
         if order == 0:
             stands = np.flatnonzero(phase % 2 == 0)
@@ -123,7 +141,9 @@ class GaitLayout:
         begin, end = edges[2 * index + 1], edges[2 * index + 2]
         piece, share = np.divmod(2.0 * (times[swings] - begin) / (end - begin), 1.0)
         half = 0.5 * (end - begin)
-        weights = np.array([hermite(one, order) for one in share.tolist()]).reshape(-1, 4)  # arrays' powers are others
+        weights = np.array([hermite(one, order) for one in share.tolist()]).reshape(
+            -1, 4
+        )  # arrays' powers are others
         start, start_speed, stop, stop_speed = weights.T / half**order
         middle, speed = entries.swings[index, :3], entries.swings[index, 3:]
         up, down = np.flatnonzero(piece == 0), np.flatnonzero(piece != 0)
@@ -162,9 +182,11 @@ class GaitLayout:
         return self._rows(np.arange(len(flat)), flat, np.ones(len(flat)), len(flat))
 
     def _rows(self, rows: Index, columns: Index, weights: Array, count: int) -> csr_array:
-        rows, columns, weights = (array.ravel() for array in np.broadcast_arrays(rows, columns, weights))
-        kept = columns != NOTHING
-        return csr_array((weights[kept], (rows[kept], columns[kept])), shape=(count, self.size))
+        rows, columns, weights = (
+            array.ravel() for array in np.broadcast_arrays(rows, columns, weights)
+        )
+        there = columns != NOTHING
+        return csr_array((weights[there], (rows[there], columns[there])), shape=(count, self.size))
 
 
 class _Triplets:
@@ -182,7 +204,14 @@ class _Triplets:
     def matrix(self, count: int, size: int) -> csr_array:
         if not self._at:
             return csr_array((3 * count, size))
-        at, entries, weights = (np.concatenate(parts) for parts in (self._at, self._entries, self._weights))
-        kept = entries != NOTHING
-        rows, shared = 3 * at[:, None] + np.arange(3), np.broadcast_to(weights[:, None], entries.shape)
-        return csr_array(coo_array((shared[kept], (rows[kept], entries[kept])), shape=(3 * count, size)))
+        at, entries, weights = (
+            np.concatenate(parts) for parts in (self._at, self._entries, self._weights)
+        )
+        there = entries != NOTHING
+        rows, shared = (
+            3 * at[:, None] + np.arange(3),
+            np.broadcast_to(weights[:, None], entries.shape),
+        )
+        return csr_array(
+            coo_array((shared[there], (rows[there], entries[there])), shape=(3 * count, size))
+        )

@@ -14,8 +14,8 @@ from .structure import Structure
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitSamples:
-    """A motion at K times: torso p_WB (K, 3) [m], R_WB (K, 3, 3), feet p_WF (K, E, 3) [m], contact forces f_W (K, E, 3)
-    [N], and which feet stand (K, E), bool."""
+    """A motion at K times: torso p_WB (K, 3) [m], R_WB (K, 3, 3), feet p_WF (K, E, 3) [m], contact
+    forces f_W (K, E, 3) [N], and which feet stand (K, E), bool."""
 
     times_s: Array
     torso_m: Array
@@ -25,7 +25,9 @@ class GaitSamples:
     contact: NDArray[np.bool_]
 
 
-def sampled(structure: Structure, x: Array, times_s: Array, height_factor: float = 1.0) -> GaitSamples:
+def sampled(
+    structure: Structure, x: Array, times_s: Array, height_factor: float = 1.0
+) -> GaitSamples:
     """Evaluate a decision vector at times, shape (K,) [s]."""
     layout, push = structure.layout.timed(x), Pushforward(structure.chart, height_factor)
     torso_m, rotation = push.torso((layout.torso_rows(times_s) @ x).reshape(-1, 6))
@@ -39,6 +41,10 @@ def sampled(structure: Structure, x: Array, times_s: Array, height_factor: float
         feet, forces = [*feet, p_i], [*forces, f_i * structure.task.robot.weight_n]
         contact.append(entries.phases.stands(times_s))
     return GaitSamples(
-        times_s=times_s, torso_m=torso_m, rotation=rotation, feet_m=np.stack(feet, axis=1),
-        forces_n=np.stack(forces, axis=1), contact=np.stack(contact, axis=1),
-    )  # fmt: skip
+        times_s=times_s,
+        torso_m=torso_m,
+        rotation=rotation,
+        feet_m=np.stack(feet, axis=1),
+        forces_n=np.stack(forces, axis=1),
+        contact=np.stack(contact, axis=1),
+    )

@@ -53,16 +53,20 @@ class Structure:
         return VariableGroup("torso", self.layout.torso_rows(self.times_s), 6, self.chart.torso_map)
 
     def torso_at(self, nodes: Rows) -> Selection:
-        """(p̄, θ̄) at nodes; before the start y₋ = y₋₋ = y₀ (W14), the robot stands still, and so after a still end."""
+        """(p̄, θ̄) at nodes; before the start y₋ = y₋₋ = y₀ (W14), the robot stands still, and so
+        after a still end."""
         return self.torso, np.clip(nodes, 0, self.nodes - 1)
 
     @cached_property
     def feet_at_nodes(self) -> tuple[FootGroup, ...]:
         """All feet at all nodes, in groups."""
         if self.task.timings == "optimised":
-            return moving_groups(self.layout, self.times_s, self.chart.foot_map, self.settings.switch_slack_s)
+            return moving_groups(
+                self.layout, self.times_s, self.chart.foot_map, self.settings.switch_slack_s
+            )
         return scheduled_groups(self.layout, self.times_s, self.chart.foot_map, self.mean_s)
 
     def entries(self, name: str, entries: Index, on_foot: bool = False) -> VariableGroup:
-        """Entries of the decision vector as features, shape (K, width); on_foot: points with the feet's map about."""
+        """Entries of the decision vector as features, shape (K, width); on_foot: points with the
+        feet's map about."""
         return entry_group(self.layout, name, entries, self.chart.foot_map if on_foot else None)

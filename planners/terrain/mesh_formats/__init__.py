@@ -1,7 +1,9 @@
-"""Readers of mesh files, one module per format: each takes a file's bytes and believes no count and no index in them.
+"""Readers of mesh files, one module per format: each takes a file's bytes and believes no count and
+no index in them.
 
-A reader returns corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers. Polygons
-become fans. Memory is asked for only as far as the bytes go, and work grows with the file's size alone.
+A reader returns corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners'
+numbers. Polygons become fans. Memory is asked for only as far as the bytes go, and work grows with
+the file's size alone.
 """
 
 from __future__ import annotations

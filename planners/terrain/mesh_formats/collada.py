@@ -1,4 +1,5 @@
-"""COLLADA files (.dae): triangles and polygons of all geometries where the scene's nodes place them.
+"""COLLADA files (.dae): triangles and polygons of all geometries where the scene's nodes place
+them.
 
 The file's unit and its axis up are left to whoever asks: numbers are taken as they are written.
 """
@@ -34,7 +35,8 @@ POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 def read_collada(content: bytes, most: int) -> Surface:
-    """Corners and triangles of the scene; of every geometry where the file has no scene. Raises InvalidInput."""
+    """Corners and triangles of the scene; of every geometry where the file has no scene. Raises
+    InvalidInput."""
     root = parse_xml(content, "COLLADA", deepest=DEEPEST)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -78,11 +80,12 @@ class _Scene:
                         yield moved(corners, here), triangles
 
     def _meant(self, url: str, tag: str) -> Element:
-        """The element that a reference names. Raises InvalidInput unless it is there, and of this kind."""
-        found = self._named.get(url.removeprefix("#")) if url.startswith("#") else None
-        if found is None or found.tag != tag:
+        """The element that a reference names. Raises InvalidInput unless it is there, and of this
+        kind."""
+        element = self._named.get(url.removeprefix("#")) if url.startswith("#") else None
+        if element is None or element.tag != tag:
             raise broken(f"expected a {tag} of the file, got {shown(url)}")
-        return found
+        return element
 
     def _instance(self, element: Element) -> list[Surface]:
         """The surfaces of a geometry, or of one under a skin as it is bound."""
@@ -94,8 +97,8 @@ class _Scene:
             url = skin.get("source", "")
             if (bound := skin.findtext("bind_shape_matrix")) is not None:
                 place = checked_matrix(reals_of(bound.encode()))
-        found = self._of_geometry(url.removeprefix("#"), self._meant(url, "geometry"))
-        return [(moved(corners, place), triangles) for corners, triangles in found]
+        surfaces = self._of_geometry(url.removeprefix("#"), self._meant(url, "geometry"))
+        return [(moved(corners, place), triangles) for corners, triangles in surfaces]
 
     def _of_geometry(self, name: str, geometry: Element) -> list[Surface]:
         """The surfaces of a geometry; counted anew each time that it is placed, read once."""
@@ -113,7 +116,7 @@ class _Scene:
             (each.get("semantic"), _whole(each, "offset", 0, 100), each)
             for each in part.findall("input")
         ]
-        vertex = next((found for found in inputs if found[0] == "VERTEX"), None)
+        vertex = next((source for source in inputs if source[0] == "VERTEX"), None)
         if vertex is None:
             raise broken("expected polygons with an input VERTEX")
         corners, stride = self._corners(mesh, vertex[2]), 1 + max(offset for _, offset, _ in inputs)
@@ -149,10 +152,12 @@ class _Scene:
 
     def _corners(self, mesh: Element, given: Element) -> Array:
         """The positions that an input VERTEX names, shape (V, 3)."""
-        own = {name: element for element in mesh.iter() if (name := element.get("id"))}
-        vertices = own.get(given.get("source", "").removeprefix("#"))
+        elements = {name: element for element in mesh.iter() if (name := element.get("id"))}
+        vertices = elements.get(given.get("source", "").removeprefix("#"))
         position = None if vertices is None else vertices.find("input[@semantic='POSITION']")
-        source = None if position is None else own.get(position.get("source", "").removeprefix("#"))
+        source = (
+            None if position is None else elements.get(position.get("source", "").removeprefix("#"))
+        )
         if source is None:
             raise broken(f"expected vertices with a POSITION, got {shown(given.get('source', ''))}")
         numbers = source.find("float_array")

@@ -1,4 +1,5 @@
-"""GLB files (glTF 2.0 in one file): the triangles of all meshes where the scene's nodes place them."""
+"""GLB files (glTF 2.0 in one file): the triangles of all meshes where the scene's nodes place
+them."""
 
 from __future__ import annotations
 
@@ -24,9 +25,11 @@ PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 
 def read_glb(content: bytes, most: int) -> Surface:
-    """Corners and triangles of the default scene; of all nodes without a parent where there is no scene.
+    """Corners and triangles of the default scene; of all nodes without a parent where there is no
+    scene.
 
-    Raises InvalidInput for a damaged file, one that names others, and one whose meshes are compressed.
+    Raises InvalidInput for a damaged file, one that names others, and one whose meshes are
+    compressed.
     """
     tree, binary = _chunks(content)
     if any("uri" in item for name in ("buffers", "images") for item in _objects(tree, name)):
@@ -57,18 +60,18 @@ def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _objects(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    found = tree.get(name, [])
-    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+    objects = tree.get(name, [])
+    if not isinstance(objects, list) or not all(isinstance(item, dict) for item in objects):
         raise broken(f"{name}: expected a list of objects")
-    return found
+    return objects
 
 
 def _whole(item: dict[str, Any], name: str, most: int, default: int | None = None) -> int:
     """A whole number of an object, from 0 to below ``most``. Raises InvalidInput."""
-    found = item.get(name, default)
-    if isinstance(found, bool) or not isinstance(found, int) or not 0 <= found < most:
-        raise broken(f"{name}: expected a whole number below {most}, got {shown(found)}")
-    return found
+    number = item.get(name, default)
+    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < most:
+        raise broken(f"{name}: expected a whole number below {most}, got {shown(number)}")
+    return number
 
 
 class _Scene:
@@ -114,17 +117,17 @@ class _Scene:
         return [number for number in range(len(self._nodes)) if number not in children]
 
     def _numbers(self, item: dict[str, Any], name: str) -> list[int]:
-        found = item.get(name, [])
-        if not isinstance(found, list):
+        numbers = item.get(name, [])
+        if not isinstance(numbers, list):
             raise broken(f"{name}: expected a list of nodes")
-        return [_whole({name: each}, name, len(self._nodes)) for each in found]
+        return [_whole({name: each}, name, len(self._nodes)) for each in numbers]
 
     def _of_mesh(self, number: int) -> list[Surface]:
         """The surfaces of a mesh; counted anew each time that it is placed, read once."""
         if number not in self._known:
             parts = _objects(self._meshes[number], "primitives")
             self._known[number] = [
-                found for part in parts if (found := self._of_part(part)) is not None
+                surface for part in parts if (surface := self._of_part(part)) is not None
             ]
         surfaces = self._known[number]
         self._left -= sum(len(triangles) for _, triangles in surfaces)
@@ -185,28 +188,31 @@ class _Scene:
         if kind == "SCALAR" and dtype.kind == "f":
             raise broken(f"accessors[{number}]: expected whole numbers")
         _whole(view, "buffer", 1)
-        begin, own = _whole(view, "byteOffset", size + 1, 0), _whole(view, "byteLength", size + 1)
+        begin, length = (
+            _whole(view, "byteOffset", size + 1, 0),
+            _whole(view, "byteLength", size + 1),
+        )
         offset = _whole(accessor, "byteOffset", size + 1, 0)
         count = _whole(accessor, "count", size + 1)
         row = width * dtype.itemsize
         stride = _whole(view, "byteStride", 253, row) or row
         if (
             stride < row
-            or (count and offset + (count - 1) * stride + row > own)
-            or begin + own > size
+            or (count and offset + (count - 1) * stride + row > length)
+            or begin + length > size
         ):
             raise broken(
-                f"accessors[{number}]: expected {count} values within the bytes of its view, got {own} bytes"
+                f"accessors[{number}]: expected {count} values within the bytes of its view, got {length} bytes"
             )
         strides = (stride, dtype.itemsize)
-        found = (
+        values = (
             np.ndarray((count, width), dtype, self._binary, begin + offset, strides)
             if count
             else np.zeros((0, width))
         )
         if accessor.get("normalized") is True and dtype.kind != "f":
-            return np.maximum(found / np.iinfo(dtype).max, -1.0)
-        return found
+            return np.maximum(values / np.iinfo(dtype).max, -1.0)
+        return values
 
 
 def _matrix(node: dict[str, Any]) -> Array:
@@ -214,19 +220,20 @@ def _matrix(node: dict[str, Any]) -> Array:
     if "matrix" in node:
         return checked_matrix(node["matrix"]).T
     parts = {"translation": (3, 0.0), "rotation": (4, 0.0), "scale": (3, 1.0)}
-    found = dict[str, Array]()
+    result = dict[str, Array]()
     for name, (count, rest) in parts.items():
         value = node.get(name, [rest] * count if name != "rotation" else [0.0, 0.0, 0.0, 1.0])
         if (
-            not isinstance(value, list) or len(value) != count
+            not isinstance(value, list)
+            or len(value) != count
             or any(isinstance(x, bool) or not isinstance(x, int | float) for x in value)
-        ):  # fmt: skip
+        ):
             raise broken(f"{name}: expected {count} numbers, got {shown(value)}")
         try:
-            found[name] = np.array(value, dtype=np.float64)
+            result[name] = np.array(value, dtype=np.float64)
         except OverflowError:
             raise InvalidInput(f"expected a mesh: {name}: expected finite numbers") from None
     place = np.eye(4)
-    place[:3, :3] = turn_of(found["rotation"]) * found["scale"]
-    place[:3, 3] = found["translation"]
+    place[:3, :3] = turn_of(result["rotation"]) * result["scale"]
+    place[:3, 3] = result["translation"]
     return place

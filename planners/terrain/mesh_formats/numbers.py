@@ -1,4 +1,5 @@
-"""Numbers of mesh files: text as arrays, polygons and strips as triangles, each held against what is there."""
+"""Numbers of mesh files: text as arrays, polygons and strips as triangles, each held against what
+is there."""
 
 from __future__ import annotations
 
@@ -43,11 +44,12 @@ def check_count(count: int, most: int) -> None:
 
 
 def blocks(text: bytes, end: bytes) -> Iterator[bytes]:
-    """Pieces of a text, each of about ``BLOCK`` bytes and complete up to an ``end``, a regular expression."""
+    """Pieces of a text, each of about ``BLOCK`` bytes and complete up to an ``end``, a regular
+    expression."""
     border, at = re.compile(end), 0
     while at < len(text):
-        found = border.search(text, at + BLOCK)
-        stop = len(text) if found is None else found.end()
+        match = border.search(text, at + BLOCK)
+        stop = len(text) if match is None else match.end()
         yield text[at:stop]
         at = stop
 
@@ -58,7 +60,8 @@ def reals(tokens: Iterable[bytes]) -> Array:
 
 
 def wholes(tokens: Iterable[bytes]) -> NDArray[np.int64]:
-    """Tokens as whole numbers, shape (K,). Raises InvalidInput for one that is none, or is beyond 64 bits."""
+    """Tokens as whole numbers, shape (K,). Raises InvalidInput for one that is none, or is beyond
+    64 bits."""
     some = list(tokens)
     try:
         return np.array([int(token) for token in some], dtype=np.int64)
@@ -81,7 +84,8 @@ def wholes_of(text: bytes) -> NDArray[np.int64]:
 def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Triangles:
     """Polygons as triangles about their first corners, shape (T, 3).
 
-    counts: corners per polygon, shape (F,). corners: of all polygons in a row, shape (sum of counts,).
+    counts: corners per polygon, shape (F,). corners: of all polygons in a row, shape (sum of
+    counts,).
     """
     pieces = np.maximum(counts - 2, 0)
     check_count(int(pieces.sum()), most)
@@ -94,15 +98,16 @@ def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Tr
 
 
 def strip(corners: NDArray[np.int64], most: int) -> Triangles:
-    """The triangles of a strip, each from three corners in a row, every second one turned round, shape (T, 3)."""
+    """The triangles of a strip, each from three corners in a row, every second one turned round,
+    shape (T, 3)."""
     check_count(max(len(corners) - 2, 0), most)
-    found = (
+    triangles = (
         np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
         if len(corners) > 2
         else np.zeros((0, 3))
     )
-    found[1::2] = found[1::2, ::-1]
-    return np.asarray(found, dtype=np.int_)
+    triangles[1::2] = triangles[1::2, ::-1]
+    return np.asarray(triangles, dtype=np.int_)
 
 
 def joined(pieces: Iterable[Surface]) -> Surface:

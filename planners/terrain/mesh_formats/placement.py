@@ -14,12 +14,12 @@ from .numbers import broken
 def checked_matrix(values: Any) -> Array:
     """Sixteen numbers as a matrix, shape (4, 4), row by row. Raises InvalidInput."""
     try:
-        found = np.array(values, dtype=np.float64)
+        matrix = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
-    if found.shape != (16,) or not np.all(np.isfinite(found)):
+        matrix = np.zeros(0)
+    if matrix.shape != (16,) or not np.all(np.isfinite(matrix)):
         raise broken(f"expected a matrix of 16 numbers, got {shown(values)}")
-    return found.reshape(4, 4)
+    return matrix.reshape(4, 4)
 
 
 def moved(points: Array, place: Array) -> Array:
@@ -28,7 +28,8 @@ def moved(points: Array, place: Array) -> Array:
 
 
 def turn_of(quaternion: Array) -> Array:
-    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3). Raises InvalidInput."""
+    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3). Raises
+    InvalidInput."""
     length = float(np.linalg.norm(quaternion))
     if not 0.0 < length < np.inf:
         raise broken("expected a rotation that is a quaternion")

@@ -1,4 +1,5 @@
-"""PLY files, text and binary of either byte order: vertices and faces; without faces they are clouds."""
+"""PLY files, text and binary of either byte order: vertices and faces; without faces they are
+clouds."""
 
 from __future__ import annotations
 
@@ -17,10 +18,23 @@ HEAD_BYTES = 65_536
 MOST_PROPERTIES = 200
 ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 KINDS = {
-    b"char": "i1", b"int8": "i1", b"uchar": "u1", b"uint8": "u1", b"short": "i2", b"int16": "i2", b"ushort": "u2",
-    b"uint16": "u2", b"int": "i4", b"int32": "i4", b"uint": "u4", b"uint32": "u4", b"float": "f4", b"float32": "f4",
-    b"double": "f8", b"float64": "f8",
-}  # fmt: skip
+    b"char": "i1",
+    b"int8": "i1",
+    b"uchar": "u1",
+    b"uint8": "u1",
+    b"short": "i2",
+    b"int16": "i2",
+    b"ushort": "u2",
+    b"uint16": "u2",
+    b"int": "i4",
+    b"int32": "i4",
+    b"uint": "u4",
+    b"uint32": "u4",
+    b"float": "f4",
+    b"float32": "f4",
+    b"double": "f8",
+    b"float64": "f8",
+}
 REALS = (b"float", b"float32", b"double", b"float64")
 FACES = (b"vertex_indices", b"vertex_index")
 ROWS = 50_000
@@ -49,7 +63,8 @@ class _Element:
 
     @property
     def xyz(self) -> list[int]:
-        """The numbers of the columns x, y and z. Raises InvalidInput unless each is there, and none is a list."""
+        """The numbers of the columns x, y and z. Raises InvalidInput unless each is there, and none
+        is a list."""
         names = [each.name for each in self.properties]
         if any(each.length for each in self.properties) or not all(
             names.count(axis) == 1 for axis in (b"x", b"y", b"z")
@@ -59,11 +74,14 @@ class _Element:
 
     @property
     def polygons(self) -> int:
-        """The number of the column that lists the corners of a face. Raises InvalidInput where there is none."""
-        found = [k for k, each in enumerate(self.properties) if each.name in FACES and each.length]
-        if len(found) != 1 or self.properties[found[0]].kind[0] == "f":
+        """The number of the column that lists the corners of a face. Raises InvalidInput where
+        there is none."""
+        columns = [
+            k for k, each in enumerate(self.properties) if each.name in FACES and each.length
+        ]
+        if len(columns) != 1 or self.properties[columns[0]].kind[0] == "f":
             raise broken("expected faces with a list of vertex_indices")
-        return found[0]
+        return columns[0]
 
 
 def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
@@ -138,7 +156,13 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
 def _property(parts: list[bytes]) -> _Property:
     if len(parts) == 2 and parts[0] in KINDS:
         return _Property(name=parts[1], kind=KINDS[parts[0]])
-    if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS and parts[1] not in REALS:
+    if (
+        len(parts) == 4
+        and parts[0] == b"list"
+        and parts[1] in KINDS
+        and parts[2] in KINDS
+        and parts[1] not in REALS
+    ):
         return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
     raise broken(
         f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
@@ -148,14 +172,18 @@ def _property(parts: list[bytes]) -> _Property:
 def _rows(content: bytes, at: int, element: _Element, order: str) -> Array:
     """The columns x, y and z of binary rows without lists, shape (count, 3)."""
     offsets = np.cumsum([0, *(np.dtype(each.kind).itemsize for each in element.properties)])
-    found = np.zeros((element.count, 3))
+    rows = np.zeros((element.count, 3))
     for k, column in enumerate(element.xyz):
-        kind = np.dtype({
-            "names": ["value"], "formats": [order + element.properties[column].kind], "offsets": [int(offsets[column])],
-            "itemsize": element.least,
-        })  # fmt: skip
-        found[:, k] = np.frombuffer(content, dtype=kind, count=element.count, offset=at)["value"]
-    return found
+        kind = np.dtype(
+            {
+                "names": ["value"],
+                "formats": [order + element.properties[column].kind],
+                "offsets": [int(offsets[column])],
+                "itemsize": element.least,
+            }
+        )
+        rows[:, k] = np.frombuffer(content, dtype=kind, count=element.count, offset=at)["value"]
+    return rows
 
 
 def _after(content: bytes, at: int, element: _Element, order: str) -> int:
@@ -168,7 +196,8 @@ def _after(content: bytes, at: int, element: _Element, order: str) -> int:
 def _lists(
     content: bytes, at: int, element: _Element, order: str, wanted: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Lengths and values of one column of lists, and the byte after the rows. Raises InvalidInput past the end."""
+    """Lengths and values of one column of lists, and the byte after the rows. Raises InvalidInput
+    past the end."""
     even = _even_lists(content, at, element, order, wanted)
     if even is not None:
         return even
@@ -205,19 +234,25 @@ def _even_lists(
     lists = [k for k, each in enumerate(element.properties) if each.length]
     if len(lists) != 1 or not element.count:
         return None
-    its = element.properties[lists[0]]
+    list_property = element.properties[lists[0]]
     head = sum(np.dtype(each.kind).itemsize for each in element.properties[: lists[0]])
-    size = np.dtype(its.length).itemsize
+    size = np.dtype(list_property.length).itemsize
     if at + head + size > len(content):
         return None
-    first = int(np.frombuffer(content, dtype=order + its.length, count=1, offset=at + head)[0])
-    row = element.least + first * np.dtype(its.kind).itemsize
+    first = int(
+        np.frombuffer(content, dtype=order + list_property.length, count=1, offset=at + head)[0]
+    )
+    row = element.least + first * np.dtype(list_property.kind).itemsize
     if first < 0 or element.count * row > len(content) - at:
         return None
-    kind = np.dtype({
-        "names": ["length", "values"], "formats": [order + its.length, (order + its.kind, (first,))],
-        "offsets": [head, head + size], "itemsize": row,
-    })  # fmt: skip
+    kind = np.dtype(
+        {
+            "names": ["length", "values"],
+            "formats": [order + list_property.length, (order + list_property.kind, (first,))],
+            "offsets": [head, head + size],
+            "itemsize": row,
+        }
+    )
     rows = np.frombuffer(content, dtype=kind, count=element.count, offset=at)
     if np.any(rows["length"] != first):
         return None
@@ -240,7 +275,7 @@ def _text_lists(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     counts, values = list[int](), [np.zeros(0, dtype=np.int64)]
     for k in range(0, len(lines), ROWS):
-        found = list[bytes]()
+        result = list[bytes]()
         for line in lines[k : k + ROWS]:
             row, at = line.split(), 0
             for column, each in enumerate(element.properties):
@@ -252,7 +287,7 @@ def _text_lists(
                     raise broken("expected as many corners per face as its line declares")
                 if column == wanted:
                     counts.append(stop - at)
-                    found += row[at:stop]
+                    result += row[at:stop]
                 at = stop
-        values.append(wholes(found))
+        values.append(wholes(result))
     return np.array(counts, dtype=np.int64), np.concatenate(values)

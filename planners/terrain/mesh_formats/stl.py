@@ -15,9 +15,11 @@ VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 
 def read_stl(content: bytes, most: int) -> Surface:
-    """Every facet with three corners of its own. Raises InvalidInput for what is neither kind of STL.
+    """Every facet with three corners of its own. Raises InvalidInput for what is neither kind of
+    STL.
 
-    A file is binary where its count of facets fits its size; zeros and blanks after them are left out.
+    A file is binary where its count of facets fits its size; zeros and blanks after them are left
+    out.
     """
     count = struct.unpack("<I", content[80:HEAD])[0] if len(content) >= HEAD else -1
     rest = content[HEAD + FACET * count :] if count >= 0 else b""
@@ -45,11 +47,11 @@ def _read_text(content: bytes, most: int) -> Surface:
         ends = len(re.findall(rb"(?i)\bendfacet", block))
         facets += ends
         check_count(facets, most)
-        found = VERTEX.findall(block)
-        if len(found) != 3 * ends:
+        vertices = VERTEX.findall(block)
+        if len(vertices) != 3 * ends:
             raise broken(
-                f"expected 3 corners per facet, got {len(found)} corners for {ends} facets"
+                f"expected 3 corners per facet, got {len(vertices)} corners for {ends} facets"
             )
-        parts.append(reals(token for corner in found for token in corner).reshape(-1, 3))
+        parts.append(reals(token for corner in vertices for token in corner).reshape(-1, 3))
     corners = np.concatenate(parts)
     return corners, np.arange(len(corners)).reshape(-1, 3)

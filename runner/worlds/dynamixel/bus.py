@@ -1,6 +1,8 @@
-"""A bus of X-series servos through ``dynamixel-sdk`` (extra ``dynamixel``), Protocol 2.0; faults name servo and joint.
+"""A bus of X-series servos through ``dynamixel-sdk`` (extra ``dynamixel``), Protocol 2.0; faults
+name servo and joint.
 
-The SDK's group readers drop the error byte of every answer, so its packet handler is called directly.
+The SDK's group readers drop the error byte of every answer, so its packet handler is called
+directly.
 """
 
 from __future__ import annotations
@@ -28,19 +30,21 @@ SOUND, SILENT, CORRUPT = 0, -3001, -3002
 """Results of the SDK: an answer that is whole, none at all, and one that is damaged."""
 PATIENCE = 2
 Blame = Callable[["ServoBus", int, int], NoReturn]
-"""A diagnosis that raises HardwareFault: what to do when bytes (address, size) of all servos did not come."""
+"""A diagnosis that raises HardwareFault: what to do when bytes (address, size) of all servos did
+not come."""
 log = logging.getLogger(__name__)
 
 
 class ServoBus:
-    """One port and the servos on it, in one order; S servos. Not for use by several threads at once.
+    """One port and the servos on it, in one order; S servos. Not for use by several threads at
+    once.
 
-    ids, names: of the servos and of their joints. retries: how often a damaged or late answer is asked for again.
-    latency_ms: how long beyond its bytes' own time an answer may take. latch: every write passes it, or is refused with
-    Stopped, but for reading and for what says that it stops the robot. blame: raises HardwareFault with the servo and
-    the setting that are the reason where servos do not answer.
-    ``retried`` counts damaged and late answers; ``fast``: all servos are read by Fast Sync Read. Raises InvalidInput
-    where the SDK is not installed.
+    ids, names: of the servos and of their joints. retries: how often a damaged or late answer is
+    asked for again. latency_ms: how long beyond its bytes' own time an answer may take. latch:
+    every write passes it, or is refused with Stopped, but for reading and for what says that it
+    stops the robot. blame: raises HardwareFault with the servo and the setting that are the reason
+    where servos do not answer. ``retried`` counts damaged and late answers; ``fast``: all servos
+    are read by Fast Sync Read. Raises InvalidInput where the SDK is not installed.
     """
 
     def __init__(
@@ -69,7 +73,8 @@ class ServoBus:
         self._handler: Any = None
 
     def open(self) -> None:
-        """Open and lock the port. Raises InvalidInput where it is absent, busy or no serial port."""
+        """Open and lock the port. Raises InvalidInput where it is absent, busy or no serial
+        port."""
         from .port import ServoPort
 
         handler = ServoPort(self.port)
@@ -103,7 +108,8 @@ class ServoBus:
     def reach(self, index: int, latency_ms: float | None = None) -> tuple[int, int, float]:
         """Ping a servo once: its model number, the SDK's result, and how long that took [s].
 
-        latency_ms: in place of the port's, for an answer that may be late. The bus is quiet afterwards.
+        latency_ms: in place of the port's, for an answer that may be late. The bus is quiet
+        afterwards.
         """
         with self._talking():
             before, began = self._handler.latency_ms, time.monotonic()
@@ -132,9 +138,9 @@ class ServoBus:
                 self._handler.setBaudRate(baud)
             except (ValueError, termios.error):  # a baud rate that the adapter does not have
                 return []
-            found, _ = self._packets.broadcastPing(self._handler)
+            ids, _ = self._packets.broadcastPing(self._handler)
             self._handler.settle()
-        return sorted(map(int, found))
+        return sorted(map(int, ids))
 
     def listen(self) -> bool:
         """Tell whether nothing comes that nobody asked for; an adapter that sends back what it is
@@ -181,15 +187,24 @@ class ServoBus:
         else:
             raise HardwareFault(f"{self.label(index)}: no answer to a write of {register.name}")
         if error & ~ALERT:
-            raise HardwareFault(f"{self.label(index)}: refused {value} for {register.name} (error {error & ~ALERT})")
+            raise HardwareFault(
+                f"{self.label(index)}: refused {value} for {register.name} (error {error & ~ALERT})"
+            )
 
-    def write_all(self, register: Register, values: NDArray[Any] | Sequence[int], *, stopping: bool = False) -> None:
-        """One field of all servos at once; nobody answers. Raises HardwareFault where the port is gone, Stopped.
+    def write_all(
+        self, register: Register, values: NDArray[Any] | Sequence[int], *, stopping: bool = False
+    ) -> None:
+        """One field of all servos at once; nobody answers. Raises HardwareFault where the port is
+        gone, Stopped.
 
         stopping: it stops the robot, and is sent after a stop, too.
         """
         table = np.asarray(values, dtype=np.int64)
-        rows = np.ascontiguousarray(table.astype("<i8")).view(np.uint8).reshape(len(table), 8)[:, : register.size]
+        rows = (
+            np.ascontiguousarray(table.astype("<i8"))
+            .view(np.uint8)
+            .reshape(len(table), 8)[:, : register.size]
+        )
         self.write_rows(register.address, rows, stopping=stopping)
 
     def write_rows(self, address: int, rows: Bytes, *, stopping: bool = False) -> None:
@@ -205,7 +220,9 @@ class ServoBus:
                     group.addParam(self.ids[index], rows[index].tolist())
                 result = group.txPacket()
             if result != 0:
-                raise HardwareFault(f"port {self.port}: a packet could not be sent (result {result})")
+                raise HardwareFault(
+                    f"port {self.port}: a packet could not be sent (result {result})"
+                )
 
     def read_all(self, address: int, size: int, *, alerts: bool = True) -> Bytes:
         """Read one address of all servos, shape (S, size). Raises HardwareFault that names who is
@@ -218,7 +235,9 @@ class ServoBus:
             self.fast = False
             table, raised = self._read_some(address, size, 1 + self._retries)
             if table is not None:
-                log.warning("port %s: Fast Sync Read is not answered; Sync Read is used instead", self.port)
+                log.warning(
+                    "port %s: Fast Sync Read is not answered; Sync Read is used instead", self.port
+                )
         if table is None:
             if self._blame is not None:
                 self._blame(self, address, size)
@@ -238,11 +257,13 @@ class ServoBus:
 
     def refuse(self, wrong: NDArray[np.bool_], why: str) -> None:
         """Raise HardwareFault that names the servos where ``wrong``, shape (S,)."""
-        found = [self.label(int(index)) for index in np.flatnonzero(wrong)]
-        if found:
-            raise HardwareFault(f"{listed(found)}: {why}")
+        names = [self.label(int(index)) for index in np.flatnonzero(wrong)]
+        if names:
+            raise HardwareFault(f"{listed(names)}: {why}")
 
-    def _read_some(self, address: int, size: int, times: int) -> tuple[Bytes | None, NDArray[np.bool_]]:
+    def _read_some(
+        self, address: int, size: int, times: int
+    ) -> tuple[Bytes | None, NDArray[np.bool_]]:
         """As ``_read_once``, asked so many times at most."""
         for _ in range(times):
             table, raised = self._read_once(address, size)
@@ -278,13 +299,14 @@ class ServoBus:
         errors = self.read_all(HARDWARE_ERROR.address, 1, alerts=False)[:, 0]
         off = errors & self.read_all(SHUTDOWN.address, 1, alerts=False)[:, 0]
         hit = np.flatnonzero(alerts).tolist()
-        found = [f"{self.label(i)}: {hardware_errors(int(errors[i]))}" for i in hit]
+        result = [f"{self.label(i)}: {hardware_errors(int(errors[i]))}" for i in hit]
         shut = off[hit].any()
         what = "off until it is rebooted" if shut else "still on: see to that, then reboot it"
-        raise HardwareFault(f"{listed(found)}; its torque is {what}")
+        raise HardwareFault(f"{listed(result)}; its torque is {what}")
 
     def _again(self) -> None:
-        """An answer was damaged or late: whatever is still on its way must not be taken for the next one."""
+        """An answer was damaged or late: whatever is still on its way must not be taken for the
+        next one."""
         self.retried += 1
         with self._talking():
             self._handler.settle()
@@ -297,7 +319,8 @@ class ServoBus:
 
     @contextmanager
     def _talking(self, latch: StopLatch | None = None) -> Iterator[None]:
-        """Whatever a port can raise becomes a HardwareFault; a conversation that was cut off leaves no mark.
+        """Whatever a port can raise becomes a HardwareFault; a conversation that was cut off leaves
+        no mark.
 
         latch: what is written passes it.
         """
@@ -306,7 +329,11 @@ class ServoBus:
         self._handler.is_using, self._handler.latch = False, latch
         try:
             yield
-        except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial on a port closed meanwhile
+        except (
+            OSError,
+            termios.error,
+            TypeError,
+        ) as error:  # TypeError: pyserial on a port closed meanwhile
             raise HardwareFault(f"port {self.port}: {_why(error)}; is the cable in?") from None
 
 
@@ -333,7 +360,9 @@ def _why(error: BaseException) -> str:
         return _why(error.__context__)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "expected a free port, somebody else has it open"
-    if "multiple access" in str(error):  # pyserial read nothing where there should have been something
+    if "multiple access" in str(
+        error
+    ):  # pyserial read nothing where there should have been something
         return "the device is gone, or another program reads the port, too"
     if number == errno.ENOTTY:
         return "expected a serial port, got something else"

@@ -1,4 +1,5 @@
-"""Calibration files ``stancekit/servos/1``: which servo on which port turns which joint, from where, and how far."""
+"""Calibration files ``stancekit/servos/1``: which servo on which port turns which joint, from
+where, and how far."""
 
 from __future__ import annotations
 
@@ -14,7 +15,16 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import JOINTS, Servo
 
 from ..setup_file import SetupFile, own
-from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, P_GAIN, RAD, TICKS, WATCHDOG_S, ServoModel
+from .control_table import (
+    CENTRE_TICK,
+    LATENCY_MS,
+    MODELS,
+    P_GAIN,
+    RAD,
+    TICKS,
+    WATCHDOG_S,
+    ServoModel,
+)
 
 FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
 Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
@@ -24,10 +34,11 @@ Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
 class JointServo:
     """One servo. angle = direction · (tick − zero_tick) · 2π / 4096.
 
-    id: on the bus. zero_tick: what the servo reads where the joint's angle is 0; direction: 1 or −1, whether both turn
-    the same way. lower_rad, upper_rad: of the joint, where the frame or its cables end. current_a: most that the servo
-    may draw, which limits its torque. rest_rad: the joint's angle where the robot rests without torque, None where that
-    is not known; a robot found elsewhere is calibrated wrong.
+    id: on the bus. zero_tick: what the servo reads where the joint's angle is 0; direction: 1 or
+    −1, whether both turn the same way. lower_rad, upper_rad: of the joint, where the frame or its
+    cables end. current_a: most that the servo may draw, which limits its torque. rest_rad: the
+    joint's angle where the robot rests without torque, None where that is not known; a robot found
+    elsewhere is calibrated wrong.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -42,7 +53,9 @@ class JointServo:
 
     def __post_init__(self) -> None:
         if not self.lower_rad < self.upper_rad:
-            raise InvalidInput(f"upper_rad: expected a number above {self.lower_rad:g}, got {self.upper_rad:g}")
+            raise InvalidInput(
+                f"upper_rad: expected a number above {self.lower_rad:g}, got {self.upper_rad:g}"
+            )
         for name in ("lower_rad", "upper_rad"):
             tick = self.zero_tick + self.direction * getattr(self, name) / RAD
             if not 0 <= tick < TICKS:
@@ -54,12 +67,14 @@ class JointServo:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration(SetupFile):
-    """All servos of a robot. port, baud: where they are; model: all of one, a name in ``control_table.MODELS``.
+    """All servos of a robot. port, baud: where they are; model: all of one, a name in
+    ``control_table.MODELS``.
 
-    watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms. latency_ms: of the adapter;
-    an answer that takes longer is asked for again. p_gain: Position P Gain, how stiff the servos are. desk: the servos
-    lie on a desk or the robot hangs, so that they carry nothing, and plans for all of its torques may be run: they are
-    sent where joints are to be, and no loads. joints: by their names.
+    watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms.
+    latency_ms: of the adapter; an answer that takes longer is asked for again. p_gain: Position P
+    Gain, how stiff the servos are. desk: the servos lie on a desk or the robot hangs, so that they
+    carry nothing, and plans for all of its torques may be run: they are sent where joints are to
+    be, and no loads. joints: by their names.
     """
 
     format: Literal["stancekit/servos/1"] = FORMAT
@@ -98,25 +113,33 @@ class Calibration(SetupFile):
         return [self.joints[name] for name in joints]
 
     def shafts(self, joints: Sequence[str], angles_rad: Array) -> Array:
-        """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,) both."""
+        """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,)
+        both."""
         servos = self.ordered(joints)
         zero = np.array([servo.zero_tick - CENTRE_TICK for servo in servos])
         return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
 
 
-def nominal(joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any) -> Calibration:
-    """A calibration to start from: ids from 1 in the joints' order, zero at the servo's centre, the robot's limits."""
+def nominal(
+    joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any
+) -> Calibration:
+    """A calibration to start from: ids from 1 in the joints' order, zero at the servo's centre, the
+    robot's limits."""
     current_a = MODELS[settings.get("model", "XM540-W270")].current_a / 2.0
     limits = list(zip(servo.lower_rad, servo.upper_rad, strict=True))
     return Calibration(
         port=port,
         joints={
-            name: JointServo(id=1 + i, lower_rad=limits[i % len(JOINTS)][0], upper_rad=limits[i % len(JOINTS)][1],
-                             current_a=round(current_a, 3))
+            name: JointServo(
+                id=1 + i,
+                lower_rad=limits[i % len(JOINTS)][0],
+                upper_rad=limits[i % len(JOINTS)][1],
+                current_a=round(current_a, 3),
+            )
             for i, name in enumerate(joints)
         },
         **settings,
-    )  # fmt: skip
+    )
 
 
 class ServoTicks:

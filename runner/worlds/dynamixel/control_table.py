@@ -1,4 +1,5 @@
-"""The control table of the DYNAMIXEL X series (XM430, XM540), Protocol 2.0: addresses, units, models, errors.
+"""The control table of the DYNAMIXEL X series (XM430, XM540), Protocol 2.0: addresses, units,
+models, errors.
 
 Source: ROBOTIS e-Manual, XM430-W350 and XM540-W270, "Control Table".
 """
@@ -14,7 +15,8 @@ from stancekit.planners.robot.actuators import builtin_actuators
 
 
 class Register(NamedTuple):
-    """A field of the control table: what the manual calls it, where it is, and how many bytes it has."""
+    """A field of the control table: what the manual calls it, where it is, and how many bytes it
+    has."""
 
     name: str
     address: int
@@ -44,9 +46,16 @@ INDIRECT_ADDRESS = Register("Indirect Address 1", 168, 2)
 INDIRECT_DATA = Register("Indirect Data 1", 224, 1)
 
 WATCHED = (
-    TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION, REALTIME_TICK,
-)  # fmt: skip
-"""Fields that are read in every control period, gathered in the indirect data: 15 bytes per servo in one answer."""
+    TORQUE_ENABLE,
+    HARDWARE_ERROR,
+    BUS_WATCHDOG,
+    PRESENT_CURRENT,
+    PRESENT_VELOCITY,
+    PRESENT_POSITION,
+    REALTIME_TICK,
+)
+"""Fields that are read in every control period, gathered in the indirect data: 15 bytes per servo
+in one answer."""
 WATCHED_BYTES = sum(register.size for register in WATCHED)
 
 TICKS, CENTRE_TICK = 4096, 2048
@@ -61,19 +70,28 @@ LATENCY_MS = 16.0
 WATCHDOG_S = 0.02
 """One unit of the bus watchdog."""
 TRIPPED = 0xFF
-"""Bus Watchdog reads −1: the servo heard nothing for too long, stopped, and takes no goals until this is cleared."""
+"""Bus Watchdog reads −1: the servo heard nothing for too long, stopped, and takes no goals until
+this is cleared."""
 P_GAIN = 800
 """Position P Gain of the factory, for which ``builtin_actuators`` says how stiff a servo is."""
 CURRENT_BASED_POSITION = 5
-"""Operating mode: position control whose current is limited by Goal Current. In plain position control it is not."""
+"""Operating mode: position control whose current is limited by Goal Current. In plain position
+control it is not."""
 REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 0x01, 0x04, 0x08
-"""Bits of Drive Mode. None may be set: the calibration turns directions, and a goal must never switch the torque on."""
+"""Bits of Drive Mode. None may be set: the calibration turns directions, and a goal must never
+switch the torque on."""
 SHUTDOWN_ON = 0x34
 """Bits of Shutdown that have to be set: overload, electrical shock, overheating."""
 WATCHDOG_FIRMWARE, FAST_FIRMWARE = 38, 45
 """The first firmware with a bus watchdog, and with Fast Sync Read."""
 
-ERRORS = {0x01: "input voltage", 0x04: "overheating", 0x08: "motor encoder", 0x10: "electrical shock", 0x20: "overload"}
+ERRORS = {
+    0x01: "input voltage",
+    0x04: "overheating",
+    0x08: "motor encoder",
+    0x10: "electrical shock",
+    0x20: "overload",
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,5 @@
-"""Why a bus does not answer as it should: one line that names port, servo and setting, and says what to do."""
+"""Why a bus does not answer as it should: one line that names port, servo and setting, and says
+what to do."""
 
 from __future__ import annotations
 
@@ -44,7 +45,11 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
             raise HardwareFault(f"port {bus.port}: {BACK}")
         names = ", ".join(bus.label(i) for i in silent)
         many = "maybe more of them; has the bus power?"
-        why = f"no answer, {many}" if len(silent) == BLAMED else "no answer; is it connected and powered?"
+        why = (
+            f"no answer, {many}"
+            if len(silent) == BLAMED
+            else "no answer; is it connected and powered?"
+        )
         raise HardwareFault(f"{names}: {why}")
     _one_by_one(bus, address, size)
     if bus.peek(address, size) is not None:
@@ -56,10 +61,11 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
 
 
 def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
-    """Raise an error that says why these servos, by index, answer no ping before anything was set up.
+    """Raise an error that says why these servos, by index, answer no ping before anything was set
+    up.
 
-    Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file is to be changed,
-    HardwareFault else.
+    Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file
+    is to be changed, HardwareFault else.
     """
     damaged = next((index for index in silent[:BLAMED] if _pinged(bus, index) == CORRUPT), None)
     if damaged is not None:
@@ -79,9 +85,9 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
             f"{_ids(others)} at {bus.baud} baud"
         )
     for baud in get_args(Baud):
-        if baud != bus.baud and (found := bus.ids_at(baud)):
+        if baud != bus.baud and (answering := bus.ids_at(baud)):
             raise InvalidInput(
-                f"port {bus.port}: expected servos at {bus.baud} baud, found {_ids(found)} at {baud}: set baud to "
+                f"port {bus.port}: expected servos at {bus.baud} baud, found {_ids(answering)} at {baud}: set baud to "
                 f"{baud} in the calibration file, or the servos' Baud Rate to {bus.baud}"
             )
     raise HardwareFault(
@@ -103,8 +109,8 @@ def _pinged(bus: ServoBus, index: int) -> int:
 def late(bus: ServoBus, index: int) -> int | None:
     """Model number of a servo that was silent and answers in time now; None where it does not.
 
-    To be asked before many more pings wait for their answers. Raises HardwareFault where it answers later than the
-    port waits.
+    To be asked before many more pings wait for their answers. Raises HardwareFault where it answers
+    later than the port waits.
     """
     bus.calm(CALM_S)
     number, result, took_s = bus.reach(index, LATE_MS)

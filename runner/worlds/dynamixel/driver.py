@@ -1,9 +1,11 @@
-"""A robot of DYNAMIXEL X-series servos as a world (extra ``dynamixel``): targets by sync write, angles by sync read.
+"""A robot of DYNAMIXEL X-series servos as a world (extra ``dynamixel``): targets by sync write,
+angles by sync read.
 
-Servos run in current-based position control, so that their current, and with it their torque, is limited. Each has its
-bus watchdog set: when nothing is heard of the host for a while, it stops where it is and holds, whatever has happened
-to the host. After a stop no packet leaves but those that read, and those that switch the torque off. What is measured
-is judged (``MeasurementJudge``), and asked for again, before it is believed.
+Servos run in current-based position control, so that their current, and with it their torque, is
+limited. Each has its bus watchdog set: when nothing is heard of the host for a while, it stops
+where it is and holds, whatever has happened to the host. After a stop no packet leaves but those
+that read, and those that switch the torque off. What is measured is judged (``MeasurementJudge``),
+and asked for again, before it is believed.
 """
 
 from __future__ import annotations
@@ -40,18 +42,22 @@ OFF = "its torque went off: did it restart, was its power gone?"
 AGAIN_S = 0.02
 """Two measurements before a robot is believed to be where it says are so far apart."""
 CALM_S = 0.12
-"""After a measurement that may have come late the bus is quiet for so long before the next is asked for."""
+"""After a measurement that may have come late the bus is quiet for so long before the next is asked
+for."""
 STANDS_RAD_S, STANDING_S = 0.05, 0.2
 """Servos stand that turn no faster; a hold waits so long for them to."""
 SLACK_RAD = 0.05
-"""A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
+"""A joint measured this far beyond its limits is at its stop; one that is farther beyond is
+calibrated wrong."""
 
 
 class DynamixelWorld(HardwareWorld):
-    """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
+    """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not
+    thread-safe.
 
-    Torques are what the measured current stands for, roughly. ``bus_s`` is what talking took in the last period. Raises
-    InvalidInput for a calibration that lacks joints, and without the SDK or pinocchio.
+    Torques are what the measured current stands for, roughly. ``bus_s`` is what talking took in the
+    last period. Raises InvalidInput for a calibration that lacks joints, and without the SDK or
+    pinocchio.
     """
 
     name = "dynamixel"
@@ -68,12 +74,19 @@ class DynamixelWorld(HardwareWorld):
     ) -> None:
         servo = servo or robot.servo
         super().__init__(robot, servo, rate_hz)
-        found = Drives.of(robot, servo, self._kinematics.model, actuators or Actuators(joints={"*": calibration.model}))
+        drives = Drives.of(
+            robot,
+            servo,
+            self._kinematics.model,
+            actuators or Actuators(joints={"*": calibration.model}),
+        )
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN
         self.drives = replace(
-            found, stiffness_nm_rad=stiffer * found.stiffness_nm_rad, damping_nms_rad=stiffer * found.damping_nms_rad,
+            drives,
+            stiffness_nm_rad=stiffer * drives.stiffness_nm_rad,
+            damping_nms_rad=stiffer * drives.damping_nms_rad,
             yields=not calibration.desk,
-        )  # fmt: skip
+        )
         self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
@@ -81,29 +94,47 @@ class DynamixelWorld(HardwareWorld):
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
         ids = [each.id for each in self._servos]
         self.bus = ServoBus(
-            calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms,
-            latch=self.latch, blame=blame,
-        )  # fmt: skip
+            calibration.port,
+            calibration.baud,
+            ids,
+            self.joints,
+            latency_ms=calibration.latency_ms,
+            latch=self.latch,
+            blame=blame,
+        )
         self.capabilities, self.bus_s = self._capable(), 0.0
         self._judge = MeasurementJudge(self.bus, self.drives.velocity_rad_s)
         self._driven = False  # goals may have been sent that the servos are still on their way to
-        self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
+        self._found: NDArray[np.bool_] | None = (
+            None  # which torques were on before an arming that did not end well
+        )
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
         """As ``WorldClass``."""
-        calibration = Calibration.from_yaml(settings.file("a calibration file", cls.name), joint_names(settings.robot))
+        calibration = Calibration.from_yaml(
+            settings.file("a calibration file", cls.name), joint_names(settings.robot)
+        )
         settings.check_name(calibration.robot)
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        return cls(settings.robot, calibration, settings.servo, rate_hz=rate_hz, actuators=settings.actuators)
+        return cls(
+            settings.robot,
+            calibration,
+            settings.servo,
+            rate_hz=rate_hz,
+            actuators=settings.actuators,
+        )
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
 
-        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises
-        InvalidInput for whatever is wrong, for nothing has moved: a port that is absent or busy, servos that are
-        silent, in error or of another model, measurements that cannot be true, angles beyond their limits, and a robot
-        without torque that is not at rest as calibrated.
+        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is
+        taken to be. Raises InvalidInput for whatever is wrong, for nothing has moved: a port that
+        is absent or busy, servos that are silent, in error or of another model, measurements that
+        cannot be true, angles beyond their limits, and a robot without torque that is not at rest
+        as calibrated.
         """
         self.armed = False
         if not self._open:
@@ -121,12 +152,14 @@ class DynamixelWorld(HardwareWorld):
         return state
 
     def torque(self, on: bool) -> None:
-        """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the robot.
+        """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the
+        robot.
 
-        A servo in a shutdown stays off and raises InvalidInput, as does whatever is wrong before the first torque is
-        switched on; HardwareFault after that. Arming clears watchdogs that have stopped their servo.
-        The latch is asked for every packet, and after the last. However an arming is interrupted, the torque is off
-        afterwards; only a robot that was held before, all of it, is held on. ``hold`` makes sure of that.
+        A servo in a shutdown stays off and raises InvalidInput, as does whatever is wrong before
+        the first torque is switched on; HardwareFault after that. Arming clears watchdogs that have
+        stopped their servo. The latch is asked for every packet, and after the last. However an
+        arming is interrupted, the torque is off afterwards; only a robot that was held before, all
+        of it, is held on. ``hold`` makes sure of that.
         """
         if not on:
             self.relax()
@@ -143,9 +176,10 @@ class DynamixelWorld(HardwareWorld):
     def step(self, targets_rad: Array) -> State:
         """Send targets, wait for the end of the control period, measure.
 
-        Targets are clipped to limits and to what a joint can turn in a period, and rounded to ticks; ``sent_rad`` says
-        what was sent. Raises InvalidInput for targets that are not finite, and where the world is not armed;
-        HardwareFault with the joint's name for whatever a device does wrong. After a fault the world is not armed.
+        Targets are clipped to limits and to what a joint can turn in a period, and rounded to
+        ticks; ``sent_rad`` says what was sent. Raises InvalidInput for targets that are not finite,
+        and where the world is not armed; HardwareFault with the joint's name for whatever a device
+        does wrong. After a fault the world is not armed.
         """
         targets = self._checked(targets_rad)
         try:
@@ -162,12 +196,14 @@ class DynamixelWorld(HardwareWorld):
             raise
 
     def hold(self) -> None:
-        """Send nothing any more: servos keep the last target they were sent, and no step is taken until armed again.
+        """Send nothing any more: servos keep the last target they were sent, and no step is taken
+        until armed again.
 
-        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are. Waits
-        until they are measured to stand. Raises HardwareFault where they do not in time, or cannot be seen to: then
-        their bus watchdogs stop them, and the message says when. After an arming that was interrupted the torque is as
-        ``torque`` says; raises HardwareFault where it is not.
+        A goal of its own would only give up what the servos lean on; their watchdogs hold them
+        where they are. Waits until they are measured to stand. Raises HardwareFault where they do
+        not in time, or cannot be seen to: then their bus watchdogs stop them, and the message says
+        when. After an arming that was interrupted the torque is as ``torque`` says; raises
+        HardwareFault where it is not.
         """
         self.armed = False
         if self._found is not None:
@@ -176,7 +212,8 @@ class DynamixelWorld(HardwareWorld):
             self._stand()
 
     def relax(self) -> None:
-        """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that did not say so."""
+        """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that
+        did not say so."""
         self.armed = self._driven = False
         if not self._open:
             return
@@ -194,12 +231,14 @@ class DynamixelWorld(HardwareWorld):
         self.bus.refuse(rows[:, 0] > 0, "its torque did not go off")
 
     def close(self) -> None:
-        """Give the port back. Torque stays as it is, and a servo whose torque is on is stopped by its watchdog."""
+        """Give the port back. Torque stays as it is, and a servo whose torque is on is stopped by
+        its watchdog."""
         self.armed = self._open = False
         self.bus.close()
 
     def _found_out(self, position_m: Array, rotation: Array) -> NDArray[np.uint8]:
-        """Check and set up all servos, and measure them twice: what is old or random shows. As ``_watched``."""
+        """Check and set up all servos, and measure them twice: what is old or random shows. As
+        ``_watched``."""
         with self.bus.patient():
             check_servos(self.bus, self._kind)
             configure(self.bus, self._current)
@@ -215,7 +254,9 @@ class DynamixelWorld(HardwareWorld):
 
     def _stand(self) -> None:
         """Wait until no servo turns. Raises HardwareFault where that cannot be seen in time."""
-        within = f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
+        within = (
+            f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
+        )
         until, seen = time.monotonic() + STANDING_S, ""
         while not seen or time.monotonic() < until:
             try:
@@ -255,7 +296,9 @@ class DynamixelWorld(HardwareWorld):
                 self._found, self._due_s = None, time.monotonic()
             except BaseException:
                 self.armed = False
-                with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                with suppress(
+                    HardwareFault
+                ):  # what goes wrong now goes wrong in ``hold``, too, and is told there
                     self._disarm()
                 raise
 
@@ -265,13 +308,19 @@ class DynamixelWorld(HardwareWorld):
         self.bus.write_all(table.GOAL_CURRENT, self._current)
         self._everywhere(table.POSITION_P_GAIN, self.calibration.p_gain)
         self._everywhere(table.PROFILE_ACCELERATION, 0)
-        self._everywhere(table.PROFILE_VELOCITY, int(self.capabilities.velocity_rad_s[0] / table.RAD_S))
+        self._everywhere(
+            table.PROFILE_VELOCITY, int(self.capabilities.velocity_rad_s[0] / table.RAD_S)
+        )
         state = self._measured(self._watched())
         self._check_angles(state.angles_rad)
         self._send(state.angles_rad)
-        self._everywhere(table.BUS_WATCHDOG, units)  # before the torque: a host that dies here leaves none without
+        self._everywhere(
+            table.BUS_WATCHDOG, units
+        )  # before the torque: a host that dies here leaves none without
         rows = self._watched()
-        self.bus.refuse(rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another")
+        self.bus.refuse(
+            rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another"
+        )
         self._driven = True
         self._everywhere(table.TORQUE_ENABLE, 1)
         self.armed = True
@@ -279,7 +328,8 @@ class DynamixelWorld(HardwareWorld):
         self.latch.check()
 
     def _disarm(self) -> None:
-        """Torque off after an arming that was interrupted; a robot that was held before goes on holding."""
+        """Torque off after an arming that was interrupted; a robot that was held before goes on
+        holding."""
         if self._found is None or not self._found.all():
             self.relax()
             return
@@ -291,7 +341,9 @@ class DynamixelWorld(HardwareWorld):
 
     def _check_angles(self, angles: Array) -> None:
         can = self.capabilities
-        for index in np.flatnonzero((angles < can.lower_rad - SLACK_RAD) | (angles > can.upper_rad + SLACK_RAD)):
+        for index in np.flatnonzero(
+            (angles < can.lower_rad - SLACK_RAD) | (angles > can.upper_rad + SLACK_RAD)
+        ):
             raise InvalidInput(
                 f"{self.bus.label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
                 f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: is its calibration right?"
@@ -311,13 +363,17 @@ class DynamixelWorld(HardwareWorld):
         self._sent = self._turning.angles(ticks)
 
     def _watched(self) -> NDArray[np.uint8]:
-        """Bytes that are read in every period, shape (J, 15), after a look at what the servos say of themselves.
+        """Bytes that are read in every period, shape (J, 15), after a look at what the servos say
+        of themselves.
 
-        A measurement that cannot be true is asked for once more, after a pause. Raises HardwareFault.
+        A measurement that cannot be true is asked for once more, after a pause. Raises
+        HardwareFault.
         """
         before = self.bus.retried
         rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
-        once = self.bus.retried == before  # no question is open whose answer may have been taken for this one
+        once = (
+            self.bus.retried == before
+        )  # no question is open whose answer may have been taken for this one
         if (doubt := self._doubt(rows, calm=once)).why:
             self.bus.retried += 1
             self.bus.calm(CALM_S if doubt.late else 1e-3 * self.bus.latency_ms)
@@ -328,16 +384,22 @@ class DynamixelWorld(HardwareWorld):
                     self.bus.refuse(torque[:, 0] == 0, OFF)
                 raise HardwareFault(why)
         for index in np.flatnonzero(rows[:, 1]):
-            raise HardwareFault(f"{self.bus.label(int(index))}: {table.hardware_errors(int(rows[index, 1]))}")
+            raise HardwareFault(
+                f"{self.bus.label(int(index))}: {table.hardware_errors(int(rows[index, 1]))}"
+            )
         if self.armed:
-            self.bus.refuse(rows[:, 2] == table.TRIPPED, "its bus watchdog stopped it: the host was silent")
+            self.bus.refuse(
+                rows[:, 2] == table.TRIPPED, "its bus watchdog stopped it: the host was silent"
+            )
             self.bus.refuse(rows[:, 0] == 0, OFF)
         return rows
 
     def _doubt(self, rows: NDArray[np.uint8], *, calm: bool = False) -> Doubt:
         """Doubt whether these bytes can be true, as ``MeasurementJudge.doubt``."""
         position, velocity = signed(rows[:, 9:13]), signed(rows[:, 5:9])
-        return self._judge.doubt(time.monotonic(), position, velocity, unsigned(rows[:, 13:15]), calm=calm)
+        return self._judge.doubt(
+            time.monotonic(), position, velocity, unsigned(rows[:, 13:15]), calm=calm
+        )
 
     def _measured(self, rows: NDArray[np.uint8]) -> State:
         current, rate = signed(rows[:, 3:5]), signed(rows[:, 5:9])

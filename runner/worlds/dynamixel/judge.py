@@ -1,7 +1,7 @@
 """Judge of measurements of servos: no joint jumps, no value is old, no servo's clock stands still.
 
-A CRC says that an answer arrived as it was sent, not that it is right. Two servos with one id, an answer to an earlier
-question, and a servo whose values are stuck send sound packets, too.
+A CRC says that an answer arrived as it was sent, not that it is right. Two servos with one id, an
+answer to an earlier question, and a servo whose values are stuck send sound packets, too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ WRAP_MS = 32768
 
 
 class Doubt(NamedTuple):
-    """Reason why a measurement cannot be true, empty where it is believed; late: it may be an answer that came late."""
+    """Reason why a measurement cannot be true, empty where it is believed; late: it may be an
+    answer that came late."""
 
     why: str
     late: bool = False
@@ -54,7 +55,8 @@ class MeasurementJudge:
         self._ticking, self._same = np.zeros(count, bool), np.zeros(count, int)
 
     def clocks(self, before: NDArray[np.int64], after: NDArray[np.int64]) -> str:
-        """Find whose Realtime Tick runs, from two readings [ms], shape (S,) each; why a servo is doubted, or "".
+        """Find whose Realtime Tick runs, from two readings [ms], shape (S,) each; why a servo is
+        doubted, or "".
 
         Servos none of which has a running clock are not judged by it.
         """
@@ -76,8 +78,9 @@ class MeasurementJudge:
         """Doubt whether a measurement can be true and is young enough; one that is believed is kept
         to judge the next by.
 
-        now_s: when it arrived, monotonic. position [ticks], velocity, tick_ms: as the servos report them, shape (S,).
-        calm: the bus was quiet before it was asked for, so that no late answer can have been taken for this one.
+        now_s: when it arrived, monotonic. position [ticks], velocity, tick_ms: as the servos report
+        them, shape (S,). calm: the bus was quiet before it was asked for, so that no late answer
+        can have been taken for this one.
         """
         fastest = np.abs(velocity) * RAD_S > 2.0 * self._fastest + 1.0
         for index in np.flatnonzero(fastest):

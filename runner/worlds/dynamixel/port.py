@@ -1,4 +1,5 @@
-"""The serial port of ``dynamixel-sdk``, for one owner, on a clock that nobody sets. Imported where a bus is opened."""
+"""The serial port of ``dynamixel-sdk``, for one owner, on a clock that nobody sets. Imported where
+a bus is opened."""
 
 from __future__ import annotations
 
@@ -22,10 +23,12 @@ RESTLESS = 8
 
 
 class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
-    """A port as the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the monotonic clock.
+    """A port as the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the
+    monotonic clock.
 
-    latency_ms: how long beyond the bytes' own time an answer may take. latch: gate of every write, refused with Stopped
-    after a stop; None for what moves nothing. echo: whether the adapter sends back what it is sent, which is swallowed.
+    latency_ms: how long beyond the bytes' own time an answer may take. latch: gate of every write,
+    refused with Stopped after a stop; None for what moves nothing. echo: whether the adapter sends
+    back what it is sent, which is swallowed.
     """
 
     latency_ms = LATENCY_MS
@@ -62,12 +65,13 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         return written
 
     def readPort(self, length: int) -> bytes:
-        """Bytes that have come, up to so many; none of a flood, from which the SDK would read for ever."""
+        """Bytes that have come, up to so many; none of a flood, from which the SDK would read for
+        ever."""
         if self._come > self._expected + FLOOD_BYTES:
             return b""
-        found = bytes(super().readPort(length))
-        self._come += len(found)
-        return found
+        data = bytes(super().readPort(length))
+        self._come += len(data)
+        return data
 
     def getCurrentTime(self) -> float:
         """Milliseconds; the SDK takes the wall clock, which jumps."""
@@ -92,7 +96,8 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         return self._come > self._expected + FLOOD_BYTES or not self.ser.in_waiting
 
     def settle(self, quiet_ms: float | None = None) -> bool:
-        """Wait until nothing has come for so long, or ``latency_ms``: a late answer must not be taken for the next.
+        """Wait until nothing has come for so long, or ``latency_ms``: a late answer must not be
+        taken for the next.
 
         Returns whether the bus became quiet.
         """

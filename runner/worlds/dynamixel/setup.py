@@ -1,4 +1,5 @@
-"""Servos as the driver relies on them: checked before anything is sent, and set up while their torque is off."""
+"""Servos as the driver relies on them: checked before anything is sent, and set up while their
+torque is off."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ ROUNDS = 3
 def check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     """All are there, of this model, with a bus watchdog; the bus reads fast if all can.
 
-    Servos are told to answer reads and writes (Status Return Level 2), before anything is read. Raises HardwareFault
-    for silent servos and a bus that cannot be talked to, InvalidInput for other models and old firmware.
+    Servos are told to answer reads and writes (Status Return Level 2), before anything is read.
+    Raises HardwareFault for silent servos and a bus that cannot be talked to, InvalidInput for
+    other models and old firmware.
     """
     if not bus.listen():
         raise HardwareFault(f"port {bus.port}: {BABBLE}")
@@ -32,23 +34,35 @@ def check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     silent = [i for i, number in enumerate(numbers) if number is None]
     if silent:
         unanswered(bus, silent)
-    others = [f"{bus.label(i)} is model {number}" for i, number in enumerate(numbers) if number != model.number]
+    others = [
+        f"{bus.label(i)} is model {number}"
+        for i, number in enumerate(numbers)
+        if number != model.number
+    ]
     if others:
-        raise InvalidInput(f"port {bus.port}: expected servos {model.name} (model {model.number}): {listed(others)}")
+        raise InvalidInput(
+            f"port {bus.port}: expected servos {model.name} (model {model.number}): {listed(others)}"
+        )
     bus.fast = False
     bus.write_all(table.STATUS_RETURN, np.full(count, 2))
     firmware = bus.read_all(table.FIRMWARE.address, 1)[:, 0]
-    old = [f"{bus.label(int(i))} has {firmware[i]}" for i in np.flatnonzero(firmware < table.WATCHDOG_FIRMWARE)]
+    old = [
+        f"{bus.label(int(i))} has {firmware[i]}"
+        for i in np.flatnonzero(firmware < table.WATCHDOG_FIRMWARE)
+    ]
     if old:
-        raise InvalidInput(f"expected firmware {table.WATCHDOG_FIRMWARE} or newer, for its watchdog: {listed(old)}")
+        raise InvalidInput(
+            f"expected firmware {table.WATCHDOG_FIRMWARE} or newer, for its watchdog: {listed(old)}"
+        )
     bus.fast = bool((firmware >= table.FAST_FIRMWARE).all())
 
 
 def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
-    """Bring what the driver relies on into every servo; the EEPROM is written only where it differs.
+    """Bring what the driver relies on into every servo; the EEPROM is written only where it
+    differs.
 
-    current: Current Limit, in its units, shape (S,). Raises InvalidInput for a setting that differs on a servo whose
-    torque is on, HardwareFault for whatever a servo refuses.
+    current: Current Limit, in its units, shape (S,). Raises InvalidInput for a setting that differs
+    on a servo whose torque is on, HardwareFault for whatever a servo refuses.
     """
     count = len(bus.ids)
     free = bus.read_all(table.TORQUE_ENABLE.address, 1)[:, 0] == 0
@@ -67,11 +81,13 @@ def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
         bus.refuse((found != rows).any(axis=1), "did not take its indirect addresses")
 
 
-def _settle(bus: ServoBus, register: table.Register, wanted: NDArray[np.int64], free: NDArray[np.bool_]) -> None:
+def _settle(
+    bus: ServoBus, register: table.Register, wanted: NDArray[np.int64], free: NDArray[np.bool_]
+) -> None:
     """Write a field where it differs, and see that it was taken.
 
-    Looked at by a reading of all servos, whose length says that it is no late answer to something else; the SDK takes
-    any answer of a servo for that to its last question.
+    Looked at by a reading of all servos, whose length says that it is no late answer to something
+    else; the SDK takes any answer of a servo for that to its last question.
     """
     for _ in range(ROUNDS):
         found = unsigned(bus.read_all(register.address, register.size))
@@ -85,4 +101,7 @@ def _settle(bus: ServoBus, register: table.Register, wanted: NDArray[np.int64], 
                     "written while the torque is on: relax the robot first"
                 )
             bus.write(index, register, int(wanted[index]))
-    bus.refuse(unsigned(bus.read_all(register.address, register.size)) != wanted, f"did not keep its {register.name}")
+    bus.refuse(
+        unsigned(bus.read_all(register.address, register.size)) != wanted,
+        f"did not keep its {register.name}",
+    )

@@ -1,7 +1,8 @@
-"""One connection to a rosbridge (``roslibpy``): what is said over it, and what is wrong with what comes back.
+"""One connection to a rosbridge (``roslibpy``): what is said over it, and what is wrong with what
+comes back.
 
-A connection that is lost stays lost. roslibpy would connect again by itself and then send what had been waiting, which
-for targets of a robot is the last thing wanted. What it cannot read is a fault.
+A connection that is lost stays lost. roslibpy would connect again by itself and then send what had
+been waiting, which for targets of a robot is the last thing wanted. What it cannot read is a fault.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def roslibpy() -> Any:
     try:
         import roslibpy as module
     except ImportError:
-        raise InvalidInput("world: expected roslibpy, it is not installed: pip install 'stancekit[ros]'") from None
+        raise InvalidInput(
+            "world: expected roslibpy, it is not installed: pip install 'stancekit[ros]'"
+        ) from None
     return module
 
 
@@ -43,11 +46,14 @@ class RosLink:
         self.ros: Any = None
 
     def open(self) -> None:
-        """Connect. Raises InvalidInput where nobody answers, or somebody who does not speak WebSocket."""
+        """Connect. Raises InvalidInput where nobody answers, or somebody who does not speak
+        WebSocket."""
         try:
             socket.create_connection(self._address, timeout=self.timeout_s).close()
         except OSError as error:
-            raise InvalidInput(f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}") from None
+            raise InvalidInput(
+                f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}"
+            ) from None
         for name in ("roslibpy", "autobahn"):
             logging.getLogger(name).addHandler(SILENT)
         from .connection import Connection
@@ -76,7 +82,8 @@ class RosLink:
         return self.ros is not None and not self._lost.is_set() and bool(self.ros.is_connected)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
-        """Call back for every message. A callback that refuses one with InvalidInput makes it a trouble."""
+        """Call back for every message. A callback that refuses one with InvalidInput makes it a
+        trouble."""
 
         def on_message(message: Message) -> None:
             try:
@@ -84,16 +91,20 @@ class RosLink:
             except InvalidInput as error:
                 self.complain(f"{topic}: {error}")
 
-        self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_length=1, reconnect_on_close=False)
+        self._topics[topic] = self._module.Topic(
+            self.ros, topic, kind, queue_length=1, reconnect_on_close=False
+        )
         self._topics[topic].subscribe(on_message)
 
     def publish(self, topic: str, kind: str, message: Message) -> None:
-        """Send a message; nothing is sent, and nothing kept for later, where the connection is lost."""
+        """Send a message; nothing is sent, and nothing kept for later, where the connection is
+        lost."""
         if self.alive:
             self._publisher(topic, kind).publish(message)
 
     def advertise(self, topic: str, kind: str) -> None:
-        """Say that something will be published: what follows at once waits for subscribers, or is lost on them."""
+        """Say that something will be published: what follows at once waits for subscribers, or is
+        lost on them."""
         self._publisher(topic, kind).advertise()
 
     def unadvertise(self, topic: str) -> None:
@@ -103,14 +114,17 @@ class RosLink:
 
     def _publisher(self, topic: str, kind: str) -> Any:
         if topic not in self._topics:
-            self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
+            self._topics[topic] = self._module.Topic(
+                self.ros, topic, kind, queue_size=1, reconnect_on_close=False
+            )
         return self._topics[topic]
 
     def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
-        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and HardwareFault in time.
+        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and
+        HardwareFault in time.
 
-        roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked there, at the last
-        moment, and held until that turn is over.
+        roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked
+        there, at the last moment, and held until that turn is over.
         """
 
         given_up = threading.Event()
@@ -128,7 +142,9 @@ class RosLink:
             return future.result(self.timeout_s)
         except TimeoutError:
             given_up.set()  # or it would be sent whenever that thread goes on
-            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self.timeout_s:g} s") from None
+            raise HardwareFault(
+                f"rosbridge {self.url}: nothing could be sent for {self.timeout_s:g} s"
+            ) from None
 
     def send(self, message: Message) -> None:
         """Send an operation as it is; nothing where the connection is lost."""
@@ -136,18 +152,25 @@ class RosLink:
             self.ros.send_on_ready(self._module.Message(message))
 
     def call(self, service: str, kind: str, request: Message) -> Message:
-        """Call a service and wait. Raises InvalidInput where it refuses or does not answer in time."""
+        """Call a service and wait. Raises InvalidInput where it refuses or does not answer in
+        time."""
         client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
         try:
             return dict(client.call(self._module.ServiceRequest(request), timeout=self.timeout_s))
         except Exception as error:  # roslibpy raises its own, and what the service said
             raise InvalidInput(f"{service}: expected an answer, got {error!s:.80}") from None
 
-    def ask(self, service: str, kind: str, request: Message, callback: Callable[[Message], None]) -> None:
+    def ask(
+        self, service: str, kind: str, request: Message, callback: Callable[[Message], None]
+    ) -> None:
         """Call a service and wait for nothing. callback: gets the answer, if one comes."""
         if self.alive:
             client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
-            client.call(self._module.ServiceRequest(request), lambda answer: callback(dict(answer)), lambda _: None)
+            client.call(
+                self._module.ServiceRequest(request),
+                lambda answer: callback(dict(answer)),
+                lambda _: None,
+            )
 
     def answers(self, timeout_s: float) -> bool:
         """Tell whether a rosbridge has read all that was sent to it until now: it answers what is
@@ -155,7 +178,9 @@ class RosLink:
         done = threading.Event()
         if not self.alive:
             return False
-        client = self._module.Service(self.ros, "/rosapi/get_time", "rosapi/GetTime", reconnect_on_close=False)
+        client = self._module.Service(
+            self.ros, "/rosapi/get_time", "rosapi/GetTime", reconnect_on_close=False
+        )
         client.call(self._module.ServiceRequest({}), lambda _: done.set(), lambda _: done.set())
         return done.wait(timeout_s)
 

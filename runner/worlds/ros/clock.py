@@ -1,4 +1,5 @@
-"""The clock by which a robot stamps its messages, as it is seen from here: it need not agree with ours."""
+"""The clock by which a robot stamps its messages, as it is seen from here: it need not agree with
+ours."""
 
 from __future__ import annotations
 
@@ -13,11 +14,13 @@ KEPT = 100
 FEW = 5
 """Fewer messages say nothing of a clock."""
 DRIFT = 0.05
-"""A clock that goes so much faster or slower than ours is that of a simulation, and no time can be told by it."""
+"""A clock that goes so much faster or slower than ours is that of a simulation, and no time can be
+told by it."""
 
 
 class RobotClock:
-    """Stamps [s] of a publisher's messages against the times at which they came, ``time.monotonic``."""
+    """Stamps [s] of a publisher's messages against the times at which they came,
+    ``time.monotonic``."""
 
     def __init__(self) -> None:
         self._heard: deque[tuple[float, float]] = deque(maxlen=KEPT)  # arrival, and stamp
@@ -27,8 +30,8 @@ class RobotClock:
     def take(self, stamp_s: float | None, arrival_s: float) -> float:
         """Note a message; return when it was measured, by our clock [s].
 
-        The quickest of the messages counts as one that took no time. A message without a stamp, or of a clock that
-        goes at another speed than ours, counts as measured when it came.
+        The quickest of the messages counts as one that took no time. A message without a stamp, or
+        of a clock that goes at another speed than ours, counts as measured when it came.
         """
         with self._lock:
             self._arrivals.append(arrival_s)

@@ -1,6 +1,7 @@
 """roslibpy's connection, which tells its owner what it could not read or send.
 
-roslibpy itself only logs that, with one logger for all connections of a process: a record does not say whose it is.
+roslibpy itself only logs that, with one logger for all connections of a process: a record does not
+say whose it is.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ from roslibpy.comm import select_factory
 class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
     """A connection to a rosbridge, begun at once and never begun anew.
 
-    complain: told of a message that cannot be read, and of an error that the rosbridge reports; lose: told that
-    something could not be sent. Both are called in the thread that reads, or that sends.
+    complain: told of a message that cannot be read, and of an error that the rosbridge reports;
+    lose: told that something could not be sent. Both are called in the thread that reads, or that
+    sends.
     """
 
-    def __init__(self, host: str, port: int, complain: Callable[[str], None], lose: Callable[[], None]) -> None:
+    def __init__(
+        self, host: str, port: int, complain: Callable[[str], None], lose: Callable[[], None]
+    ) -> None:
         self._complain, self._lose = complain, lose
         super().__init__(host, port, transport="asyncio")
 
@@ -40,7 +44,9 @@ class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
                     super().on_message(payload)
                 except Exception as error:
                     what = " ".join(f"{type(error).__name__}: {error}".split())
-                    complain(f"expected a rosbridge message, got one that cannot be read ({what:.80})")
+                    complain(
+                        f"expected a rosbridge message, got one that cannot be read ({what:.80})"
+                    )
 
             def send_message(self, payload: bytes) -> None:
                 """Have a message sent by the thread that reads."""
@@ -58,8 +64,8 @@ class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
 
             def _reported(self, message: Any) -> None:
                 if message.get("level", "error") == "error":
-                    said = " ".join(str(message.get("msg", "")).split())
-                    complain(f"it reported an error of its own: {said:.80}")
+                    text = " ".join(str(message.get("msg", "")).split())
+                    complain(f"it reported an error of its own: {text:.80}")
 
         self.factory.protocol, self.factory.maxRetries = Protocol, 0
         super().connect()

@@ -20,28 +20,35 @@ from .joint_states import JointStates
 from .setup import Mapping
 
 REMEMBERED_S, REMEMBERED = 1.0, 25
-"""Targets that a controller may still be on its way from: those of the last second, and at least so many."""
+"""Targets that a controller may still be on its way from: those of the last second, and at least so
+many."""
 FOREIGN_RAD, FOREIGN = 0.05, 3
-"""A controller that wants a joint so far from all of them, so many times in a row, follows somebody else."""
+"""A controller that wants a joint so far from all of them, so many times in a row, follows somebody
+else."""
 APART_RAD, APART_S, APART = 0.05, 0.1, 5
-"""Two measurements of a joint may differ by so much, and by what it turns in this time; not so often."""
+"""Two measurements of a joint may differ by so much, and by what it turns in this time; not so
+often."""
 FORGIVEN = 0.2
 """One that does not differ makes up for so many that do: every other one may be nonsense."""
 BUSY_RAD_S = 0.02
 HEARD_RAD = 3e-7
-"""A controller that wants the joints so near to where they were sent has taken that, by single precision, too."""
+"""A controller that wants the joints so near to where they were sent has taken that, by single
+precision, too."""
 SLOW_S = 0.25
 """A command that was not late and is not acted on so long after it should be was lost."""
 
 
 class ControllerState:
-    """The newest state of a controller, in the robot's order of joints and as ROS counts; written by one thread.
+    """The newest state of a controller, in the robot's order of joints and as ROS counts; written
+    by one thread.
 
-    names: its joints, empty before the first message. clock: the one that it judges commands by. late_s: after which a
-    command that was sent is acted on, or never.
+    names: its joints, empty before the first message. clock: the one that it judges commands by.
+    late_s: after which a command that was sent is acted on, or never.
     """
 
-    def __init__(self, mapping: Mapping, joints: Sequence[str], states: JointStates, late_s: float = 0.26) -> None:
+    def __init__(
+        self, mapping: Mapping, joints: Sequence[str], states: JointStates, late_s: float = 0.26
+    ) -> None:
         self.names: tuple[str, ...] = ()
         self.clock = RobotClock()
         self._mapping, self._joints, self._states = mapping, tuple(joints), states
@@ -56,7 +63,8 @@ class ControllerState:
         self._differ = np.zeros((2, len(joints)))
 
     def take(self, message: Any) -> None:
-        """A control_msgs/JointTrajectoryControllerState of any version. Raises InvalidInput for nonsense."""
+        """A control_msgs/JointTrajectoryControllerState of any version. Raises InvalidInput for
+        nonsense."""
         names = message.get("joint_names") if isinstance(message, dict) else None
         if not isinstance(names, list):
             raise InvalidInput(f"expected joint_names to be a list, got {shown(names, 40)}")
@@ -73,7 +81,11 @@ class ControllerState:
             self._wanted = np.abs(np.nan_to_num(desired[1]))
             self._foreign = np.where(self._beside(self._sent), self._foreign + 1.0, 0.0)
             lately = [each for each in self._sent if heard_s - self._late_s < each[0] <= heard_s]
-            self._unheard = np.where(self._beside(lately), self._unheard + 1.0, 0.0) if rests else self._unheard * 0.0
+            self._unheard = (
+                np.where(self._beside(lately), self._unheard + 1.0, 0.0)
+                if rests
+                else self._unheard * 0.0
+            )
             self._compare(heard_s)
 
     def heard_s(self) -> float:
@@ -93,7 +105,8 @@ class ControllerState:
             return None if self._desired is None else _same(self._desired, positions)
 
     def sent(self, positions: Array) -> None:
-        """Note a target that is sent, shape (J,) as ROS counts; the first one is gone to from where it is now."""
+        """Note a target that is sent, shape (J,) as ROS counts; the first one is gone to from where
+        it is now."""
         now = time.monotonic()
         with self._lock:
             if not self._sent and self._desired is not None:
@@ -120,15 +133,16 @@ class ControllerState:
                 )
             if self._apart.max() >= APART:
                 index = int(np.argmax(self._apart))
-                told, measured = self._differ[:, index]
+                wanted, measured = self._differ[:, index]
                 return (
-                    f"{self._joints[index]}: joint states say {told:.3f} rad, while its controller measures "
+                    f"{self._joints[index]}: joint states say {wanted:.3f} rad, while its controller measures "
                     f"{measured:.3f}: two publishers?"
                 )
         return None
 
     def busy(self) -> str | None:
-        """Why nobody should send it anything now: it moves joints already. None where it does not."""
+        """Why nobody should send it anything now: it moves joints already. None where it does
+        not."""
         with self._lock:
             index = int(np.argmax(self._wanted))
             if self._wanted[index] <= BUSY_RAD_S:
@@ -148,22 +162,23 @@ class ControllerState:
         """Hold its measurement against what joint states say."""
         if self._actual is None:
             return
-        told, rates, seen_s = self._states.as_told()
+        wanted, rates, seen_s = self._states.as_told()
         speed = np.nan_to_num(np.maximum(np.abs(rates), self._speed), nan=np.inf)
         between_s = np.where(np.isfinite(seen_s), np.abs(heard_s - seen_s), np.inf)
         with np.errstate(invalid="ignore"):
             allowed = np.nan_to_num(APART_RAD + (APART_S + between_s) * speed, nan=APART_RAD)
-        off = np.abs(told - self._actual) > allowed
+        off = np.abs(wanted - self._actual) > allowed
         off &= np.isfinite(seen_s)
         worse = off & (self._apart + 1.0 >= APART)
-        self._differ[:, worse] = np.stack([told, self._actual])[:, worse]
+        self._differ[:, worse] = np.stack([wanted, self._actual])[:, worse]
         self._apart = np.where(off, self._apart + 1.0, np.maximum(self._apart - FORGIVEN, 0.0))
 
 
 def _point(
     message: Any, names: list[str], mapping: Mapping, *keys: str
 ) -> tuple[Array | None, Array]:
-    """Positions and velocities of one of these points in the robot's order; None, and NaN, where it has none."""
+    """Positions and velocities of one of these points in the robot's order; None, and NaN, where it
+    has none."""
     unknown = np.full(len(mapping.names), np.nan)
     point: dict[str, Any] = next(
         (message[key] for key in keys if isinstance(message.get(key), dict)), {}
@@ -172,13 +187,13 @@ def _point(
     if sorted(names) != sorted(mapping.names):
         return None, unknown
     order = [names.index(name) for name in mapping.names]
-    found = [
+    result = [
         np.array([_finite(values[k]) for k in order])
         if isinstance(values, list) and len(values) == len(names)
         else unknown
         for values in rows
     ]
-    return (found[0] if np.isfinite(found[0]).all() else None), found[1]
+    return (result[0] if np.isfinite(result[0]).all() else None), result[1]
 
 
 def _same(one: Array | None, other: Array | None) -> bool:

@@ -1,4 +1,5 @@
-"""An emergency stop on a topic of std_msgs/Bool: heard, and before a robot is armed known to be heard."""
+"""An emergency stop on a topic of std_msgs/Bool: heard, and before a robot is armed known to be
+heard."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from .graph import RosGraph
 BOOL = "std_msgs/Bool"
 LISTEN_S = 3.0
 TRY_S, RELEASED_S = 60.0, 5.0
-"""So long is waited for somebody to press it; one that was not heard of for RELEASED_S since is released."""
+"""So long is waited for somebody to press it; one that was not heard of for RELEASED_S since is
+released."""
 ASK_S = 1.0
 """So often its publishers are asked for while the robot moves."""
 MISSED, REGULAR, QUIET_S = 5.0, 5, 1.0
@@ -25,7 +27,8 @@ POLL_S = 0.01
 
 
 class Estop:
-    """An e-stop on a topic; ``subscribe`` first. pressed: whether it was; letting go of it changes nothing."""
+    """An e-stop on a topic; ``subscribe`` first. pressed: whether it was; letting go of it changes
+    nothing."""
 
     def __init__(self, link: RosLink, topic: str) -> None:
         self.topic, self.pressed = topic, False
@@ -41,7 +44,8 @@ class Estop:
         self._link.subscribe(self.topic, kind, self._take)
 
     def confirm(self, how: EstopCheck) -> str:
-        """See that it would be heard; what is known of it. Raises InvalidInput where that is too little."""
+        """See that it would be heard; what is known of it. Raises InvalidInput where that is too
+        little."""
         if self.pressed:
             raise InvalidInput(f"e-stop pressed on {self.topic}")
         if how == "without":
@@ -100,19 +104,17 @@ class Estop:
     def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
         """Fault of a missing e-stop, and what can be done."""
         there = self._graph.topics_of(BOOL)
-        found = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
+        hint = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
         if publishers and kind:
-            return f"expected {BOOL}, it is {kind}{found}"
+            return f"expected {BOOL}, it is {kind}{hint}"
         why = (
             "nobody publishes it"
             if publishers == []
             else "nothing heard, and no rosapi to ask who publishes it"
         )
         others = [each for each in there or [] if each != self.topic]
-        found = f"; topics of {BOOL}: {', '.join(sorted(others)[:5])}" if others else ""
-        return (
-            f"{why}{found}; press and release it with --try-estop, or do without: --without-estop"
-        )
+        hint = f"; topics of {BOOL}: {', '.join(sorted(others)[:5])}" if others else ""
+        return f"{why}{hint}; press and release it with --try-estop, or do without: --without-estop"
 
     def _take(self, message: Any) -> None:
         pressed = message.get("data") if isinstance(message, dict) else None

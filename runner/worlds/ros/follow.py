@@ -21,7 +21,8 @@ PROBE_S = 3.0
 TRIES = 3
 """So often it is sent before a robot is refused that acts on none."""
 ACTIVE_S = 0.3
-"""So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some controllers do not send."""
+"""So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some
+controllers do not send."""
 AGAIN_S = 0.1
 """A cancel may be lost: it is sent again so often until the goal has ended."""
 REPLACED_S = 0.5
@@ -43,11 +44,15 @@ class Follower:
         """Let the goal that is on its way be cancelled, and send none until ``ready``."""
         self._stop.set()
 
-    def follow(self, first_rad: Array, times_s: Array, angles_rad: Array, on_feedback: Callable[[], None]) -> None:
-        """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape (J,).
+    def follow(
+        self, first_rad: Array, times_s: Array, angles_rad: Array, on_feedback: Callable[[], None]
+    ) -> None:
+        """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape
+        (J,).
 
-        on_feedback: called after feedback. Raises InvalidInput where the robot does not cancel goals, HardwareFault
-        for one that did not succeed, after cancelling it; Stopped after a stop, before it was sent.
+        on_feedback: called after feedback. Raises InvalidInput where the robot does not cancel
+        goals, HardwareFault for one that did not succeed, after cancelling it; Stopped after a
+        stop, before it was sent.
         """
         if not self._cancels:
             self._probe(first_rad)
@@ -73,13 +78,17 @@ class Follower:
             raise HardwareFault(f"trajectory: {goal.ended}")
 
     def _probe(self, first_rad: Array) -> None:
-        """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a goal is on its way.
+        """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a
+        goal is on its way.
 
-        In ROS 1 it is sent again where nothing comes of it: an action server that connects late hears no earlier one.
+        In ROS 1 it is sent again where nothing comes of it: an action server that connects late
+        hears no earlier one.
         """
         setup = self._robot.setup
         for _ in range(TRIES if setup.ros == 1 else 1):
-            goal = self._send(np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad))))
+            goal = self._send(
+                np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad)))
+            )
             if goal.active.wait(setup.timeout_s if setup.ros == 1 else ACTIVE_S):
                 break
             goal.cancel(self._robot.link)
@@ -87,10 +96,18 @@ class Follower:
         self._cancel(goal, self._robot.link)
         took = time.monotonic() - begin
         if (goal.ended or "").startswith("rejected"):
-            raise InvalidInput(f"{self._robot.setup.controller}: a goal that holds the measured pose was {goal.ended}")
+            raise InvalidInput(
+                f"{self._robot.setup.controller}: a goal that holds the measured pose was {goal.ended}"
+            )
         if not goal.done.is_set() or took > 0.5 * PROBE_S:
-            hint = ": start the rosbridge with send_action_goals_in_new_thread:=true" if setup.ros == 2 else ""
-            raise InvalidInput(f"rosbridge {setup.url}: expected a cancelled goal to end at once, it did not{hint}")
+            hint = (
+                ": start the rosbridge with send_action_goals_in_new_thread:=true"
+                if setup.ros == 2
+                else ""
+            )
+            raise InvalidInput(
+                f"rosbridge {setup.url}: expected a cancelled goal to end at once, it did not{hint}"
+            )
         self._cancels = True
 
     def _send(self, times_s: Array, angles_rad: Array, rates: Array) -> Goal:
@@ -106,7 +123,9 @@ class Follower:
             else:
                 self._fed.set()
 
-        goal = follow_goal(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
+        goal = follow_goal(
+            path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros
+        )
         goals = robot.goals
         return robot.link.through(robot.latch, lambda: goals.send(goal, fed))
 
@@ -115,7 +134,9 @@ class Follower:
         setup = self._robot.setup
         if self._robot.link.alive:
             self._cancel(goal, self._robot.link)
-            return "it is cancelled" if goal.done.is_set() else "the robot did not confirm the cancel"
+            return (
+                "it is cancelled" if goal.done.is_set() else "the robot did not confirm the cancel"
+            )
         again = RosLink(setup.host, setup.port, min(setup.timeout_s, 1.0))
         try:
             again.open()
@@ -131,7 +152,8 @@ class Follower:
         return "a cancel was sent over a new connection"
 
     def _cancel(self, goal: Goal, link: RosLink) -> None:
-        """Cancel once it is active, and again until it has ended; one that does not is replaced, where that can be."""
+        """Cancel once it is active, and again until it has ended; one that does not is replaced,
+        where that can be."""
         begin = time.monotonic()
         end = begin + self._robot.setup.timeout_s
         while not goal.done.is_set() and time.monotonic() < end and link.alive:

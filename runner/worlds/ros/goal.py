@@ -1,4 +1,5 @@
-"""Goals of FollowJointTrajectory over a rosbridge: actions of its protocol for ROS 2, actionlib's topics for ROS 1."""
+"""Goals of FollowJointTrajectory over a rosbridge: actions of its protocol for ROS 2, actionlib's
+topics for ROS 1."""
 
 from __future__ import annotations
 
@@ -15,9 +16,12 @@ from stancekit.planners.files.arrays import Array
 from .bridge import Message, RosLink, roslibpy
 
 ERRORS = {
-    -1: "invalid goal", -2: "invalid joints", -3: "old header timestamp", -4: "path tolerance violated",
+    -1: "invalid goal",
+    -2: "invalid joints",
+    -3: "old header timestamp",
+    -4: "path tolerance violated",
     -5: "goal tolerance violated",
-}  # fmt: skip
+}
 """Error codes of a FollowJointTrajectory result."""
 ACTIVE = 1
 """actionlib's status of a goal that is acted on."""
@@ -26,8 +30,9 @@ ROS2_ENDS = {4: "succeeded", 5: "cancelled", 6: "aborted"}
 
 
 class Goal(ABC):
-    """One goal from its sending to its end. active: set once the robot acts on it, or it has ended: a cancel that comes
-    earlier may be lost. ended: how, None while it goes on; "succeeded" if it did."""
+    """One goal from its sending to its end. active: set once the robot acts on it, or it has ended:
+    a cancel that comes earlier may be lost. ended: how, None while it goes on; "succeeded" if it
+    did."""
 
     def __init__(self) -> None:
         self.done, self.active = threading.Event(), threading.Event()
@@ -44,7 +49,11 @@ class Goal(ABC):
             how = "aborted"
         why = ERRORS.get(code, "") if isinstance(code, int) else ""
         message = detail if isinstance(detail, str) else ""
-        self.ended = how if how == "succeeded" else ": ".join(part for part in (how, why, message[:100]) if part)
+        self.ended = (
+            how
+            if how == "succeeded"
+            else ": ".join(part for part in (how, why, message[:100]) if part)
+        )
         self.active.set()
         self.done.set()
 
@@ -56,12 +65,19 @@ class Goal(ABC):
 class Ros2Goal(Goal):
     """A goal of the operations ``send_action_goal`` and ``cancel_action_goal``."""
 
-    def __init__(self, link: RosLink, action: str, goal: Message, on_feedback: Callable[[Message], None]) -> None:
+    def __init__(
+        self, link: RosLink, action: str, goal: Message, on_feedback: Callable[[Message], None]
+    ) -> None:
         super().__init__()
         module = roslibpy()
-        self._client = module.ActionClient(link.ros, action, "control_msgs/action/FollowJointTrajectory")
+        self._client = module.ActionClient(
+            link.ros, action, "control_msgs/action/FollowJointTrajectory"
+        )
         self.id = self._client.send_goal(
-            module.Goal(goal), self._resulted, lambda message: self._fed(on_feedback, message), self._failed
+            module.Goal(goal),
+            self._resulted,
+            lambda message: self._fed(on_feedback, message),
+            self._failed,
         )
 
     def cancel(self, link: RosLink) -> None:
@@ -78,7 +94,8 @@ class Ros2Goal(Goal):
 
 
 class Ros1Goal(Goal):
-    """A goal of actionlib. It ends with its result and a final status: the result of a rejected goal looks like one."""
+    """A goal of actionlib. It ends with its result and a final status: the result of a rejected
+    goal looks like one."""
 
     def __init__(self, client: Any, goal: Message, on_feedback: Callable[[Message], None]) -> None:
         from roslibpy.ros1 import actionlib
@@ -95,7 +112,11 @@ class Ros1Goal(Goal):
     def cancel(self, link: RosLink) -> None:
         """Ask that it stop, on the action's topic."""
         topic = f"{self._goal.action_client.server_name}/cancel"
-        link.publish(topic, "actionlib_msgs/GoalID", {"stamp": {"secs": 0, "nsecs": 0}, "id": self._goal.goal_id})
+        link.publish(
+            topic,
+            "actionlib_msgs/GoalID",
+            {"stamp": {"secs": 0, "nsecs": 0}, "id": self._goal.goal_id},
+        )
 
     def _resulted(self, message: Any) -> None:
         self._result = dict(message)
@@ -125,7 +146,9 @@ class Goals:
             try:
                 self._client = actionlib.ActionClient(link.ros, self._action, kind)
             except roslibpy().core.RosTimeoutError:
-                raise InvalidInput(f"{self._action}: expected an action server, it publishes no status") from None
+                raise InvalidInput(
+                    f"{self._action}: expected an action server, it publishes no status"
+                ) from None
 
     def send(self, goal: Message, on_feedback: Callable[[Message], None]) -> Goal:
         """Send a goal. on_feedback: gets its feedback, in roslibpy's thread."""
@@ -135,7 +158,8 @@ class Goals:
 
 
 def ready_to_cancel(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
-    """Say that goals may be cancelled: in ROS 1 a cancel on a topic that was not advertised comes late, or never."""
+    """Say that goals may be cancelled: in ROS 1 a cancel on a topic that was not advertised comes
+    late, or never."""
     if ros == 1:
         link.advertise(f"{controller}/follow_joint_trajectory/cancel", "actionlib_msgs/GoalID")
 
@@ -143,11 +167,14 @@ def ready_to_cancel(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
 def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
     """Cancel every goal of a controller, whoever sent it. Raises InvalidInput where nobody answers.
 
-    In ROS 2 by the action's own service, which knows no connections: a rosbridge cancels only goals that came over it.
+    In ROS 2 by the action's own service, which knows no connections: a rosbridge cancels only goals
+    that came over it.
     """
     action = f"{controller}/follow_joint_trajectory"
     if ros == 1:
-        link.publish(f"{action}/cancel", "actionlib_msgs/GoalID", {"stamp": duration(0.0, 1), "id": ""})
+        link.publish(
+            f"{action}/cancel", "actionlib_msgs/GoalID", {"stamp": duration(0.0, 1), "id": ""}
+        )
         return
     everything = {"goal_info": {"goal_id": {"uuid": [0] * 16}, "stamp": duration(0.0, 2)}}
     link.call(f"{action}/_action/cancel_goal", "action_msgs/srv/CancelGoal", everything)
@@ -161,10 +188,12 @@ def trajectory(
     ros: Literal[1, 2],
     stamp_s: float = 0.0,
 ) -> Message:
-    """A JointTrajectory; shapes (T,), (T, J), (T, J). Without velocities the controller goes in straight lines.
+    """A JointTrajectory; shapes (T,), (T, J), (T, J). Without velocities the controller goes in
+    straight lines.
 
-    stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is dropped. A stamp of 0
-    is "from when it arrives". Where it is left out, a rosbridge writes its own clock's time into it.
+    stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
+    dropped. A stamp of 0 is "from when it arrives". Where it is left out, a rosbridge writes its
+    own clock's time into it.
     """
     points = [
         {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
@@ -176,22 +205,33 @@ def trajectory(
 
 
 def standstill(names: tuple[str, ...], ros: Literal[1, 2]) -> Message:
-    """A JointTrajectory without points, at which a controller of ROS 1 holds where it is, whatever it was doing."""
+    """A JointTrajectory without points, at which a controller of ROS 1 holds where it is, whatever
+    it was doing."""
     return trajectory(names, np.zeros(0), np.zeros((0, len(names))), None, ros)
 
 
 def follow_goal(
-    path: Message, names: tuple[str, ...], path_rad: float, goal_rad: float, goal_s: float, ros: Literal[1, 2]
+    path: Message,
+    names: tuple[str, ...],
+    path_rad: float,
+    goal_rad: float,
+    goal_s: float,
+    ros: Literal[1, 2],
 ) -> Message:
     """A goal of FollowJointTrajectory."""
 
     def tolerances(position: float) -> list[Message]:
-        return [{"name": name, "position": position, "velocity": 0.0, "acceleration": 0.0} for name in names]
+        return [
+            {"name": name, "position": position, "velocity": 0.0, "acceleration": 0.0}
+            for name in names
+        ]
 
     return {
-        "trajectory": path, "path_tolerance": tolerances(path_rad), "goal_tolerance": tolerances(goal_rad),
+        "trajectory": path,
+        "path_tolerance": tolerances(path_rad),
+        "goal_tolerance": tolerances(goal_rad),
         "goal_time_tolerance": duration(goal_s, ros),
-    }  # fmt: skip
+    }
 
 
 def duration(seconds: float, ros: Literal[1, 2]) -> Message:
@@ -201,7 +241,10 @@ def duration(seconds: float, ros: Literal[1, 2]) -> Message:
 
 
 def speeds(times_s: Array, angles_rad: Array, first_rad: Array) -> Array:
-    """Velocities at the points of a trajectory that begins and ends at rest, shape (T, J) [rad/s]."""
-    found = np.gradient(np.vstack([first_rad, angles_rad]), np.concatenate([[0.0], times_s]), axis=0)[1:]
-    found[-1] = 0.0
-    return np.asarray(found)
+    """Velocities at the points of a trajectory that begins and ends at rest, shape (T, J)
+    [rad/s]."""
+    result = np.gradient(
+        np.vstack([first_rad, angles_rad]), np.concatenate([[0.0], times_s]), axis=0
+    )[1:]
+    result[-1] = 0.0
+    return np.asarray(result)

@@ -15,7 +15,8 @@ TRIES = 2
 
 
 class RosGraph:
-    """Questions to ``/rosapi`` over a connection; a rosapi that is not there answers none of them."""
+    """Questions to ``/rosapi`` over a connection; a rosapi that is not there answers none of
+    them."""
 
     def __init__(self, link: RosLink) -> None:
         self._link, self._missing = link, False
@@ -26,8 +27,8 @@ class RosGraph:
 
     def type_of(self, topic: str) -> str | None:
         """Type of a topic's messages, as ROS 1 writes it; empty for a topic that is not there."""
-        found = self._ask("topic_type", "TopicType", {"topic": topic})
-        kind = None if found is None else found.get("type")
+        result = self._ask("topic_type", "TopicType", {"topic": topic})
+        kind = None if result is None else result.get("type")
         return kind.replace("/msg/", "/") if isinstance(kind, str) else None
 
     def topics_of(self, kind: str) -> list[str] | None:
@@ -35,12 +36,13 @@ class RosGraph:
         return _names(self._ask("topics_for_type", "TopicsForType", {"type": kind}), "topics")
 
     def watch_publishers(self, topic: str, heard: list[list[str]]) -> None:
-        """Ask who publishes a topic, and wait for no answer: it is appended to ``heard`` when it comes."""
+        """Ask who publishes a topic, and wait for no answer: it is appended to ``heard`` when it
+        comes."""
 
         def answered(message: Message) -> None:
-            found = _names(message, "publishers")
-            if found is not None:
-                heard.append(found)
+            names = _names(message, "publishers")
+            if names is not None:
+                heard.append(names)
 
         self._link.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic}, answered)
 

@@ -1,4 +1,5 @@
-"""The joints as ROS measures them: newest angles, rates and efforts, how old they are, and nonsense refused by name."""
+"""The joints as ROS measures them: newest angles, rates and efforts, how old they are, and nonsense
+refused by name."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from .setup import Mapping
 
 SLACK_RAD, SLACK = 0.05, 1.5
 STAMPED_S, UNSTAMPED_S = 0.02, 0.1
-"""A joint is believed to have turned by SLACK times its greatest velocity, for so much longer than is known, and by
-SLACK_RAD more; what is measured farther away is nonsense."""
+"""A joint is believed to have turned by SLACK times its greatest velocity, for so much longer than
+is known, and by SLACK_RAD more; what is measured farther away is nonsense."""
 LATE_S = 0.25
 """Two messages are taken to be measured no longer apart than this more than they came."""
 REST_RAD = 0.004
@@ -29,7 +30,8 @@ PUBLISHERS = 64
 
 
 class JointStates:
-    """The newest of every joint, put together from messages that may each speak of some; written by one thread.
+    """The newest of every joint, put together from messages that may each speak of some; written by
+    one thread.
 
     velocity_rad_s: the greatest that a joint can have, shape (J,).
     """
@@ -47,7 +49,8 @@ class JointStates:
         self.others: set[str] = set()
 
     def take(self, message: Any) -> None:
-        """A sensor_msgs/JointState. Raises InvalidInput for nonsense about one of the robot's joints.
+        """A sensor_msgs/JointState. Raises InvalidInput for nonsense about one of the robot's
+        joints.
 
         Nonsense is also an angle that its joint cannot have come to since it was measured last.
         """
@@ -97,7 +100,8 @@ class JointStates:
         return self._mapping.from_ros(table[0]), turned * table[1], turned * table[2]
 
     def as_told(self) -> tuple[Array, Array, Array]:
-        """Angles and rates as ROS counts, and when they were measured (-inf for never), each shape (J,)."""
+        """Angles and rates as ROS counts, and when they were measured (-inf for never), each shape
+        (J,)."""
         with self._lock:
             return self._table[0].copy(), self._table[1].copy(), self._seen_s.copy()
 
@@ -107,7 +111,8 @@ class JointStates:
             return np.asarray(time.monotonic() - self._seen_s)
 
     def period_s(self) -> float:
-        """Time between two measurements of the joint that is measured most rarely [s]; 0 before it is known."""
+        """Time between two measurements of the joint that is measured most rarely [s]; 0 before it
+        is known."""
         return max((clock.period_s() for clock in self._clocks.values()), default=0.0)
 
     def moved_s(self) -> float:
@@ -117,12 +122,19 @@ class JointStates:
     def silent(self, since_s: float) -> list[str]:
         """Joints that were not measured for so long, by both names where they differ."""
         pairs = zip(self._joints, self._mapping.names, self.age_s(), strict=True)
-        return [ours if ours == theirs else f"{ours} ({theirs})" for ours, theirs, age in pairs if age > since_s]
+        return [
+            ours if ours == theirs else f"{ours} ({theirs})"
+            for ours, theirs, age in pairs
+            if age > since_s
+        ]
 
-    def _check_jumps(self, positions: Array, indices: Array, times_s: tuple[float, float], slack_s: float) -> None:
+    def _check_jumps(
+        self, positions: Array, indices: Array, times_s: tuple[float, float], slack_s: float
+    ) -> None:
         """Raise InvalidInput for joints that are measured where they cannot have come to.
 
-        times_s: when they were measured, and when that was heard. slack_s: how wrong the former may be.
+        times_s: when they were measured, and when that was heard. slack_s: how wrong the former may
+        be.
         """
         measured_s, now_s = times_s
         before, seen_s = self._table[0, indices], self._seen_s[indices]

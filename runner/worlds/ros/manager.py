@@ -1,4 +1,5 @@
-"""The controller manager of ros_control: whether a controller runs, over which joints, and switching it on and off."""
+"""The controller manager of ros_control: whether a controller runs, over which joints, and
+switching it on and off."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ DEFAULT = "/controller_manager"
 
 @dataclass(frozen=True, kw_only=True)
 class Listed:
-    """A controller as its manager lists it. state: "running" or "active" where it is; joints: that it moves."""
+    """A controller as its manager lists it. state: "running" or "active" where it is; joints: that
+    it moves."""
 
     state: str
     joints: frozenset[str]
@@ -51,8 +53,8 @@ class ControllerManager:
         return None
 
     def switch(self, on: bool, sending: AbstractContextManager[None] | None = None) -> None:
-        """Switch the controller on or off, within ``sending``. Raises HardwareFault where that is refused, or nobody
-        is there to ask."""
+        """Switch the controller on or off, within ``sending``. Raises HardwareFault where that is
+        refused, or nobody is there to ask."""
         manager, ros = self._setup.controller_manager, self._setup.ros
         if manager is None:
             raise HardwareFault(
@@ -83,7 +85,7 @@ class ControllerManager:
 def _joints(controller: dict[str, Any]) -> frozenset[str]:
     """Joints among what it claims, of either version of ROS."""
     claimed = controller.get("claimed_resources") or []
-    found = {
+    names = {
         str(name)
         for each in claimed
         if isinstance(each, dict)
@@ -92,4 +94,4 @@ def _joints(controller: dict[str, Any]) -> frozenset[str]:
     interfaces = (
         controller.get("required_command_interfaces") or controller.get("claimed_interfaces") or []
     )
-    return frozenset(found | {str(each).rsplit("/", 1)[0] for each in interfaces})
+    return frozenset(names | {str(each).rsplit("/", 1)[0] for each in interfaces})

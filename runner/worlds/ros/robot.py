@@ -1,4 +1,5 @@
-"""A robot behind a rosbridge: its controller, what it says of its joints, its e-stop, and what is wrong with any."""
+"""A robot behind a rosbridge: its controller, what it says of its joints, its e-stop, and what is
+wrong with any."""
 
 from __future__ import annotations
 
@@ -27,11 +28,13 @@ POLL_S = 0.01
 LOOK_S = 0.5
 """So long is listened at least, for nonsense between what makes sense."""
 PATIENCE = 3.0
-"""A controller is waited for so many times as long where joint states are heard: its topic is subscribed to later."""
+"""A controller is waited for so many times as long where joint states are heard: its topic is
+subscribed to later."""
 FEW = 3
 """Joint states are late after so many of their periods, where that is more than ``stale_s``."""
 PERIODS = 2
-"""Nothing is sent while the newest joint states are older than so many periods, of theirs and of the commands."""
+"""Nothing is sent while the newest joint states are older than so many periods, of theirs and of
+the commands."""
 ANSWER_S = 0.1
 """So long a rosbridge may take to answer before it is asked again."""
 STILL_S, REST_S = 0.15, 1.0
@@ -42,21 +45,28 @@ FORGOTTEN_S = 10.5
 """A rosbridge goes on publishing what nobody advertises any more for 10 s."""
 NOTICED_RAD = 9e-7
 """A controller says that it wants a joint so far away, and no joint turns by so little."""
-JOINT_STATE, STATE = ("sensor_msgs", "JointState"), ("control_msgs", "JointTrajectoryControllerState")
+JOINT_STATE, STATE = (
+    ("sensor_msgs", "JointState"),
+    ("control_msgs", "JointTrajectoryControllerState"),
+)
 
 
 class RosRobot:
     """One connection to one robot. ``listen`` first; a robot that is lost stays lost. J joints.
 
-    velocity_rad_s: the greatest of the joints, shape (J,). latch: whatever moves it passes this. stopped: its
-    controller, which the manager can switch on, does not run. Raises InvalidInput for a setup that lacks joints, and
-    without roslibpy.
+    velocity_rad_s: the greatest of the joints, shape (J,). latch: whatever moves it passes this.
+    stopped: its controller, which the manager can switch on, does not run. Raises InvalidInput for
+    a setup that lacks joints, and without roslibpy.
     """
 
-    def __init__(self, setup: RosSetup, joints: Sequence[str], latch: StopLatch, velocity_rad_s: Array) -> None:
+    def __init__(
+        self, setup: RosSetup, joints: Sequence[str], latch: StopLatch, velocity_rad_s: Array
+    ) -> None:
         self.setup, self.mapping, self.latch = setup, Mapping(setup, joints), latch
         self.states = JointStates(self.mapping, joints, velocity_rad_s)
-        self.controller = ControllerState(self.mapping, joints, self.states, setup.lead_s + setup.stale_s)
+        self.controller = ControllerState(
+            self.mapping, joints, self.states, setup.lead_s + setup.stale_s
+        )
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
         self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
         self.manager = ControllerManager(self.link, setup)
@@ -73,7 +83,9 @@ class RosRobot:
         state = "controller_state" if setup.ros == 2 else "state"
         self.link.subscribe(f"{setup.controller}/{state}", self.kind(*STATE), self.controller.take)
         if setup.ros == 2:  # its name before Iron
-            self.link.subscribe(f"{setup.controller}/state", self.kind(*STATE), self.controller.take)
+            self.link.subscribe(
+                f"{setup.controller}/state", self.kind(*STATE), self.controller.take
+            )
         if self.estop is not None:
             self.estop.subscribe(self.kind("std_msgs", "Bool"))
         self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
@@ -87,10 +99,11 @@ class RosRobot:
         return self._goals
 
     def listen(self) -> None:
-        """Wait until the robot has spoken of all joints, and see that its controller means the same ones.
+        """Wait until the robot has spoken of all joints, and see that its controller means the same
+        ones.
 
-        A controller that its manager lists as stopped says nothing, and is asked for its joints there. Raises
-        InvalidInput for silence, nonsense, and joints that do not match.
+        A controller that its manager lists as stopped says nothing, and is asked for its joints
+        there. Raises InvalidInput for silence, nonsense, and joints that do not match.
         """
         setup = self.setup
         begin, late, missing = time.monotonic(), False, list(self._joints)
@@ -100,7 +113,12 @@ class RosRobot:
             spent_s, missing = time.monotonic() - begin, self.states.silent(self._stale_s())
             if not missing and self.controller.names and spent_s > LOOK_S:
                 break
-            if not missing and spent_s > 2.0 * LOOK_S and setup.controller_manager is not None and listed is None:
+            if (
+                not missing
+                and spent_s > 2.0 * LOOK_S
+                and setup.controller_manager is not None
+                and listed is None
+            ):
                 listed = self.manager.listed() or Listed(state="", joints=frozenset())
                 if listed.state and not listed.runs:
                     break
@@ -109,7 +127,12 @@ class RosRobot:
             raise InvalidInput(trouble)
         if late and missing:
             raise InvalidInput(f"rosbridge {setup.url}: {self._unheard_states(missing)}")
-        self.stopped = not self.controller.names and listed is not None and bool(listed.state) and not listed.runs
+        self.stopped = (
+            not self.controller.names
+            and listed is not None
+            and bool(listed.state)
+            and not listed.runs
+        )
         if self.stopped and listed is not None:
             self._check_names(listed.joints)
         elif not self.controller.names:
@@ -123,12 +146,14 @@ class RosRobot:
             raise InvalidInput(f"{self.setup.controller}: {busy}")
 
     def started(self) -> None:
-        """Wait for the controller that was switched on. Raises HardwareFault where it stays silent, or has others'
-        joints."""
+        """Wait for the controller that was switched on. Raises HardwareFault where it stays silent,
+        or has others' joints."""
         end = time.monotonic() + self.setup.timeout_s
         while not self.controller.names:
             if time.monotonic() > end:
-                raise HardwareFault(f"{self.setup.controller}: switched on, and nothing heard of it")
+                raise HardwareFault(
+                    f"{self.setup.controller}: switched on, and nothing heard of it"
+                )
             time.sleep(POLL_S)
         try:
             self._check_names(self.controller.names)
@@ -137,22 +162,23 @@ class RosRobot:
         self.stopped = False
 
     def confirm(self, how: EstopCheck) -> str:
-        """See that the e-stop would be heard; what is known of it, empty without one. Raises InvalidInput."""
+        """See that the e-stop would be heard; what is known of it, empty without one. Raises
+        InvalidInput."""
         return "" if self.estop is None else self.estop.confirm(how)
 
     def trouble(self, *, silence: bool = True) -> str | None:
         """Present fault, None if there is none. silence: joints that were not heard of lately are,
         and an e-stop."""
-        found = self.link.trouble()
-        if found is None and self.estop is not None and self.estop.pressed:
-            found = f"e-stop pressed on {self.estop.topic}"
-        if found is None and (why := self.controller.trouble()) is not None:
-            found = f"{self.setup.joint_states if 'publishers' in why else self.setup.controller}: {why}"
-        if found is None and silence and (late := self.states.silent(self._stale_s())):
-            found = f"{self.setup.joint_states}: {listed(late)}: nothing heard for {1e3 * self._stale_s():.0f} ms"
-        if found is None and silence and self.estop is not None:
-            found = self.estop.lost()
-        return found
+        result = self.link.trouble()
+        if result is None and self.estop is not None and self.estop.pressed:
+            result = f"e-stop pressed on {self.estop.topic}"
+        if result is None and (why := self.controller.trouble()) is not None:
+            result = f"{self.setup.joint_states if 'publishers' in why else self.setup.controller}: {why}"
+        if result is None and silence and (late := self.states.silent(self._stale_s())):
+            result = f"{self.setup.joint_states}: {listed(late)}: nothing heard for {1e3 * self._stale_s():.0f} ms"
+        if result is None and silence and self.estop is not None:
+            result = self.estop.lost()
+        return result
 
     def fresh(self, period_s: float) -> bool:
         """Tell whether the newest joint states are young enough to send something. period_s: of the
@@ -160,28 +186,39 @@ class RosRobot:
         return bool(self.states.age_s().max() <= PERIODS * max(self.states.period_s(), period_s))
 
     def wake(self, period_s: float) -> None:
-        """Wait for joint states that are fresh enough, before anything is sent. Raises InvalidInput for a trouble, and
-        where none come. period_s: of the commands."""
+        """Wait for joint states that are fresh enough, before anything is sent. Raises InvalidInput
+        for a trouble, and where none come. period_s: of the commands."""
         end = time.monotonic() + self.setup.timeout_s
-        while not self.fresh(period_s) and self.trouble(silence=False) is None and time.monotonic() < end:
+        while (
+            not self.fresh(period_s)
+            and self.trouble(silence=False) is None
+            and time.monotonic() < end
+        ):
             self.latch.check()
             time.sleep(POLL_S)
         if (trouble := self.trouble()) is not None:
             raise InvalidInput(trouble)
 
     def stream(self, targets_rad: Array) -> None:
-        """Publish a trajectory that goes to these targets, shape (J,), ``lead_s`` ahead; it replaces the one before.
+        """Publish a trajectory that goes to these targets, shape (J,), ``lead_s`` ahead; it
+        replaces the one before.
 
-        Where the controller's clock is known, one that comes later than that is reached when it would be ``stale_s``
-        late, and one that comes later still is dropped; in ROS 2 all that come later than ``lead_s`` are. Raises
-        Stopped after a stop, HardwareFault where it cannot be sent.
+        Where the controller's clock is known, one that comes later than that is reached when it
+        would be ``stale_s`` late, and one that comes later still is dropped; in ROS 2 all that come
+        later than ``lead_s`` are. Raises Stopped after a stop, HardwareFault where it cannot be
+        sent.
         """
         setup, now = self.setup, time.monotonic()
         point, stamp_s = self.mapping.to_ros(targets_rad), self.controller.clock.at(now)
         late = stamp_s is not None and setup.ros == 1
         times_s = np.array([setup.lead_s, setup.lead_s + setup.stale_s] if late else [setup.lead_s])
         path = trajectory(
-            self.mapping.names, times_s, np.tile(point, (len(times_s), 1)), None, setup.ros, stamp_s or 0.0
+            self.mapping.names,
+            times_s,
+            np.tile(point, (len(times_s), 1)),
+            None,
+            setup.ros,
+            stamp_s or 0.0,
         )
         self.controller.sent(point)
         kind = self.kind("trajectory_msgs", "JointTrajectory")
@@ -190,14 +227,15 @@ class RosRobot:
         self._void_s = np.inf if stamp_s is None else now + float(times_s[-1])
 
     def take_over(self, pose_rad: Array, period_s: float) -> None:
-        """Have the controller hold a pose, shape (J,), and wait until it says that it wants that. period_s: of the
-        commands.
+        """Have the controller hold a pose, shape (J,), and wait until it says that it wants that.
+        period_s: of the commands.
 
-        Its connection to what a rosbridge publishes may come seconds after its states are heard: what is sent before
-        is lost, and with what is sent then it would jump. So it is sent the pose again until it wants it; where that
-        does not come, the topic is advertised anew. Where it wanted the pose before, one joint is sent NOTICED_RAD
-        beside it. Raises InvalidInput for a controller that takes no commands, HardwareFault for a trouble and for one
-        that says nothing, Stopped after a stop.
+        Its connection to what a rosbridge publishes may come seconds after its states are heard:
+        what is sent before is lost, and with what is sent then it would jump. So it is sent the
+        pose again until it wants it; where that does not come, the topic is advertised anew. Where
+        it wanted the pose before, one joint is sent NOTICED_RAD beside it. Raises InvalidInput for
+        a controller that takes no commands, HardwareFault for a trouble and for one that says
+        nothing, Stopped after a stop.
         """
         pose, begin_s = pose_rad.copy(), time.monotonic()
         if self.controller.wants(self.mapping.to_ros(pose)):
@@ -218,7 +256,10 @@ class RosRobot:
 
     def _imposed(self, pose_rad: Array, period_s: float) -> bool:
         """Send a pose until the controller wants it; whether it does in time."""
-        point, end = self.mapping.to_ros(pose_rad), time.monotonic() + PATIENCE * self.setup.timeout_s
+        point, end = (
+            self.mapping.to_ros(pose_rad),
+            time.monotonic() + PATIENCE * self.setup.timeout_s,
+        )
         while time.monotonic() < end:
             if self.fresh(period_s):
                 self.stream(pose_rad)
@@ -234,8 +275,9 @@ class RosRobot:
         return False
 
     def _readvertise(self) -> None:
-        """Have the rosbridge publish commands anew. A subscriber of ROS 1 that did not come to connect when it was told
-        of a publisher does not try again before it is told of another one."""
+        """Have the rosbridge publish commands anew. A subscriber of ROS 1 that did not come to
+        connect when it was told of a publisher does not try again before it is told of another
+        one."""
         self.link.unadvertise(self._command)
         end = time.monotonic() + FORGOTTEN_S
         while time.monotonic() < end and self.trouble(silence=False) is None:
@@ -244,15 +286,15 @@ class RosRobot:
         self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
 
     def halt(self, link: RosLink | None = None) -> None:
-        """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits for it; one of ROS 2
-        knows no such command. link: another connection."""
+        """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits
+        for it; one of ROS 2 knows no such command. link: another connection."""
         if self.setup.ros == 1:
             kind = self.kind("trajectory_msgs", "JointTrajectory")
             (link or self.link).publish(self._command, kind, standstill(self.mapping.names, 1))
 
     def settle(self, period_s: float, beat: Callable[[], None]) -> str:
-        """Wait until nothing moves any more; what may still come, empty where nothing may. period_s: of the commands;
-        beat: called while it waits.
+        """Wait until nothing moves any more; what may still come, empty where nothing may.
+        period_s: of the commands; beat: called while it waits.
 
         A rosbridge that is late is sent a command to hold, for what waits in it.
         """
@@ -279,7 +321,9 @@ class RosRobot:
             time.sleep(min(void - now, REST_S))
         what = "the connection is lost" if not self.link.alive else "nothing is heard"
         if void < np.inf:
-            return f"{what}; what was sent is out of date by its stamps, and is not acted on any more"
+            return (
+                f"{what}; what was sent is out of date by its stamps, and is not acted on any more"
+            )
         since = f"{now - self._sent_s:.1f} s ago"
         return (
             f"{what}; commands that were sent up to {since} have no stamps, and may still move it, for up to "
@@ -287,8 +331,8 @@ class RosRobot:
         )
 
     def switch(self, on: bool) -> None:
-        """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is there to ask; and
-        Stopped after a stop, for on."""
+        """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is
+        there to ask; and Stopped after a stop, for on."""
         self.manager.switch(on, self.latch.sending() if on else None)
 
     def kind(self, package: str, name: str) -> str:
@@ -306,7 +350,9 @@ class RosRobot:
     def _measure(self, message: Any) -> None:
         version = version_of(message)
         if version not in (None, self.setup.ros):
-            raise InvalidInput(f"its stamps are those of ROS {version}: ros: {version} in the setup?")
+            raise InvalidInput(
+                f"its stamps are those of ROS {version}: ros: {version} in the setup?"
+            )
         self.states.take(message)
 
     def _check_names(self, names: Sequence[str] | frozenset[str]) -> None:
@@ -322,14 +368,14 @@ class RosRobot:
         if len(missing) < len(self._joints) or others:
             there = f"; other names there: {listed(others)}" if others else ""
             return f"{topic}: expected all joints, nothing of {listed(missing)}{there}"
-        found = f"expected joint states on {topic}, heard none"
+        message = f"expected joint states on {topic}, heard none"
         if self._heard_as_other(topic):
             other = 3 - self.setup.ros
-            return f"{found} of ROS {self.setup.ros}; there are some of ROS {other}: ros: {other} in the setup"
+            return f"{message} of ROS {self.setup.ros}; there are some of ROS {other}: ros: {other} in the setup"
         there_are = RosGraph(self.link).topics_of("/".join(JOINT_STATE)) or []
         if elsewhere := [each for each in there_are if each != topic]:
-            return f"{found}; there are some on {listed(elsewhere)}"
-        return found
+            return f"{message}; there are some on {listed(elsewhere)}"
+        return message
 
     def _heard_as_other(self, topic: str) -> bool:
         """Tell whether somebody publishes joint states of the other version of ROS."""
@@ -345,14 +391,14 @@ class RosRobot:
     def _unheard_controller(self) -> str:
         """Message for a controller that was not heard of, with what to do."""
         setup = self.setup
-        found = f"expected the state of {setup.controller}, heard nothing"
+        message = f"expected the state of {setup.controller}, heard nothing"
         known = self.manager.listed()
         if known is None:
-            return f"{found}: is it running?"
+            return f"{message}: is it running?"
         manager = setup.controller_manager or "/controller_manager"
         if known.runs:
-            return f"{found}, although {manager} says that it is {known.state}: does it publish its state?"
-        return f"{found}: {manager} says that it is {known.state}; start it, or name controller_manager in the setup"
+            return f"{message}, although {manager} says that it is {known.state}: does it publish its state?"
+        return f"{message}: {manager} says that it is {known.state}; start it, or name controller_manager in the setup"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -1,4 +1,5 @@
-"""Files ``stancekit/ros/1``: where a rosbridge is, which controller moves the robot, and what it calls the joints."""
+"""Files ``stancekit/ros/1``: where a rosbridge is, which controller moves the robot, and what it
+calls the joints."""
 
 from __future__ import annotations
 
@@ -33,16 +34,16 @@ class RosJoint:
 class RosSetup(SetupFile):
     """A robot behind a rosbridge.
 
-    host, port: of the rosbridge. ros: 1
-    (actionlib topics) or 2 (actions of the rosbridge protocol). controller: a joint trajectory controller.
-    joint_states: where angles are published. estop: topic of std_msgs/Bool, true for pressed; None for none.
-    controller_manager: switches the controller off, as near as ROS comes to torque off.
+    host, port: of the rosbridge. ros: 1 (actionlib topics) or 2 (actions of the rosbridge
+    protocol). controller: a joint trajectory controller. joint_states: where angles are published.
+    estop: topic of std_msgs/Bool, true for pressed; None for none. controller_manager: switches the
+    controller off, as near as ROS comes to torque off.
 
-    lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and goes on no longer when
-    the connection is lost. stale_s: oldest measurement that is good enough. alone_s: longest trajectory that is handed
-    over as a whole: when the connection is lost nobody can stop it. timeout_s: for answers.
-    path_rad, goal_rad: how far a joint may be off on the way and at the end of a whole trajectory; goal_s: how long
-    after its end it may still arrive.
+    lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and
+    goes on no longer when the connection is lost. stale_s: oldest measurement that is good enough.
+    alone_s: longest trajectory that is handed over as a whole: when the connection is lost nobody
+    can stop it. timeout_s: for answers. path_rad, goal_rad: how far a joint may be off on the way
+    and at the end of a whole trajectory; goal_s: how long after its end it may still arrive.
     """
 
     format: Literal["stancekit/ros/1"] = FORMAT
@@ -63,7 +64,9 @@ class RosSetup(SetupFile):
     joints: Annotated[dict[str, RosJoint], Field(min_length=1)]
 
     def __post_init__(self) -> None:
-        if wrong := own({joint: each.name for joint, each in self.joints.items()}, "name", "a name of its own"):
+        if wrong := own(
+            {joint: each.name for joint, each in self.joints.items()}, "name", "a name of its own"
+        ):
             raise InvalidInput("; ".join(wrong))
 
     @property
@@ -73,7 +76,8 @@ class RosSetup(SetupFile):
 
 
 def same_names(joints: Sequence[str], **settings: Any) -> RosSetup:
-    """A setup whose controller calls the joints as the robot does, e.g. ``LF_yaw``, and counts the same way."""
+    """A setup whose controller calls the joints as the robot does, e.g. ``LF_yaw``, and counts the
+    same way."""
     return RosSetup(joints={name: RosJoint(name=name) for name in joints}, **settings)
 
 

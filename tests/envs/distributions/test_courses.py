@@ -1,4 +1,5 @@
-"""Drawn courses: equal for equal seeds, within what was asked for, and climbable where that is promised."""
+"""Drawn courses: equal for equal seeds, within what was asked for, and climbable where that is
+promised."""
 
 from __future__ import annotations
 
@@ -11,7 +12,12 @@ import yaml
 from stancekit.envs.distributions.courses import grips, icy_walls, perturbed
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
+from stancekit.planners.problem.course_file import (
+    builtin_courses,
+    read_course,
+    read_spec,
+    spec_from,
+)
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 
@@ -21,7 +27,9 @@ def text(course):
 
 @pytest.mark.parametrize("name", builtin_courses())
 def test_perturbed_courses_repeat_with_the_seed_and_differ_without(name):
-    first, again, other = (perturbed(name, np.random.default_rng(seed), frames=4) for seed in (0, 0, 1))
+    first, again, other = (
+        perturbed(name, np.random.default_rng(seed), frames=4) for seed in (0, 0, 1)
+    )
     assert text(first) == text(again)
     assert text(first) != text(other)
     assert text(first) != text(read_course(name, frames=4))
@@ -31,15 +39,25 @@ def test_perturbed_courses_repeat_with_the_seed_and_differ_without(name):
 def test_perturbed_courses_keep_path_gait_and_robot(name):
     usual, drawn = read_course(name), perturbed(name, np.random.default_rng(3))
     np.testing.assert_array_equal(drawn.com_nominal_m, usual.com_nominal_m)
-    assert (drawn.lifts, drawn.next_lift, drawn.steps) == (usual.lifts, usual.next_lift, usual.steps)
+    assert (drawn.lifts, drawn.next_lift, drawn.steps) == (
+        usual.lifts,
+        usual.next_lift,
+        usual.steps,
+    )
     assert len(drawn.footholds) == len(usual.footholds)
 
 
 @pytest.mark.parametrize("name", builtin_courses())
 def test_every_stance_of_perturbed_courses_holds(name):
-    planner, rng = make_planner("exact", PlannerOptions(time_limit_s=10.0)), np.random.default_rng(7)
+    planner, rng = (
+        make_planner("exact", PlannerOptions(time_limit_s=10.0)),
+        np.random.default_rng(7),
+    )
     for course in [perturbed(name, rng) for _ in range(2)]:
-        choice = [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.footholds]
+        choice = [
+            next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0)
+            for p in course.footholds
+        ]
         for stance in course.stances:
             assert planner.solve(course.posture_problem(stance, choice)).status is Status.FEASIBLE
 
@@ -56,9 +74,12 @@ def test_no_amount_changes_nothing():
 def test_a_users_course_can_be_perturbed_too(tmp_path):
     floor = {"vertices_m": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "friction": 0.5}
     described = {
-        "name": "floor", "frames": 3, "start_m": [0, 0, 0.2], "goal_m": [0.1, 0, 0.2],
+        "name": "floor",
+        "frames": 3,
+        "start_m": [0, 0, 0.2],
+        "goal_m": [0.1, 0, 0.2],
         "terrain": {"kind": "polygons", "polygons": [floor]},
-    }  # fmt: skip
+    }
     path = tmp_path / "floor.yaml"
     path.write_text(yaml.safe_dump(described))
     for course in (described, path):
@@ -78,14 +99,18 @@ def test_icy_walls_have_ice_at_random_and_the_nearest_panels_as_candidates(frame
     error = np.sqrt(0.25 / len(panels))
     assert abs(np.mean(panels == 0.0) - 0.5) < 4.0 * error
     assert {course.frames for course in courses} == {frames}
-    assert {len(p.candidates) for course in courses for p in course.footholds} <= set(range(1, regions + 1))
+    assert {len(p.candidates) for course in courses for p in course.footholds} <= set(
+        range(1, regions + 1)
+    )
     assert max(len(p.candidates) for course in courses for p in course.footholds) == regions
     assert any(p.candidates[0].friction == 0.0 for course in courses for p in course.footholds)
 
 
 def test_more_regions_give_more_courses_a_grip_everywhere():
-    share = [np.mean([grips(icy_walls(np.random.default_rng(seed), 4, regions)) for seed in range(12)])
-             for regions in (1, 2, 4)]  # fmt: skip
+    share = [
+        np.mean([grips(icy_walls(np.random.default_rng(seed), 4, regions)) for seed in range(12)])
+        for regions in (1, 2, 4)
+    ]
     assert share == sorted(share)
     assert share[0] < 0.2 < share[2] < 1.0
 
@@ -99,7 +124,8 @@ def test_walls_of_nothing_but_ice_are_given_up(monkeypatch):
     monkeypatch.setattr("stancekit.envs.distributions.courses.ICE", 1.0)
     monkeypatch.setattr("stancekit.envs.distributions.courses.REDRAWS", 3)
     with pytest.raises(
-        InvalidInput, match="icy-walls: expected walls that offer every toe some grip, got none in 3 draws"
+        InvalidInput,
+        match="icy-walls: expected walls that offer every toe some grip, got none in 3 draws",
     ):
         perturbed("icy-walls", np.random.default_rng(0))
 

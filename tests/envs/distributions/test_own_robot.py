@@ -1,4 +1,5 @@
-"""Scenes for a robot's file: where they stand, how they grow with it, which are cut from a terrain, what is refused."""
+"""Scenes for a robot's file: where they stand, how they grow with it, which are cut from a terrain,
+what is refused."""
 
 from __future__ import annotations
 
@@ -56,14 +57,22 @@ def centres(problem: Problem) -> np.ndarray:
     return np.array([contact.patch.vertices_m.mean(axis=0) for contact in problem.contacts])
 
 
-# ---------------------------------------------------------------------------------------------------- robot × law
+# ----------------------------------------------------------------------------------------------------
+# robot × law
 
 
 def test_the_default_hexapod_by_its_name_has_the_papers_classes_as_they_were() -> None:
     for name, source in DISTRIBUTIONS.items():
         assert distribution(name, robot="hexapod") is source
         standing = StandingRobot.of(None)
-        again = composed(name, source.terrain, standing, standing.legs(len(source.legs), name), source.friction, None)
+        again = composed(
+            name,
+            source.terrain,
+            standing,
+            standing.legs(len(source.legs), name),
+            source.friction,
+            None,
+        )
         one, other = (each.batch(np.random.default_rng(3), 50) for each in (source, again))
         assert again.name == name
         for part in ("vertices_m", "normals", "friction"):
@@ -79,7 +88,11 @@ def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog:
     off = np.array([centres(problem) for problem in problems]) - standing_toes(model)
     assert np.all(np.abs(off) <= size * np.array([0.2, 0.2, 0.1]) + 1e-12)
     assert np.all(np.abs(off).max(axis=(0, 1)) > 0.9 * size * np.array([0.2, 0.2, 0.1]))
-    assert all(contact.patch.normal[2] > np.cos(np.deg2rad(30.0)) - 1e-12 for p in problems for contact in p.contacts)
+    assert all(
+        contact.patch.normal[2] > np.cos(np.deg2rad(30.0)) - 1e-12
+        for p in problems
+        for contact in p.contacts
+    )
 
 
 def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
@@ -110,35 +123,46 @@ def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: 
 
 
 def test_a_robot_of_any_size_and_weight_sees_the_same_scenes(dog: str) -> None:
-    """What policies see and boxes are of is non-dimensional: it stays where all lengths and the mass are others."""
+    """What policies see and boxes are of is non-dimensional: it stays where all lengths and the
+    mass are others."""
     small = StandingRobot.of(dog)
 
     def limb(one: Limb, k: float) -> Limb:
         assert one.reach_rows is not None
         rows = ReachRows(normals=one.reach_rows.normals, bounds_m=k * one.reach_rows.bounds_m)
-        return Limb(name=one.name, shoulder_m=k * one.shoulder_m, reach_m=k * one.reach_m, reach_rows=rows)
+        return Limb(
+            name=one.name, shoulder_m=k * one.shoulder_m, reach_m=k * one.reach_m, reach_rows=rows
+        )
 
     def sized(k: float) -> StandingRobot:
         limbs = tuple(limb(one, k) for one in small.robot.limbs)
-        body = Robot(name="giant", mass_kg=k**3 * small.robot.mass_kg, limbs=limbs, identity="giant-0")
+        body = Robot(
+            name="giant", mass_kg=k**3 * small.robot.mass_kg, limbs=limbs, identity="giant-0"
+        )
         return StandingRobot(robot=body, toes_m=k * small.toes_m, reach_m=k * small.reach_m)
 
     laws: tuple[Law, ...] = ("ground", "wall")
     for law in laws:
         scenes = [
-            composed("x", law, sized(k), ("LF", "RF", "RH"), (0.1, 0.8), None).sample(np.random.default_rng(4))
+            composed("x", law, sized(k), ("LF", "RF", "RH"), (0.1, 0.8), None).sample(
+                np.random.default_rng(4)
+            )
             for k in (1.0, 2.5)
         ]
         one, other = (observe(Scaled.of(scene)) for scene in scenes)
         for name in one:
             np.testing.assert_allclose(one[name], other[name], atol=2e-6)
-        assert scenes[1].force_scale_n == pytest.approx(2.5**3 * float(scenes[0].force_scale_n or 0.0))
+        assert scenes[1].force_scale_n == pytest.approx(
+            2.5**3 * float(scenes[0].force_scale_n or 0.0)
+        )
 
 
 def test_so_many_legs_are_those_that_hold_the_centre_of_mass_best() -> None:
     toes = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-2.0, 0.1, 0.0], [0.1, 0.1, 0.0]])
     limbs = tuple(Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0) for name in "abcd")
-    standing = StandingRobot(robot=Robot(name="four", mass_kg=1.0, limbs=limbs), toes_m=toes, reach_m=1.0)
+    standing = StandingRobot(
+        robot=Robot(name="four", mass_kg=1.0, limbs=limbs), toes_m=toes, reach_m=1.0
+    )
     assert standing.legs(3, "ground-3") == ("a", "b", "c")
     assert standing.legs(4, "ground-4") == ("a", "b", "c", "d")
     default = StandingRobot.of(None)
@@ -147,10 +171,13 @@ def test_so_many_legs_are_those_that_hold_the_centre_of_mass_best() -> None:
     np.testing.assert_array_equal(default.toes_m, paper_stance(hexapod().limbs, "ground").centre_m)
 
 
-# ------------------------------------------------------------------------------------------------- cut from a file
+# -------------------------------------------------------------------------------------------------
+# cut from a file
 
 
-def test_scenes_of_flat_ground_have_all_patches_at_one_height_below_the_body(dog: str, folder: Path) -> None:
+def test_scenes_of_flat_ground_have_all_patches_at_one_height_below_the_body(
+    dog: str, folder: Path
+) -> None:
     toes = standing_toes(named_robot(dog))
     for problem in drawn("terrain-4", robot=dog, terrain=folder / "flat.obj"):
         heights = np.concatenate([contact.patch.vertices_m[:, 2] for contact in problem.contacts])
@@ -160,13 +187,17 @@ def test_scenes_of_flat_ground_have_all_patches_at_one_height_below_the_body(dog
 
 
 @pytest.mark.parametrize("file", ["slope.obj", "slope.npy"])
-def test_scenes_of_a_slope_have_all_patches_in_it_whatever_the_heading(dog: str, folder: Path, file: str) -> None:
+def test_scenes_of_a_slope_have_all_patches_in_it_whatever_the_heading(
+    dog: str, folder: Path, file: str
+) -> None:
     headings = []
     for problem in drawn("terrain-3", robot=dog, terrain=folder / file):
         corners = np.concatenate([contact.patch.vertices_m for contact in problem.contacts])
         for contact in problem.contacts:
             assert contact.patch.normal[2] == pytest.approx(1.0 / np.sqrt(1.04), abs=1e-6)
-            np.testing.assert_allclose((corners - corners[0]) @ contact.patch.normal, 0.0, atol=1e-6)
+            np.testing.assert_allclose(
+                (corners - corners[0]) @ contact.patch.normal, 0.0, atol=1e-6
+            )
         headings.append(np.arctan2(*problem.contacts[0].patch.normal[1::-1]))
     assert np.ptp(headings) > np.pi
 
@@ -184,10 +215,14 @@ def test_a_batch_is_what_as_many_samples_are(dog: str, folder: Path) -> None:
     source = distribution("terrain-3", robot=dog, terrain=folder / "slope.obj")
     batch = source.batch(np.random.default_rng(5), 6)
     rng = np.random.default_rng(5)
-    assert [problem.to_json() for problem in batch.problems] == [source.sample(rng).to_json() for _ in range(6)]
+    assert [problem.to_json() for problem in batch.problems] == [
+        source.sample(rng).to_json() for _ in range(6)
+    ]
 
 
-def test_a_terrain_is_named_by_its_file_and_what_is_in_it(dog: str, folder: Path, tmp_path: Path) -> None:
+def test_a_terrain_is_named_by_its_file_and_what_is_in_it(
+    dog: str, folder: Path, tmp_path: Path
+) -> None:
     (tmp_path / "flat.obj").write_text(PLANE.format(0.3, 0.3))
     files = (tmp_path / "flat.obj", folder / "slope.obj")
     same, other = (distribution("terrain-3", robot=dog, terrain=file).name for file in files)
@@ -204,7 +239,8 @@ def test_a_yaml_file_names_legs_robot_and_terrain(dog: str, folder: Path) -> Non
     assert all(0.5 <= contact.patch.friction <= 0.6 for contact in problem.contacts)
 
 
-# --------------------------------------------------------------------------------------------------- what is refused
+# ---------------------------------------------------------------------------------------------------
+# what is refused
 
 
 def refused(name: str, **files: str | Path) -> str:
@@ -217,7 +253,9 @@ def refused(name: str, **files: str | Path) -> str:
 def test_more_legs_than_the_robot_has_are_refused(dog: str) -> None:
     message = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
     assert refused("ground-5", robot=dog) == f"ground-5: {message}"
-    assert refused("wall-7").startswith("wall-7: expected a robot of 7 legs or more, got hexapod with LF")
+    assert refused("wall-7").startswith(
+        "wall-7: expected a robot of 7 legs or more, got hexapod with LF"
+    )
 
 
 def test_terrains_without_footholds_are_refused(dog: str, folder: Path) -> None:
@@ -260,8 +298,8 @@ def test_other_legs_of_the_paper_are_still_refused_by_name() -> None:
 
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(ground):
-    """Turned back about the body, corners of patches are as far apart in height as the ground is there: places are its
-    own, and the data set is named after it."""
+    """Turned back about the body, corners of patches are as far apart in height as the ground is
+    there: places are its own, and the data set is named after it."""
     drawn = distribution("terrain-3", terrain=ground)
     assert drawn.name == f"terrain-3-on-{ground.replace(':', '-')}"
     field = named_terrain(ground)
@@ -273,8 +311,14 @@ def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(g
 
 
 def test_a_distribution_in_a_file_names_a_ground_and_no_file_that_would_be_run(tmp_path):
-    (tmp_path / "d.yaml").write_text("terrain: rough:0.3:7\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n")
+    (tmp_path / "d.yaml").write_text(
+        "terrain: rough:0.3:7\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n"
+    )
     assert distribution(str(tmp_path / "d.yaml")).name.endswith("-on-rough-0.3-7")
-    (tmp_path / "d.yaml").write_text("terrain: mine.py:bump\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n")
-    with pytest.raises(InvalidInput, match=r"d\.yaml: terrain: expected ground, wall, or .*, got 'mine\.py:bump'$"):
+    (tmp_path / "d.yaml").write_text(
+        "terrain: mine.py:bump\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n"
+    )
+    with pytest.raises(
+        InvalidInput, match=r"d\.yaml: terrain: expected ground, wall, or .*, got 'mine\.py:bump'$"
+    ):
         distribution(str(tmp_path / "d.yaml"))

@@ -15,7 +15,11 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.robot import hexapod
 
 SAMPLES = 300
-LEGS = {"ground-3": ("RF", "RR", "LM"), "wall-3": ("RF", "RR", "LM"), "wall-5": ("RF", "RM", "RR", "LF", "LR")}
+LEGS = {
+    "ground-3": ("RF", "RR", "LM"),
+    "wall-3": ("RF", "RR", "LM"),
+    "wall-5": ("RF", "RM", "RR", "LF", "LR"),
+}
 FRICTION = {"ground-3": (0.1, 0.8), "wall-3": (0.1, 1.2), "wall-5": (0.1, 1.2)}
 NAMES = pytest.mark.parametrize("name", list(LEGS))
 OF_CHANCE = 1e-3
@@ -73,8 +77,16 @@ def test_the_limbs_are_the_robots_in_the_order_of_the_class(samples, name):
 @NAMES
 def test_the_body_is_the_robots(samples, name):
     for problem in samples[name]:
-        assert (problem.mass_kg, problem.gravity_m_s2, problem.force_scale_n) == (10.0, 9.81, 10.0 * 9.81)
-        assert (problem.length_scale_m, problem.com_radius_m.tolist(), problem.tilt_limit_rad) == (0.6, [0.08], 0.2618)
+        assert (problem.mass_kg, problem.gravity_m_s2, problem.force_scale_n) == (
+            10.0,
+            9.81,
+            10.0 * 9.81,
+        )
+        assert (problem.length_scale_m, problem.com_radius_m.tolist(), problem.tilt_limit_rad) == (
+            0.6,
+            [0.08],
+            0.2618,
+        )
         assert problem.com_nominal_m.tolist() == [[0.0, 0.0, 0.0]]
         for contact in problem.contacts:
             assert contact.force_min.tolist() == [0.0, -1.0, -1.0]
@@ -109,7 +121,9 @@ def test_normals_lean_by_a_uniform_angle_up_to_30_degrees_in_any_direction(sampl
 
 @NAMES
 def test_centres_are_uniform_about_their_nominal_place(samples, name):
-    offsets = np.array([c.patch.vertices_m.mean(axis=0) - nominal(name, c)[1] for c in contacts(samples[name])])
+    offsets = np.array(
+        [c.patch.vertices_m.mean(axis=0) - nominal(name, c)[1] for c in contacts(samples[name])]
+    )
     widths = (0.20, 0.20, 0.10) if name.startswith("ground") else (0.15, 0.06, 0.15)
     for axis, width in enumerate(widths):
         assert is_uniform(offsets[:, axis], -width, width)
@@ -123,14 +137,18 @@ def test_friction_is_uniform_in_the_range_of_the_class(samples, name):
 @NAMES
 def test_limbs_of_one_problem_are_drawn_apart(samples, name):
     friction = np.array([[c.patch.friction for c in problem.contacts] for problem in samples[name]])
-    assert np.all(np.abs(np.corrcoef(friction.T) - np.eye(friction.shape[1])) < 4.0 / np.sqrt(SAMPLES))
+    assert np.all(
+        np.abs(np.corrcoef(friction.T) - np.eye(friction.shape[1])) < 4.0 / np.sqrt(SAMPLES)
+    )
 
 
 @NAMES
 def test_z_is_up_the_wall_and_forward_on_the_ground(samples, name):
     for contact in contacts(samples[name]):
         z = contact.patch.frame[:, 2]
-        ahead = np.array([1.0, 0.0, 0.0]) if name.startswith("ground") else np.array([0.0, 0.0, 1.0])
+        ahead = (
+            np.array([1.0, 0.0, 0.0]) if name.startswith("ground") else np.array([0.0, 0.0, 1.0])
+        )
         assert z @ ahead >= np.cos(np.deg2rad(30.0)) - 1e-12
         assert abs(np.cross(contact.patch.normal, z) @ ahead) < 1e-12
 
@@ -148,12 +166,17 @@ def test_the_same_seed_draws_the_same_problems_and_another_seed_others(name):
 @NAMES
 def test_samples_are_good_files(samples, name):
     for problem in samples[name][:30]:
-        assert Problem.from_json(json.loads(json.dumps(problem.to_json()))).to_json() == problem.to_json()
+        assert (
+            Problem.from_json(json.loads(json.dumps(problem.to_json()))).to_json()
+            == problem.to_json()
+        )
 
 
 def test_another_robot_keeps_its_own_mass_and_limbs():
     crab = replace(hexapod(), name="crab", mass_kg=3.0)
-    terrain = PostureDistribution(name="mine", terrain="wall", legs=("LM",), friction=(0.5, 0.5), robot=crab)
+    terrain = PostureDistribution(
+        name="mine", terrain="wall", legs=("LM",), friction=(0.5, 0.5), robot=crab
+    )
     problem = terrain.sample(np.random.default_rng(0))
     assert problem.legs == ("LM",)
     assert problem.weight_n == problem.force_scale_n == 3.0 * 9.81

@@ -47,7 +47,11 @@ def test_answers_come_in_the_order_of_the_tasks_and_are_counted() -> None:
     seen: list[tuple[int, int]] = []
     for workers in (1, 2):
         seen.clear()
-        answers = gather(processes(workers), [partial(square, x) for x in range(20)], lambda k, n: seen.append((k, n)))
+        answers = gather(
+            processes(workers),
+            [partial(square, x) for x in range(20)],
+            lambda k, n: seen.append((k, n)),
+        )
         assert answers == [x * x for x in range(20)]
         assert seen == [(k, 20) for k in range(1, 21)]
     assert gather(processes(2), []) == []
@@ -84,7 +88,9 @@ def test_workers_that_always_die_end_the_run() -> None:
 def test_workers_end_when_the_process_that_started_them_is_killed(tmp_path: Path) -> None:
     (tmp_path / "tests_executor_tasks.py").write_text(TASKS)
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    run = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=environment)
+    run = subprocess.Popen(
+        [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=environment
+    )
     assert run.stdout is not None
     workers = {int(run.stdout.readline()) for _ in range(2)}
     run.kill()
@@ -106,11 +112,14 @@ def alive(pid: int) -> bool:
     ("arguments", "message"),
     [
         ({"workers": 0}, "workers: expected 1 or more, got 0"),
-        ({"address": "10.0.0.1:6379"}, "address: expected none for processes, got '10.0.0.1:6379'; use it with the "
-                                       "executor ray"),
+        (
+            {"address": "10.0.0.1:6379"},
+            "address: expected none for processes, got '10.0.0.1:6379'; use it with the "
+            "executor ray",
+        ),
         ({"kind": "threads"}, "executor: expected processes or ray, got 'threads'"),
     ],
-)  # fmt: skip
+)
 def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
         executor(**arguments)  # type: ignore[arg-type]
@@ -119,7 +128,9 @@ def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -
 
 def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(InvalidInput, match=r"^executor: 'ray' needs Ray, got none: pip install 'stancekit\[ray\]'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^executor: 'ray' needs Ray, got none: pip install 'stancekit\[ray\]'$"
+    ):
         gather(executor("ray"), [partial(square, 1)])
 
 
@@ -138,7 +149,11 @@ class FakeRay:
     def nodes(self) -> list[dict[str, Any]]:
         host, _, port = self.raylet.rpartition(":")
         place = {"NodeManagerAddress": host, "NodeManagerPort": int(port)}
-        return [{"Alive": True, "Resources": {"CPU": float(self.count)}, **place}] if self.count else []
+        return (
+            [{"Alive": True, "Resources": {"CPU": float(self.count)}, **place}]
+            if self.count
+            else []
+        )
 
 
 @pytest.fixture
@@ -172,7 +187,9 @@ def test_a_cluster_that_goes_away_is_noticed(clock: list[float]) -> None:
         watch.processors()
 
 
-def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processors(clock: list[float]) -> None:
+def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processors(
+    clock: list[float],
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as head:
         ray = FakeRay(f"127.0.0.1:{head.getsockname()[1]}")
         with socket.create_server(("127.0.0.1", 0)) as closed:
@@ -189,7 +206,9 @@ def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processo
             watch.processors()
 
 
-def test_that_a_cluster_is_gone_is_said_before_the_farewell(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_that_a_cluster_is_gone_is_said_before_the_farewell(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ours, theirs = Pipe()
     said = list[tuple[str, ...]]()
 
@@ -257,16 +276,26 @@ pipe.recv()
 @pytest.mark.parametrize(
     ("says", "line"),
     [
-        ("", "the Ray cluster at '10.0.0.1:1' has lost the node that this process joined it by; what it had answered "
-             "is kept"),
-        ("time.sleep(60)", "the Ray cluster at '10.0.0.1:1' does not answer any more; what it had answered is kept"),
-        ("pipe.send(('asks',)); pipe.send(('refused', 'no'))",
-         "address: expected a Ray cluster at '10.0.0.1:1': no"),
-        ("for each in ('asks', 'joins', 'joined'): pipe.send((each,))\npipe.send(('works', 2)); pipe.recv()\n"
-         "pipe.send(('gone', 'is closed'))",
-         "the Ray cluster at '10.0.0.1:1' is closed; what it had answered is kept"),
+        (
+            "",
+            "the Ray cluster at '10.0.0.1:1' has lost the node that this process joined it by; what it had answered "
+            "is kept",
+        ),
+        (
+            "time.sleep(60)",
+            "the Ray cluster at '10.0.0.1:1' does not answer any more; what it had answered is kept",
+        ),
+        (
+            "pipe.send(('asks',)); pipe.send(('refused', 'no'))",
+            "address: expected a Ray cluster at '10.0.0.1:1': no",
+        ),
+        (
+            "for each in ('asks', 'joins', 'joined'): pipe.send((each,))\npipe.send(('works', 2)); pipe.recv()\n"
+            "pipe.send(('gone', 'is closed'))",
+            "the Ray cluster at '10.0.0.1:1' is closed; what it had answered is kept",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
     says: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,8 +315,14 @@ def test_a_cluster_that_is_not_there_is_one_line() -> None:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
     with pytest.raises(ClusterGone) as error:
         gather(executor("ray", address=address), [partial(square, 1)])
-    assert str(error.value) == f"address: expected a Ray cluster at '{address}': nothing answers at {address}"
-    with pytest.raises(ClusterGone, match=r"^address: expected a Ray cluster at 'moon': expected host:port, auto or "):
+    assert (
+        str(error.value)
+        == f"address: expected a Ray cluster at '{address}': nothing answers at {address}"
+    )
+    with pytest.raises(
+        ClusterGone,
+        match=r"^address: expected a Ray cluster at 'moon': expected host:port, auto or ",
+    ):
         gather(executor("ray", address="moon"), [partial(square, 1)])
 
 
@@ -301,7 +336,10 @@ def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
     label(plan, tmp_path / "cluster", run=run)
     label(plan, tmp_path / "here")
     shards = [f"shard-{k:05d}.parquet" for k in range(plan.shards)]
-    assert all(Path(tmp_path, "cluster", s).read_bytes() == Path(tmp_path, "here", s).read_bytes() for s in shards)
+    assert all(
+        Path(tmp_path, "cluster", s).read_bytes() == Path(tmp_path, "here", s).read_bytes()
+        for s in shards
+    )
     with pytest.raises(InvalidInput) as error:
         gather(run, [partial(fail, x) for x in range(6)])
     assert str(error.value) == "x: expected another number than 3"

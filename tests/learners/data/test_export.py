@@ -1,4 +1,5 @@
-"""Export: the expert's episodes are those of the environment, and Minari reads them back without Stancekit's help."""
+"""Export: the expert's episodes are those of the environment, and Minari reads them back without
+Stancekit's help."""
 
 import os
 import subprocess
@@ -81,13 +82,17 @@ def test_the_experts_box_holds_the_witness_and_p1_over_it_says_what_the_label_sa
 def test_minari_itself_loads_it_in_another_process(written: tuple[Exported, Any]) -> None:
     done, data = written
     environment = os.environ | {"MINARI_DATASETS_PATH": str(done.root)}
-    run = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, check=False)
+    run = subprocess.run(
+        [sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, check=False
+    )
     assert run.returncode == 0, run.stderr
     rewards = [float(episode.rewards[0]) for episode in data.iterate_episodes()]
     assert run.stdout.strip() == f"12 12 {rewards}"
 
 
-def test_nothing_is_written_elsewhere(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_written_elsewhere(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("minari")
     pytest.importorskip("h5py")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
@@ -114,7 +119,9 @@ def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Pat
         assert str(error.value) == f"{tmp_path}/{message}"
     with pytest.raises(InvalidInput, match=r"^room: expected a number between 0 and 1, got 0.0$"):
         export(dataset, tmp_path / "out", room=0.0)
-    with pytest.raises(InvalidInput, match=r"^data set: expected rows that are feasible or infeasible"):
+    with pytest.raises(
+        InvalidInput, match=r"^data set: expected rows that are feasible or infeasible"
+    ):
         export(dataset.select([]), tmp_path / "out")
     with pytest.raises(InvalidInput, match=r"full: expected one exported data set, found 0$"):
         load_exported(tmp_path / "full")
@@ -131,7 +138,9 @@ def test_a_damaged_export_is_refused(written: tuple[Exported, Any], tmp_path: Pa
         load_exported(tmp_path)
 
 
-def test_that_minari_is_missing_is_said(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_that_minari_is_missing_is_said(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InvalidInput, match=r"pip install 'stancekit\[datasets\]'$"):
         export(dataset, tmp_path / "out")

@@ -1,4 +1,5 @@
-"""Labelling: the rows follow from the plan alone, whoever draws them and however often they are interrupted."""
+"""Labelling: the rows follow from the plan alone, whoever draws them and however often they are
+interrupted."""
 
 import hashlib
 import itertools
@@ -32,7 +33,9 @@ from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
 
 PLAN = LabelPlan(distribution="wall-3", feasible=9, infeasible=7, shard_size=3, seed=5)
-NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True)
+NATURAL = LabelPlan(
+    distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True
+)
 
 RUN = """
 import json, sys
@@ -73,9 +76,17 @@ for function, calls in deaths:
     ended.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 print(json.dumps(ended))
 """
-DEATHS = (("fsync", 1, 0), ("fsync", 3, 0), ("replace", 3, 0), ("replace", 4, 1), ("fsync", 13, 2), ("replace", 13, 5))
-"""A function of os, before which of its calls a run is killed, and the shards that are whole then. There is a header,
-then for each shard its times and the shard; each of them, then its folder, is synchronised."""
+DEATHS = (
+    ("fsync", 1, 0),
+    ("fsync", 3, 0),
+    ("replace", 3, 0),
+    ("replace", 4, 1),
+    ("fsync", 13, 2),
+    ("replace", 13, 5),
+)
+"""A function of os, before which of its calls a run is killed, and the shards that are whole then.
+There is a header, then for each shard its times and the shard; each of them, then its folder, is
+synchronised."""
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +105,8 @@ def natural(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def contents(path: Path) -> dict[str, str]:
-    """Digest of every file that must follow from the plan, and the names of all others but the times."""
+    """Digest of every file that must follow from the plan, and the names of all others but the
+    times."""
     kept = [file for file in sorted(path.iterdir()) if not file.name.startswith("timing-")]
     return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in kept}
 
@@ -107,7 +119,9 @@ def test_a_balanced_set_has_exactly_the_planned_rows(balanced: Path) -> None:
         assert (tally.rows.feasible, tally.rows.infeasible) == PLAN.quota(shard)
 
 
-def test_trivially_infeasible_samples_are_counted_but_never_kept_in_a_balanced_set(balanced: Path) -> None:
+def test_trivially_infeasible_samples_are_counted_but_never_kept_in_a_balanced_set(
+    balanced: Path,
+) -> None:
     data = Dataset.open(balanced)
     drawn = data.summary().drawn
     assert drawn.trivial > 0
@@ -117,9 +131,13 @@ def test_trivially_infeasible_samples_are_counted_but_never_kept_in_a_balanced_s
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 7, 100])
-@pytest.mark.parametrize(("feasible", "infeasible"), [(18, 14), (1, 1), (0, 9), (45, 1), (1, 46), (500, 500)])
+@pytest.mark.parametrize(
+    ("feasible", "infeasible"), [(18, 14), (1, 1), (0, 9), (45, 1), (1, 46), (500, 500)]
+)
 def test_quotas_add_up_and_no_shard_is_empty(feasible: int, infeasible: int, size: int) -> None:
-    plan = LabelPlan(distribution="wall-3", feasible=feasible, infeasible=infeasible, shard_size=size)
+    plan = LabelPlan(
+        distribution="wall-3", feasible=feasible, infeasible=infeasible, shard_size=size
+    )
     quotas = [plan.quota(shard) for shard in range(plan.shards)]
     assert [sum(column) for column in zip(*quotas, strict=True)] == [feasible, infeasible]
     assert all(1 <= sum(quota) <= size + 1 and min(quota) >= 0 for quota in quotas)
@@ -131,12 +149,17 @@ def content(path: Path) -> str:
     for file in sorted(path.glob("shard-*.parquet")):
         table = pq.read_table(file)
         tally = json.loads(table.schema.metadata[b"stancekit"])
-        said.update(json.dumps([tally["rows"], tally["drawn"], tally["undecided_samples"]]).encode())
+        said.update(
+            json.dumps([tally["rows"], tally["drawn"], tally["undecided_samples"]]).encode()
+        )
         for name in table.column_names:
             values = table.column(name).combine_chunks()
             values = values.storage if isinstance(values, pa.ExtensionArray) else values
-            said.update(json.dumps(values.to_pylist(), default=str).encode() if name in ("problem", "label") else
-                        "\n".join(_numbers(value) for value in values.to_pylist()).encode())  # fmt: skip
+            said.update(
+                json.dumps(values.to_pylist(), default=str).encode()
+                if name in ("problem", "label")
+                else "\n".join(_numbers(value) for value in values.to_pylist()).encode()
+            )
     return said.hexdigest()
 
 
@@ -236,11 +259,20 @@ def ledger_stream(shard: int) -> np.random.Generator:
 
 
 def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) -> None:
-    """Without the key ``witness`` the digest is that of before, so older shards belong to their header."""
+    """Without the key ``witness`` the digest is that of before, so older shards belong to their
+    header."""
     plan = replace(PLAN, feasible=4, infeasible=0, shard_size=2)
     label(plan, tmp_path)
     header = json.loads((tmp_path / "header.json").read_text())
-    assert set(header) == {"format", "problem_class", "legs", "plan", "first_sample", "software", "witness"}
+    assert set(header) == {
+        "format",
+        "problem_class",
+        "legs",
+        "plan",
+        "first_sample",
+        "software",
+        "witness",
+    }
     assert header.pop("witness") == "canonical/1"
     (tmp_path / "header.json").write_text(json.dumps(header))
     later = dict.fromkeys(("software", "witness", "robot", "speaks_of"), True)
@@ -252,22 +284,32 @@ def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) 
         path = tmp_path / f"shard-{shard:05d}.parquet"
         table = pq.read_table(path)
         tally = json.loads(table.schema.metadata[b"stancekit"]) | {"dataset": bare}
-        pq.write_table(table.replace_schema_metadata({"stancekit": json.dumps(tally)}), path, write_page_checksum=True)
+        pq.write_table(
+            table.replace_schema_metadata({"stancekit": json.dumps(tally)}),
+            path,
+            write_page_checksum=True,
+        )
     data = Dataset.open(tmp_path)
     assert (data.header.witness, len(data), recheck(data).accepted) == (None, 4, True)
     assert label(plan, tmp_path).rows.total == 4  # nothing is missing
     (tmp_path / "shard-00001.parquet").unlink()
     with pytest.raises(InvalidInput) as error:
         label(plan, tmp_path)
-    assert str(error.value) == f"{tmp_path}/header.json: witness: expected 'canonical/1' to go on with, got None"
+    assert (
+        str(error.value)
+        == f"{tmp_path}/header.json: witness: expected 'canonical/1' to go on with, got None"
+    )
 
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders by the deaths of the runs that filled them, each in a process of its own, started from one."""
+    """Folders by the deaths of the runs that filled them, each in a process of its own, started
+    from one."""
     path = tmp_path_factory.mktemp("killed")
     task = json.dumps([asdict(PLAN), str(path), [death[:2] for death in DEATHS]])
-    done = subprocess.run([sys.executable, "-c", KILLED, task], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, task], capture_output=True, text=True, check=True
+    )
     assert json.loads(done.stdout) == [-signal.SIGKILL] * len(DEATHS)
     return path
 
@@ -287,7 +329,9 @@ def test_a_run_killed_at_any_step_is_resumed_to_the_same_bytes(
     assert contents(path) == contents(balanced)
 
 
-def test_a_run_on_two_processes_that_is_killed_is_resumed_to_the_same_bytes(balanced: Path, tmp_path: Path) -> None:
+def test_a_run_on_two_processes_that_is_killed_is_resumed_to_the_same_bytes(
+    balanced: Path, tmp_path: Path
+) -> None:
     task = json.dumps([asdict(PLAN), str(tmp_path), 2])
     run = subprocess.Popen([sys.executable, "-c", RUN, task], stdout=subprocess.PIPE, text=True)
     assert run.stdout is not None
@@ -321,7 +365,9 @@ def test_what_a_killed_run_was_writing_is_removed(balanced: Path, tmp_path: Path
         ({"distribution": "wall-5"}, "distribution: expected 'wall-5' as planned, got 'wall-3'"),
     ],
 )
-def test_another_plan_is_refused_and_changes_nothing(balanced: Path, changes: dict[str, object], message: str) -> None:
+def test_another_plan_is_refused_and_changes_nothing(
+    balanced: Path, changes: dict[str, object], message: str
+) -> None:
     before = contents(balanced)
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, **changes), balanced)  # type: ignore[arg-type]
@@ -355,7 +401,10 @@ def test_other_software_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         ({"shard_size": 0}, "shard_size: expected an integer of at least 1, got 0"),
         ({"seed": 1.5}, "seed: expected an integer of at least 0, got 1.5"),
         ({"gap": 0.0}, "gap: expected a number between 0 and 1, got 0.0"),
-        ({"feasible": 0, "infeasible": 0}, "feasible, infeasible: expected one row or more, got none"),
+        (
+            {"feasible": 0, "infeasible": 0},
+            "feasible, infeasible: expected one row or more, got none",
+        ),
     ],
 )
 def test_a_plan_that_makes_no_sense_is_refused(values: dict[str, object], message: str) -> None:
@@ -380,7 +429,9 @@ def test_bad_arguments_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path / "file")
-    assert str(error.value) == f"{tmp_path}/file: expected a folder or room for one, got File exists"
+    assert (
+        str(error.value) == f"{tmp_path}/file: expected a folder or room for one, got File exists"
+    )
 
 
 def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
@@ -388,11 +439,16 @@ def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
     (tmp_path / "header.json").unlink()
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path)
-    assert str(error.value) == f"{tmp_path}/header.json: expected the header of a data set, found nothing"
+    assert (
+        str(error.value)
+        == f"{tmp_path}/header.json: expected the header of a data set, found nothing"
+    )
 
 
 def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) -> None:
-    slippery = PostureDistribution(name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01))
+    slippery = PostureDistribution(
+        name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01)
+    )
     plan = replace(PLAN, distribution="slippery", feasible=2, infeasible=0)
     with pytest.raises(LabellingFailed) as error:
         label(plan, tmp_path, source=slippery, draws_per_row=3)
@@ -403,9 +459,15 @@ def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stancekit.learners.data.shards.BARREN", 20)
-    slippery = PostureDistribution(name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01))
+    slippery = PostureDistribution(
+        name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01)
+    )
     with pytest.raises(LabellingFailed) as error:
-        label(replace(PLAN, distribution="slippery", feasible=2, infeasible=0), tmp_path / "none", source=slippery)
+        label(
+            replace(PLAN, distribution="slippery", feasible=2, infeasible=0),
+            tmp_path / "none",
+            source=slippery,
+        )
     assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 20 draws: 20 trivial"
     monkeypatch.setattr("stancekit.learners.data.shards.BARREN", 5)
     summary = label(replace(PLAN, feasible=12, infeasible=0, shard_size=12), tmp_path / "some")
@@ -414,13 +476,22 @@ def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came
 
 
 def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
-    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: \d+ "):
-        label(replace(PLAN, feasible=0, infeasible=10, shard_size=5), tmp_path, workers=2, draws_per_row=1)
+    with pytest.raises(
+        LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: \d+ "
+    ):
+        label(
+            replace(PLAN, feasible=0, infeasible=10, shard_size=5),
+            tmp_path,
+            workers=2,
+            draws_per_row=1,
+        )
 
 
 def test_a_natural_set_keeps_the_first_samples_as_they_come(natural: Path) -> None:
     data = Dataset.open(natural)
-    assert [(row.shard, row.sample) for row in data.rows()] == [(shard, k) for shard in range(2) for k in range(20)]
+    assert [(row.shard, row.sample) for row in data.rows()] == [
+        (shard, k) for shard in range(2) for k in range(20)
+    ]
     assert {row.kind for row in data.rows()} == {"feasible", "infeasible", "trivial"}
     summary = data.summary()
     assert summary.rows == summary.drawn
@@ -433,7 +504,9 @@ def test_a_natural_set_keeps_the_first_samples_as_they_come(natural: Path) -> No
 
 def test_every_row_can_be_drawn_again_to_the_last_bit(balanced: Path) -> None:
     data = Dataset.open(balanced)
-    streams = {shard: list(itertools.islice(samples(PLAN, shard), 200)) for shard in range(PLAN.shards)}
+    streams = {
+        shard: list(itertools.islice(samples(PLAN, shard), 200)) for shard in range(PLAN.shards)
+    }
     for row in data.rows():
         drawn = streams[row.shard][row.sample]
         assert json.dumps(row.problem.to_json()) == json.dumps(drawn.to_json())
@@ -443,7 +516,9 @@ def test_every_row_can_be_drawn_again_to_the_last_bit(balanced: Path) -> None:
             assert mine.patch.friction == theirs.patch.friction
 
 
-def test_samples_that_stay_undecided_are_listed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_samples_that_stay_undecided_are_listed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     plan = replace(NATURAL, gap=0.5, max_nodes=1, shard_size=40)
     with caplog.at_level(logging.WARNING):
         label(plan, tmp_path)
@@ -457,7 +532,9 @@ def test_samples_that_stay_undecided_are_listed(tmp_path: Path, caplog: pytest.L
     assert recheck(data).accepted
 
 
-def test_progress_begins_with_what_is_there_and_ends_with_everything(balanced: Path, tmp_path: Path) -> None:
+def test_progress_begins_with_what_is_there_and_ends_with_everything(
+    balanced: Path, tmp_path: Path
+) -> None:
     seen: list[Progress] = []
     summary = label(PLAN, tmp_path, progress=seen.append)
     assert [p.shards_done for p in seen] == list(range(7))
@@ -484,12 +561,17 @@ def test_the_summary_counts_and_times_all_samples(tmp_path: Path) -> None:
     assert untimed.rows == summary.rows
 
 
-def test_every_stored_witness_and_certificate_passes_the_verifier_again(balanced: Path, natural: Path) -> None:
+def test_every_stored_witness_and_certificate_passes_the_verifier_again(
+    balanced: Path, natural: Path
+) -> None:
     for path in (balanced, natural):
         data = Dataset.open(path)
         report = recheck(data)
         assert report.accepted
-        assert (report.witnesses, report.certificates) == (len(data.feasible), len(data) - len(data.feasible))
+        assert (report.witnesses, report.certificates) == (
+            len(data.feasible),
+            len(data) - len(data.feasible),
+        )
         assert report.worst_residual <= PLAN.tolerance
         assert report.smallest_bound > PLAN.gap
         assert json.loads(json.dumps(report.to_json()))["refused"] == []
@@ -499,16 +581,28 @@ def test_every_stored_witness_and_certificate_passes_the_verifier_again(balanced
 def test_a_row_that_was_changed_is_refused(tmp_path: Path, column: str) -> None:
     label(replace(PLAN, feasible=2, infeasible=2, shard_size=4), tmp_path)
     data = Dataset.open(tmp_path)
-    victim = int((data.infeasible if column in ("multipliers", "lower_bound") else data.feasible)[1])
+    victim = int(
+        (data.infeasible if column in ("multipliers", "lower_bound") else data.feasible)[1]
+    )
     table = data.ledger.read(0)
     values = table.column(column).to_pylist()
-    values[victim] = "infeasible" if column == "label" else (1.5 * np.array(values[victim]) + 0.01).tolist()
+    values[victim] = (
+        "infeasible" if column == "label" else (1.5 * np.array(values[victim]) + 0.01).tolist()
+    )
     if column == "multipliers":
         values[victim] = np.zeros_like(values[victim]).tolist()
     kind = table.schema.field(column).type
-    storage = pa.array(values, kind.storage_type if isinstance(kind, pa.BaseExtensionType) else kind)
-    changed = pa.ExtensionArray.from_storage(kind, storage) if isinstance(kind, pa.BaseExtensionType) else storage
-    table = table.set_column(table.schema.get_field_index(column), table.schema.field(column), changed)
+    storage = pa.array(
+        values, kind.storage_type if isinstance(kind, pa.BaseExtensionType) else kind
+    )
+    changed = (
+        pa.ExtensionArray.from_storage(kind, storage)
+        if isinstance(kind, pa.BaseExtensionType)
+        else storage
+    )
+    table = table.set_column(
+        table.schema.get_field_index(column), table.schema.field(column), changed
+    )
     (timing,) = data.ledger.timings()
     ledger.write_shard(tmp_path, table, data.ledger.tallies[0], timing)
     assert recheck(data.select(np.arange(4))).accepted is False
@@ -529,6 +623,8 @@ def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanc
         if row.status is Status.FEASIBLE:
             assert moment <= 1e-6
         else:
-            assert moment >= row.lower_bound - 1e-6  # no answer of P̄ has less than the certificate proves
+            assert (
+                moment >= row.lower_bound - 1e-6
+            )  # no answer of P̄ has less than the certificate proves
             looked_at += 1
     assert looked_at == PLAN.infeasible

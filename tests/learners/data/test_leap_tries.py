@@ -1,4 +1,5 @@
-"""Labels of leaps: tries follow from the plan alone, and the verifier judges each one's evidence without a solver."""
+"""Labels of leaps: tries follow from the plan alone, and the verifier judges each one's evidence
+without a solver."""
 
 import hashlib
 import json
@@ -30,7 +31,13 @@ from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.problem.leap_json import leap_to_json
 from stancekit.planners.verify.leaps import check_leap
 
-PLAN = TryPlan(distribution="leap", scenes=5, tries={"random": 4, "finder": 3, "noise": 2}, shard_size=18, seed=3)
+PLAN = TryPlan(
+    distribution="leap",
+    scenes=5,
+    tries={"random": 4, "finder": 3, "noise": 2},
+    shard_size=18,
+    seed=3,
+)
 RUN = """
 import json, sys
 from stancekit.envs.data.ledger import TryPlan
@@ -81,7 +88,11 @@ def test_every_scene_has_the_planned_tries_of_each_order_and_no_choice_twice(who
         assert rows["number"][own].tolist() == list(range(9))
         assert len(np.unique(rows["choice"][own], axis=0)) == 9
     assert set(rows["label"]) == {"solved", "refuted", "unsolved"}
-    assert [tally.rows.total for tally in LeapTries.open(whole).ledger.tallies.values()] == [18, 18, 9]
+    assert [tally.rows.total for tally in LeapTries.open(whole).ledger.tallies.values()] == [
+        18,
+        18,
+        9,
+    ]
 
 
 def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
@@ -89,7 +100,9 @@ def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
     arrays = tries.scenes()
     assert arrays["vertices_m"].shape == (5, 8, 8, 3, 3)
     for number, leap in enumerate(tries.leaps()):
-        drawn = leap_class("leap").draw(np.random.default_rng([PLAN.seed, number]), f"leap-3-{number}")
+        drawn = leap_class("leap").draw(
+            np.random.default_rng([PLAN.seed, number]), f"leap-3-{number}"
+        )
         assert leap_to_json(leap) == leap_to_json(drawn) == leap_to_json(tries.leap(number))
         for j, foothold in enumerate(drawn.footholds):
             for r, patch in enumerate(foothold.candidates):
@@ -101,7 +114,9 @@ def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
         tries.leap(5)
 
 
-def test_toes_that_stand_already_have_one_candidate_and_come_back_as_they_were(tmp_path: Path) -> None:
+def test_toes_that_stand_already_have_one_candidate_and_come_back_as_they_were(
+    tmp_path: Path,
+) -> None:
     label_leaps(replace(PLAN, distribution="leap-given", scenes=2, tries={"random": 1}), tmp_path)
     tries = LeapTries.open(tmp_path)
     arrays = tries.scenes()
@@ -125,7 +140,9 @@ def test_each_label_has_its_evidence_and_nothing_else(whole: Path) -> None:
         plan = tries.plan(index)
         assert check_leap(plan).accepted
         assert np.array_equal(plan.choice, rows["choice"][index])
-    with pytest.raises(InvalidInput, match=r"^try 0: expected one that is solved, got one that is "):
+    with pytest.raises(
+        InvalidInput, match=r"^try 0: expected one that is solved, got one that is "
+    ):
         tries.plan(0)
     assert (rows["cost"][solved] <= 1e-6).all()
     assert np.isinf(rows["first_cost"][rows["label"] == "refuted"]).all()
@@ -173,7 +190,9 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bytes(whole: Path, tmp_path: P
     assert contents(tmp_path) == contents(whole)
 
 
-def test_the_verifier_accepts_all_rows_without_a_solver(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_verifier_accepts_all_rows_without_a_solver(
+    whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("stancekit.planners.equilibrium.rows.Rows.solve", None)
     tries = LeapTries.open(whole)
     summary, report = tries.summary(), stancekit.verify(tries)
@@ -191,10 +210,16 @@ def rewritten(path: Path, shard: int, change: dict[str, np.ndarray]) -> None:
     for name, values in change.items():
         kind = table.schema.field(name).type
         storage = kind.storage_type if isinstance(kind, pa.FixedShapeTensorType) else kind
-        cells = [None if np.isnan(v).any() else v.ravel() for v in values] if values.ndim > 1 else values.tolist()
+        cells = (
+            [None if np.isnan(v).any() else v.ravel() for v in values]
+            if values.ndim > 1
+            else values.tolist()
+        )
         array = pa.array(cells, storage)
         array = pa.ExtensionArray.from_storage(kind, array) if storage is not kind else array
-        table = table.set_column(table.schema.get_field_index(name), table.schema.field(name), array)
+        table = table.set_column(
+            table.schema.get_field_index(name), table.schema.field(name), array
+        )
     pq.write_table(table, file, write_page_checksum=True)
 
 
@@ -202,10 +227,13 @@ def rewritten(path: Path, shard: int, change: dict[str, np.ndarray]) -> None:
 def test_forged_evidence_is_refused_row_by_row(copy: Path, forged: str) -> None:
     tries = LeapTries.open(copy)
     starts, labels = tries.ledger.starts, tries.tries()["label"]
-    begin, shard = next((starts[k], k) for k in range(3) if len(set(labels[starts[k] : starts[k + 1]])) == 3)
+    begin, shard = next(
+        (starts[k], k) for k in range(3) if len(set(labels[starts[k] : starts[k + 1]])) == 3
+    )
     rows = {name: values[begin : starts[shard + 1]] for name, values in tries.tries().items()}
     solved, refuted, unsolved = (
-        int(np.flatnonzero(rows["label"] == label)[0]) for label in ("solved", "refuted", "unsolved")
+        int(np.flatnonzero(rows["label"] == label)[0])
+        for label in ("solved", "refuted", "unsolved")
     )
     if forged == "force":
         rows["forces_n"][solved, 0, 0, 2] += 5.0
@@ -219,21 +247,35 @@ def test_forged_evidence_is_refused_row_by_row(copy: Path, forged: str) -> None:
         rows["label"][unsolved] = "refuted"
     name = {"force": "forces_n", "toe": "toes_m"}.get(forged, forged)
     rewritten(copy, shard, {name: rows[name]})
-    expected = {"force": {solved}, "toe": {solved}, "multipliers": {refuted}, "choice": {solved, refuted}}
+    expected = {
+        "force": {solved},
+        "toe": {solved},
+        "multipliers": {refuted},
+        "choice": {solved, refuted},
+    }
     report = recheck_leaps(LeapTries.open(copy))
     assert {index - begin for index in report.refused} == expected.get(forged, {unsolved})
     assert not report.accepted
 
 
 @pytest.mark.parametrize(("row", "scene"), [(-1, 99), (0, -1), (1, 1), (-1, 0)])
-def test_rows_of_scenes_that_are_not_the_shards_are_refused_by_every_reader(copy: Path, row: int, scene: int) -> None:
+def test_rows_of_scenes_that_are_not_the_shards_are_refused_by_every_reader(
+    copy: Path, row: int, scene: int
+) -> None:
     """Such rows are of no scene that a verifier looks at: any label would pass."""
     scenes = pq.read_table(copy / "shard-00000.parquet").column("scene").to_numpy().copy()
     scenes[row] = scene
     rewritten(copy, 0, {"scene": scenes})
     tries = LeapTries.open(copy)
-    message = r"shard-00000\.parquet: scene: expected rows of scenes 0 to 1 in their order, got others"
-    for read in (lambda: recheck_leaps(tries), tries.tries, tries.scenes, lambda: list(tries.leaps())):
+    message = (
+        r"shard-00000\.parquet: scene: expected rows of scenes 0 to 1 in their order, got others"
+    )
+    for read in (
+        lambda: recheck_leaps(tries),
+        tries.tries,
+        tries.scenes,
+        lambda: list(tries.leaps()),
+    ):
         with pytest.raises(InvalidInput, match=message):
             read()
 
@@ -245,19 +287,31 @@ def test_rows_that_say_other_scenes_than_their_first_are_refused(copy: Path) -> 
     friction[1] = [50.0] * len(friction[1])
     place = table.schema.get_field_index("friction")
     pq.write_table(
-        table.set_column(place, table.schema.field(place), pa.array(friction, table.schema.field(place).type)), file
+        table.set_column(
+            place, table.schema.field(place), pa.array(friction, table.schema.field(place).type)
+        ),
+        file,
     )
-    with pytest.raises(InvalidInput, match=r"shard-00000\.parquet: friction: expected the same in all rows of a scene"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"shard-00000\.parquet: friction: expected the same in all rows of a scene",
+    ):
         recheck_leaps(LeapTries.open(copy))
 
 
-def test_a_solved_try_that_a_cut_of_its_scene_refutes_is_refused(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_solved_try_that_a_cut_of_its_scene_refutes_is_refused(
+    whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tries = LeapTries.open(whole)
     rows = tries.tries()
     numbers = set(rows["scene"][rows["label"] == "refuted"].tolist())
-    contradicted = [k for k in np.flatnonzero(rows["label"] == "solved").tolist() if rows["scene"][k] in numbers]
+    contradicted = [
+        k for k in np.flatnonzero(rows["label"] == "solved").tolist() if rows["scene"][k] in numbers
+    ]
     assert contradicted
-    monkeypatch.setattr(leap_tries.Refuter, "bounds", lambda self, timing, row, choices: np.ones(len(choices)))
+    monkeypatch.setattr(
+        leap_tries.Refuter, "bounds", lambda self, timing, row, choices: np.ones(len(choices))
+    )
     assert recheck_leaps(tries).refused == tuple(contradicted)
 
 
@@ -302,7 +356,9 @@ def test_damaged_shards_are_one_line(copy: Path) -> None:
         recheck_leaps(LeapTries.open(copy))
     assert str(error.value).startswith(f"{path}: expected a whole Parquet file, got ")
     path.unlink()
-    with pytest.raises(InvalidInput, match=r"shard-00001\.parquet and 0 more shards are missing: label"):
+    with pytest.raises(
+        InvalidInput, match=r"shard-00001\.parquet and 0 more shards are missing: label"
+    ):
         LeapTries.open(copy)
 
 
@@ -318,7 +374,9 @@ def test_damaged_shards_are_one_line(copy: Path) -> None:
         ({"distribution": "leap-few"}, "distribution: expected 'leap-few' as planned, got 'leap'"),
     ],
 )
-def test_another_plan_is_refused_and_changes_nothing(whole: Path, changes: dict[str, object], message: str) -> None:
+def test_another_plan_is_refused_and_changes_nothing(
+    whole: Path, changes: dict[str, object], message: str
+) -> None:
     before = contents(whole)
     with pytest.raises(InvalidInput) as error:
         label_leaps(replace(PLAN, **changes), whole)  # type: ignore[arg-type]
@@ -330,15 +388,24 @@ def test_another_plan_is_refused_and_changes_nothing(whole: Path, changes: dict[
     ("given", "message"),
     [
         ({"scenes": 0}, "scenes: expected an integer of at least 1, got 0"),
-        ({"tries": {}}, "tries: expected a count for some of random, rule, farkas, finder, noise, got none"),
-        ({"tries": {"no": 1}}, "tries: expected a count for some of random, rule, farkas, finder, noise, got 'no'"),
+        (
+            {"tries": {}},
+            "tries: expected a count for some of random, rule, farkas, finder, noise, got none",
+        ),
+        (
+            {"tries": {"no": 1}},
+            "tries: expected a count for some of random, rule, farkas, finder, noise, got 'no'",
+        ),
         ({"tries": {"rule": -1}}, "tries: expected an integer of at least 0 for rule, got -1"),
         ({"shard_size": 0}, "shard_size: expected an integer of at least 1, got 0"),
         ({"stop": 0.0}, "stop: expected a number above 0 and up to 1, got 0.0"),
-        ({"scenes": 10**9}, "scenes, tries, shard_size: expected 1e+09 rows, 1e+05 shards or fewer, got 9000000000 in "
-                            "500000000"),
+        (
+            {"scenes": 10**9},
+            "scenes, tries, shard_size: expected 1e+09 rows, 1e+05 shards or fewer, got 9000000000 in "
+            "500000000",
+        ),
     ],
-)  # fmt: skip
+)
 def test_plans_out_of_range_are_refused(given: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
         replace(PLAN, **given)  # type: ignore[arg-type]
@@ -357,9 +424,21 @@ def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
         ("leap-far", {"scenes": 1}, "distribution: expected one of leap"),
         ("leap", {}, "scenes: expected how many leaps of leap, got none"),
         ("leap", {"scenes": 1, "rows": 5}, "rows: expected none with leaps of leap, got 5"),
-        ("leap", {"scenes": 1, "robot": "anymal"}, "robot: expected none with leaps of leap, got 'anymal'"),
-        ("leap", {"scenes": 1, "natural": True}, "natural: expected none with leaps of leap, got True"),
-        ("leap", {"scenes": 1, "proposers": "a.safetensors"}, "proposers: expected none with leaps of leap, got "),
+        (
+            "leap",
+            {"scenes": 1, "robot": "anymal"},
+            "robot: expected none with leaps of leap, got 'anymal'",
+        ),
+        (
+            "leap",
+            {"scenes": 1, "natural": True},
+            "natural: expected none with leaps of leap, got True",
+        ),
+        (
+            "leap",
+            {"scenes": 1, "proposers": "a.safetensors"},
+            "proposers: expected none with leaps of leap, got ",
+        ),
         ("wall-3", {"scenes": 1}, "scenes: expected none with postures, got 1"),
         ("wall-3", {"tries": {"rule": 1}}, "tries: expected none with postures, got "),
     ],
@@ -373,12 +452,16 @@ def test_arguments_without_use_are_refused_by_name(
     assert not (tmp_path / "set").exists()
 
 
-def test_the_two_kinds_of_data_sets_are_not_taken_for_each_other(whole: Path, tmp_path: Path) -> None:
+def test_the_two_kinds_of_data_sets_are_not_taken_for_each_other(
+    whole: Path, tmp_path: Path
+) -> None:
     with pytest.raises(InvalidInput) as error:
         stancekit.Dataset.open(whole)
     expected = "format: expected 'stancekit/dataset/1', got 'stancekit/tries/1'"
     assert str(error.value) == f"{whole}/header.json: {expected}"
-    with pytest.raises(InvalidInput, match="format: expected 'stancekit/tries/1', got 'stancekit/dataset/1'"):
+    with pytest.raises(
+        InvalidInput, match="format: expected 'stancekit/tries/1', got 'stancekit/dataset/1'"
+    ):
         LeapTries.open("pool-wall-3")
     with pytest.raises(InvalidInput) as error:
         stancekit.label("wall-3", whole, rows=(1, 1))

@@ -1,4 +1,5 @@
-"""The bench: every row from held-out terrains, nothing done twice, nothing reused that does not belong together."""
+"""The bench: every row from held-out terrains, nothing done twice, nothing reused that does not
+belong together."""
 
 import json
 from dataclasses import replace
@@ -59,10 +60,14 @@ def test_rows_are_those_of_an_evaluation_of_the_kept_files_on_the_kept_test_set(
     scenes = scenes_of(Dataset.open(folder / "wall-3" / "test"))
     for score in result.scores[:3]:
         learned = load_selector(folder / "wall-3" / f"{score.selector}.json")
-        again = evaluate(score.selector, learned, scenes, problem_class="wall-3", projections=("fix-p", "scp"))
+        again = evaluate(
+            score.selector, learned, scenes, problem_class="wall-3", projections=("fix-p", "scp")
+        )
         assert (again.p1_feasible, again.p1_infeasible, again.projected) == (
-            score.p1_feasible, score.p1_infeasible, score.projected,
-        )  # fmt: skip
+            score.p1_feasible,
+            score.p1_infeasible,
+            score.projected,
+        )
 
 
 def test_nothing_is_learned_from_the_test_set(made: tuple[Path, ClassResult]) -> None:
@@ -70,17 +75,24 @@ def test_nothing_is_learned_from_the_test_set(made: tuple[Path, ClassResult]) ->
     train, test = (Dataset.open(folder / "wall-3" / part) for part in ("train", "test"))
     assert train.header.digest != test.header.digest
     for name in ("quantile", "ga"):
-        assert read_envelopes(folder / "wall-3" / f"{name}.json").provenance["dataset"] == train.header.digest
+        assert (
+            read_envelopes(folder / "wall-3" / f"{name}.json").provenance["dataset"]
+            == train.header.digest
+        )
     drawn = {json.dumps(problem.to_json()) for problem in train.problems()}
     assert not drawn & {json.dumps(problem.to_json()) for problem in test.problems()}
 
 
 def test_a_second_run_reuses_everything_and_says_the_same(made: tuple[Path, ClassResult]) -> None:
     folder, first = made
-    before = {path: path.stat().st_mtime_ns for path in (folder / "wall-3").rglob("*") if path.is_file()}
+    before = {
+        path: path.stat().st_mtime_ns for path in (folder / "wall-3").rglob("*") if path.is_file()
+    }
     second = run(PLAN, folder)
     assert second.fresh == ()
-    assert [replace(s, gap=0.0) for s in second.scores] == [replace(s, gap=0.0) for s in first.scores]
+    assert [replace(s, gap=0.0) for s in second.scores] == [
+        replace(s, gap=0.0) for s in first.scores
+    ]
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
@@ -93,12 +105,19 @@ def test_what_changed_is_done_again_and_nothing_else(made: tuple[Path, ClassResu
     assert read_envelopes(folder / "wall-3" / "ga.json").provenance["method"] == "ga"
     (folder / "wall-3" / "heuristic.row.json").write_text("{")
     assert run(other, folder).fresh == ("heuristic",)
-    assert run(other | {"projections": ["scp"]}, folder).fresh == ("heuristic", "quantile", "ga", "lift")
+    assert run(other | {"projections": ["scp"]}, folder).fresh == (
+        "heuristic",
+        "quantile",
+        "ga",
+        "lift",
+    )
 
 
 def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> None:
     folder, _ = made
-    with pytest.raises(InvalidInput, match=r"train/header\.json: feasible: expected 13 as planned, got 12$"):
+    with pytest.raises(
+        InvalidInput, match=r"train/header\.json: feasible: expected 13 as planned, got 12$"
+    ):
         run(PLAN | {"train": {"feasible": 13, "infeasible": 12, "seed": 0}}, folder)
 
 
@@ -108,13 +127,25 @@ def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> 
         ({"method": ["ga"]}, "plan: method: unknown key"),
         ({"methods": ["luck"]}, "plan: methods[0]: "),
         ({"methods": []}, "plan: methods: expected one or more, got none"),
-        ({"test": {"feasible": 1, "infeasible": 1, "seed": 0}}, "plan: test.seed: expected another seed than train"),
-        ({"calibration": {"feasible": 1, "infeasible": 1, "seed": 1}}, "plan: calibration.seed: expected another seed"),
-        ({"problems": ["moon"]}, "plan: distribution: expected one of ground-3, wall-3, wall-5, "
-         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got"),
+        (
+            {"test": {"feasible": 1, "infeasible": 1, "seed": 0}},
+            "plan: test.seed: expected another seed than train",
+        ),
+        (
+            {"calibration": {"feasible": 1, "infeasible": 1, "seed": 1}},
+            "plan: calibration.seed: expected another seed",
+        ),
+        (
+            {"problems": ["moon"]},
+            "plan: distribution: expected one of ground-3, wall-3, wall-5, "
+            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got",
+        ),
         ({"fit": {"shar": 0.1}}, "plan: fit.shar: unknown key"),
         ({"fit": {"share": 0.9}}, "plan: fit.share: expected less than 0.5, got 0.9"),
-        ({"fit": {"genetic": {"delta": 3.0}}}, "plan: genetic.delta: expected less than 1, got 3.0"),
+        (
+            {"fit": {"genetic": {"delta": 3.0}}},
+            "plan: genetic.delta: expected less than 1, got 3.0",
+        ),
         ({"train": {"feasible": "many", "infeasible": 1, "seed": 0}}, "plan: train.feasible: "),
     ],
 )
@@ -125,21 +156,27 @@ def test_plans_that_make_no_sense_are_told_by_key(changes: dict[str, Any], messa
 
 
 @pytest.mark.parametrize("quick", [False, True])
-def test_the_configuration_that_comes_with_the_package_has_every_method_and_class(quick: bool) -> None:
+def test_the_configuration_that_comes_with_the_package_has_every_method_and_class(
+    quick: bool,
+) -> None:
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("safetensors")
     experiment = Experiment.from_yaml(config_path("bench-envelopes.yaml"), quick=quick)
     assert set(experiment.methods) == set(METHODS.names()) - {"modes"}
     assert set(experiment.problems) == {"ground-3", "wall-3", "wall-5"}
     assert quick or min(experiment.test.feasible, experiment.test.infeasible) >= 500
-    assert set(Experiment.from_yaml(config_path("bench-joint.yaml")).problems) == set(experiment.problems)
+    assert set(Experiment.from_yaml(config_path("bench-joint.yaml")).problems) == set(
+        experiment.problems
+    )
 
 
 def test_a_file_without_a_quick_section_has_no_quick_run(tmp_path: Path) -> None:
     path = tmp_path / "plan.yaml"
     path.write_text(yaml.safe_dump(PLAN))
     assert Experiment.from_yaml(path).methods == ("heuristic", "quantile", "ga")
-    with pytest.raises(InvalidInput, match=r"plan\.yaml: quick: expected keys of an experiment, got \{\}$"):
+    with pytest.raises(
+        InvalidInput, match=r"plan\.yaml: quick: expected keys of an experiment, got \{\}$"
+    ):
         Experiment.from_yaml(path, quick=True)
     path.write_text("- 1")
     with pytest.raises(InvalidInput, match=r"plan\.yaml: expected keys and values, got list$"):

@@ -1,4 +1,5 @@
-"""Room of environments whose scenes are postures and climbs: episodes that are those of other judges."""
+"""Room of environments whose scenes are postures and climbs: episodes that are those of other
+judges."""
 
 import json
 
@@ -24,7 +25,10 @@ def test_the_episodes_of_a_selector_are_those_that_evaluate_judges(tmp_path):
     name, count = "EnvelopeSelection-v0", 6
     room = environment_room(name, tmp_path, scenes=count, seed=3)
     rows = played(tmp_path, name)
-    env, learned = gymnasium.make(f"stancekit/{name}", **ENVIRONMENTS[name].options), load_selector("neural-wall-3")
+    env, learned = (
+        gymnasium.make(f"stancekit/{name}", **ENVIRONMENTS[name].options),
+        load_selector("neural-wall-3"),
+    )
     for index in range(count):
         env.reset(seed=int(np.random.default_rng([3, index]).integers(2**31)))
         scene = env.unwrapped.scene

@@ -1,4 +1,5 @@
-"""Rollouts: one function for every selector, the same figures anywhere, and the environment's own rewards."""
+"""Rollouts: one function for every selector, the same figures anywhere, and the environment's own
+rewards."""
 
 import json
 from pathlib import Path
@@ -14,7 +15,13 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.executor import processes
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation import evaluate as module
-from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout
+from stancekit.learners.evaluation.evaluate import (
+    Share,
+    evaluate,
+    evaluate_lift,
+    paper_row,
+    rollout,
+)
 from stancekit.learners.selectors.selector import FixedSelector, Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.equilibrium.programs import Programs
@@ -44,14 +51,22 @@ def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
     scenes: list[LabelledScene], envelopes: EnvelopeSet, programs: Programs
 ) -> None:
     score = evaluate(
-        "quantile", Learned.fixed("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
+        "quantile",
+        Learned.fixed("quantile", envelopes),
+        scenes,
+        problem_class="wall-3",
+        projections=("fix-toes",),
     )
     (box,) = envelopes.envelopes
-    box = type(box).from_vector(box.to_vector().astype(np.float32).astype(np.float64))  # what an action can say
+    box = type(box).from_vector(
+        box.to_vector().astype(np.float32).astype(np.float64)
+    )  # what an action can say
     right = {True: 0, False: 0}
     for scene in scenes:
         scaled = Scaled.of(scene.problem)
-        right[scene.feasible] += programs.get(McCormick, scaled.layout).solve(scaled, box).feasible == scene.feasible
+        right[scene.feasible] += (
+            programs.get(McCormick, scaled.layout).solve(scaled, box).feasible == scene.feasible
+        )
     assert score.p1_feasible == Share(hits=right[True], of=14)
     assert score.p1_infeasible == Share(hits=right[False], of=10)
     assert 0 < score.projected["fix-toes"].hits <= right[True]
@@ -66,26 +81,41 @@ def test_any_number_of_processes_gives_the_same_shares(
     message: list[tuple[int, int]] = []
     one, two = (
         evaluate(
-            "quantile", selector, scenes, problem_class="wall-3", projections=("fix-p", "scp"), run=processes(workers),
+            "quantile",
+            selector,
+            scenes,
+            problem_class="wall-3",
+            projections=("fix-p", "scp"),
+            run=processes(workers),
             progress=lambda done, total: message.append((done, total)),
         )
         for workers in (1, 2)
-    )  # fmt: skip
-    assert (one.p1_feasible, one.p1_infeasible, one.projected) == (two.p1_feasible, two.p1_infeasible, two.projected)
+    )
+    assert (one.p1_feasible, one.p1_infeasible, one.projected) == (
+        two.p1_feasible,
+        two.p1_infeasible,
+        two.projected,
+    )
     assert one.gap == two.gap
     assert message == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
 
 
-def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[LabelledScene], envelopes: EnvelopeSet) -> None:
+def test_stable_baselines3_comes_to_the_same_mean_reward(
+    scenes: list[LabelledScene], envelopes: EnvelopeSet
+) -> None:
     evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
     monitor = pytest.importorskip("stable_baselines3.common.monitor")
     selector = FixedSelector("quantile", envelopes)
-    infos = rollout(selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes))
+    infos = rollout(
+        selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes)
+    )
     env = monitor.Monitor(EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)))
     mean, _ = evaluation.evaluate_policy(selector, env, n_eval_episodes=len(scenes))
     assert mean == pytest.approx(np.mean([info["reward"] for info in infos]), rel=1e-5)
     for info in infos:
-        assert info["reward"] == pytest.approx(sum(v for k, v in info.items() if k.startswith("reward_")))
+        assert info["reward"] == pytest.approx(
+            sum(v for k, v in info.items() if k.startswith("reward_"))
+        )
 
 
 def test_the_lift_admits_every_feasible_posture(scenes: list[LabelledScene]) -> None:
@@ -98,18 +128,28 @@ def test_the_lift_admits_every_feasible_posture(scenes: list[LabelledScene]) -> 
 
 def test_wilson_intervals_are_those_of_the_literature() -> None:
     # Newcombe, Statistics in Medicine 17 (1998), p. 861, method 3: 81/263, 15/148, 0/20, 1/29
-    for hits, of, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611)):
+    for hits, of, low, high in (
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+    ):
         assert Share(hits=hits, of=of).interval == pytest.approx((low, high), abs=1e-4)
     assert np.isnan(Share(hits=0, of=0).interval).all()
 
 
 def test_the_papers_rows_stand_beside_the_methods_they_printed() -> None:
     assert paper_row("wall-3", "gmm-printed") == {
-        "p1_feasible": 0.9362, "p1_infeasible": 0.8, "project_fix_p": 0.6332, "project_nlp": 0.9362,
-    }  # fmt: skip
+        "p1_feasible": 0.9362,
+        "p1_infeasible": 0.8,
+        "project_fix_p": 0.6332,
+        "project_nlp": 0.9362,
+    }
     assert paper_row("wall-5", "ga") == {
-        "p1_feasible": 0.6821, "p1_infeasible": 0.9868, "project_fix_p": 0.6270, "project_nlp": 0.6821,
-    }  # fmt: skip
+        "p1_feasible": 0.6821,
+        "p1_infeasible": 0.9868,
+        "project_fix_p": 0.6270,
+        "project_nlp": 0.6821,
+    }
     assert paper_row("wall-3", "neural") is None
     assert paper_row("moon", "ga") is None
 

@@ -23,7 +23,9 @@ from stancekit.learners.evaluation.gait_figures import quartiles, ratios, table
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.task import GaitSettings
 
-FAST = GaitBenchSettings(terrains=("ripple", "hill"), methods=("ambient", "decoupled"), every=8, seeds=1)
+FAST = GaitBenchSettings(
+    terrains=("ripple", "hill"), methods=("ambient", "decoupled"), every=8, seeds=1
+)
 
 
 def row(method, terrain="ripple", task=0, seed=0, **figures):
@@ -52,7 +54,10 @@ def measured(monkeypatch):
 
 def test_the_whole_bench_is_the_papers_protocol():
     every = cells(GaitBenchSettings())
-    tasks = {name: len({cell.task for cell in every if cell.terrain == name}) for name in gait_bench.TERRAINS}
+    tasks = {
+        name: len({cell.task for cell in every if cell.terrain == name})
+        for name in gait_bench.TERRAINS
+    }
     assert tasks == {"ripple": 24, "cone": 24, "hill": 15, "pit": 15}
     assert {cell.seed for cell in every} == {0, 1, 2, 3}
     assert len(every) == len(set(every)) == (24 + 24 + 15 + 15) * 4 * len(METHODS)
@@ -63,16 +68,23 @@ def test_the_whole_bench_is_the_papers_protocol():
 def test_a_run_that_stops_early_has_seen_all_terrains_and_methods():
     first = cells(FAST)[:4]
     assert [(cell.terrain, cell.method) for cell in first] == [
-        ("ripple", "ambient"), ("ripple", "decoupled"), ("hill", "ambient"), ("hill", "decoupled")
-    ]  # fmt: skip
-    ripples = [cell.task for cell in cells(FAST) if cell.terrain == "ripple" and cell.method == "ambient"][:3]
+        ("ripple", "ambient"),
+        ("ripple", "decoupled"),
+        ("hill", "ambient"),
+        ("hill", "decoupled"),
+    ]
+    ripples = [
+        cell.task for cell in cells(FAST) if cell.terrain == "ripple" and cell.method == "ambient"
+    ][:3]
     assert ripples == [0, 16, 8]
 
 
 def test_the_published_methods_have_the_papers_dynamics_and_every_method_can_be_set():
     for name, method in METHODS.items():
         settings = GaitSettings(**method.settings)
-        assert (name in ("ambient", "warped", "ambient-lbfgs", "warped-lbfgs")) == (settings.dynamics == "printed")
+        assert (name in ("ambient", "warped", "ambient-lbfgs", "warped-lbfgs")) == (
+            settings.dynamics == "printed"
+        )
         assert settings.hessian == ("lbfgs" if name.endswith("lbfgs") else "exact")
     assert set(PAPER) <= set(METHODS)
     assert [PAPER["warped-lbfgs"][name] for name in gait_bench.TERRAINS] == [0.92, 1.0, 1.0, 0.13]
@@ -81,9 +93,10 @@ def test_the_published_methods_have_the_papers_dynamics_and_every_method_can_be_
 def test_robots_in_pits_face_their_goal():
     task = gait_task("pit", 5)
     way = task.goal_xy_m - task.start_xy_m
-    assert [gait_bench.math.cos(task.start_yaw_rad), gait_bench.math.sin(task.start_yaw_rad)] == pytest.approx(
-        way / 2.2
-    )
+    assert [
+        gait_bench.math.cos(task.start_yaw_rad),
+        gait_bench.math.sin(task.start_yaw_rad),
+    ] == pytest.approx(way / 2.2)
     assert task.adhesive == (True, True, False, False)
     assert gait_task("ripple", 5).start_yaw_rad == 0.0
 
@@ -112,7 +125,10 @@ def test_another_protocol_measures_anew(tmp_path, measured):
         (lambda cell: {**cell, "row": None}, "row: expected an object, got NoneType"),
         (lambda cell: without(cell, "cpu_s"), "row: cpu_s: expected this key, got nothing"),
         (lambda cell: without(cell, "success"), "row: success: expected this key, got nothing"),
-        (lambda cell: {**cell, "row": {**cell["row"], "task": 8}}, "row: task: expected 0 by the file's name, got 8"),
+        (
+            lambda cell: {**cell, "row": {**cell["row"], "task": 8}},
+            "row: task: expected 0 by the file's name, got 8",
+        ),
         (
             lambda cell: {**cell, "row": {**cell["row"], "before": {}}},
             "row: before.peak_acceleration_g: expected this key, got nothing",
@@ -138,7 +154,9 @@ def without(cell, name):
 
 
 def test_a_cell_without_a_solve_is_a_row(tmp_path, monkeypatch):
-    monkeypatch.setattr(gait_bench, "measure", lambda *_: {"success": False, "verified": False, "status": "folds"})
+    monkeypatch.setattr(
+        gait_bench, "measure", lambda *_: {"success": False, "verified": False, "status": "folds"}
+    )
     assert kept(FAST, tmp_path) == []
     assert kept(FAST, tmp_path) == [] != list(run(FAST, tmp_path)) == kept(FAST, tmp_path)
 
@@ -171,12 +189,26 @@ def test_a_terrain_without_a_map_is_a_failure_that_says_why(tmp_path, monkeypatc
 
     monkeypatch.setattr(gait_bench, "_map", folds)
     found = gait_bench.measure(GaitCell("pit-87", 0, 0, "warped"), GaitBenchSettings(), tmp_path)
-    assert found == {"success": False, "verified": False, "status": "the map folds", "message": "the map folds"}
+    assert found == {
+        "success": False,
+        "verified": False,
+        "status": "the map folds",
+        "message": "the map folds",
+    }
 
 
 def test_shares_and_quartiles_are_of_the_cells_that_are_there():
-    rows = [row("ambient-lbfgs", iterations=k, cpu_s=1.0, linear_s=0.25, verified=k > 2) for k in (1, 2, 3, 4, 5)]
-    rows.append({**row("ambient-lbfgs", iterations=200, cpu_s=99.0, capped=True), "success": False, "verified": False})
+    rows = [
+        row("ambient-lbfgs", iterations=k, cpu_s=1.0, linear_s=0.25, verified=k > 2)
+        for k in (1, 2, 3, 4, 5)
+    ]
+    rows.append(
+        {
+            **row("ambient-lbfgs", iterations=200, cpu_s=99.0, capped=True),
+            "success": False,
+            "verified": False,
+        }
+    )
     (record,) = table(rows)
     assert record["cells"] == 6
     assert record["success"] == pytest.approx(5 / 6)
@@ -191,7 +223,13 @@ def test_shares_and_quartiles_are_of_the_cells_that_are_there():
 
 def test_the_share_of_cells_that_leave_the_cone_is_of_those_that_succeeded():
     rows = [row("warped", outside_cone=value, cpu_s=1.0, linear_s=0.5) for value in (0.0, 0.1, 0.2)]
-    rows.append({**row("warped", outside_cone=0.5, cpu_s=9.0, linear_s=1.0), "success": False, "verified": False})
+    rows.append(
+        {
+            **row("warped", outside_cone=0.5, cpu_s=9.0, linear_s=1.0),
+            "success": False,
+            "verified": False,
+        }
+    )
     (record,) = table(rows)
     assert record["left_cone"] == pytest.approx(2 / 3)
     assert record["verified_cpu_s"] == [1.0, 1.0, 1.0]
@@ -201,20 +239,35 @@ def test_the_share_of_cells_that_leave_the_cone_is_of_those_that_succeeded():
 
 def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_around(tmp_path):
     solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
-    rows = [row(name, terrain, **solved) for name in ("ambient", "warped") for terrain in ("cone", "hill")]
+    rows = [
+        row(name, terrain, **solved)
+        for name in ("ambient", "warped")
+        for terrain in ("cone", "hill")
+    ]
     rows.append(row("decoupled", "cone", violations=[None, 0.2], cpu_s=1.0))
     rows += [row("portfolio", "pit", cpu_s=1.0), {**row("warped", "pit"), "success": False}]
     names = [path.name for path in draw(rows, tmp_path)]
-    assert names == ["convergence-cone.png", "directions-cone.png", "times-cone.png", "convergence-hill.png"]
+    assert names == [
+        "convergence-cone.png",
+        "directions-cone.png",
+        "times-cone.png",
+        "convergence-hill.png",
+    ]
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 
-def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(tmp_path, monkeypatch):
+def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(
+    tmp_path, monkeypatch
+):
     drawn = {}
-    monkeypatch.setattr("stancekit.views.sheet.save", lambda figure, path: drawn.update({path.stem: figure}))
+    monkeypatch.setattr(
+        "stancekit.views.sheet.save", lambda figure, path: drawn.update({path.stem: figure})
+    )
     solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
     names = ("ambient-lbfgs", "warped", "decoupled")
-    rows = [row(name, "cone", **solved) for name in names] + [row("decoupled", "cone", seed=1, **solved)]
+    rows = [row(name, "cone", **solved) for name in names] + [
+        row("decoupled", "cone", seed=1, **solved)
+    ]
     draw([*rows, row("decoupled", "pit", **solved)], tmp_path)
     for name in ("directions-cone", "times-cone"):
         assert drawn[name].texts[0].get_text().endswith("on cone, up to 2 guesses a direction")
@@ -243,7 +296,10 @@ def test_ratios_compare_cells_in_which_both_succeeded():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"terrains": ("moon",)}, "terrains: expected some of ripple, cone, hill, pit, pit-84, pit-87, got moon"),
+        (
+            {"terrains": ("moon",)},
+            "terrains: expected some of ripple, cone, hill, pit, pit-84, pit-87, got moon",
+        ),
         ({"methods": ()}, "methods: expected some of .*, got none"),
         ({"every": 0}, "every: expected greater than 0, got 0"),
         ({"cap_s": 0.0}, "cap_s: expected greater than 0, got 0"),

@@ -1,4 +1,5 @@
-"""The bench of planners of leaps: its rows are those of planners, it goes on where it was, and its shares add up."""
+"""The bench of planners of leaps: its rows are those of planners, it goes on where it was, and its
+shares add up."""
 
 import json
 from dataclasses import replace
@@ -6,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.learners.evaluation.leap_bench import ROWS, LeapBenchSettings, proofs, run, share, table
+from stancekit.learners.evaluation.leap_bench import (
+    ROWS,
+    LeapBenchSettings,
+    proofs,
+    run,
+    share,
+    table,
+)
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.finder import LeapFinder, find_leap
@@ -16,7 +24,9 @@ from stancekit.planners.leap.scp import attempt, plan_from
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-SMALL = LeapBenchSettings(distribution="leap-few", scenes=3, seed=5, methods=("rule-tuned", "finder"), solves=12)
+SMALL = LeapBenchSettings(
+    distribution="leap-few", scenes=3, seed=5, methods=("rule-tuned", "finder"), solves=12
+)
 
 
 def counted(rows):
@@ -47,7 +57,9 @@ def test_a_bench_that_was_cut_off_goes_on(whole, tmp_path):
     (tmp_path / ROWS).write_text("".join(lines[:3]) + lines[3][:20])
     again = run(SMALL, tmp_path)
     assert counted(again) == counted(rows)
-    assert [json.loads(line) for line in lines[1:3]] == [json.loads(x) for x in (tmp_path / ROWS).open()][1:3]
+    assert [json.loads(line) for line in lines[1:3]] == [
+        json.loads(x) for x in (tmp_path / ROWS).open()
+    ][1:3]
 
 
 def test_rows_of_other_settings_are_not_gone_on_with(whole):
@@ -70,14 +82,25 @@ def test_a_damaged_row_is_one_line(whole, tmp_path):
 
 def test_shares_count_scenes_that_nobody_solves_as_failures():
     def row(scene, method, found, tries=2, solves=20, cpu_s=0.1):
-        return {"scene": scene, "method": method, "found": found, "tries": tries, "solves": solves, "cpu_s": cpu_s,
-                "refused": 0}  # fmt: skip
+        return {
+            "scene": scene,
+            "method": method,
+            "found": found,
+            "tries": tries,
+            "solves": solves,
+            "cpu_s": cpu_s,
+            "refused": 0,
+        }
 
     rows = [
-        row(0, "rule", True, tries=1, solves=3), row(1, "rule", False), row(2, "rule", False),
-        row(0, "finder", True), row(1, "finder", True, solves=40, cpu_s=0.3), row(2, "finder", False),
+        row(0, "rule", True, tries=1, solves=3),
+        row(1, "rule", False),
+        row(2, "rule", False),
+        row(0, "finder", True),
+        row(1, "finder", True, solves=40, cpu_s=0.3),
+        row(2, "finder", False),
         {**row(2, "proof", False), "proved": True},
-    ]  # fmt: skip
+    ]
     rule, finder = table(rows, "leap-hard")
     assert (rule["first_try"], rule["within_25_solves"]) == (share(1, 3), share(1, 3))
     assert (finder["first_try"], finder["within_25_solves"]) == (share(0, 3), share(1, 3))
@@ -105,7 +128,9 @@ def test_ipopt_and_convex_steps_agree_on_the_same_contacts():
         nlp = nlp or LeapNlp(leap, reserve=True)
         point = nlp.solve(leap, choice, nlp.nominal(leap, choice, numbers))
         assert point.solved
-        assert check_leap(plan_from(numbers, choice, point.toes_m, point.forces_n, "ipopt")).accepted
+        assert check_leap(
+            plan_from(numbers, choice, point.toes_m, point.forces_n, "ipopt")
+        ).accepted
     assert solved > 0
 
 

@@ -9,10 +9,19 @@ import numpy as np
 import pytest
 
 from stancekit.cli.bench_planner import speed_ups, table
-from stancekit.learners.evaluation.planner_bench import FORMS, MICP, PlannerBenchSettings, cells, growth, run
+from stancekit.learners.evaluation.planner_bench import (
+    FORMS,
+    MICP,
+    PlannerBenchSettings,
+    cells,
+    growth,
+    run,
+)
 from stancekit.planners.errors import InvalidInput
 
-SMALL = PlannerBenchSettings(two_stage=(1,), micp=(1,), optimised=(), cap_s=60.0, repeats=1, samples=100)
+SMALL = PlannerBenchSettings(
+    two_stage=(1,), micp=(1,), optimised=(), cap_s=60.0, repeats=1, samples=100
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +33,9 @@ def measured(tmp_path_factory):
 def test_every_cell_is_measured_and_written(measured):
     folder, rows = measured
     assert [row["method"] for row in rows] == list(FORMS.values())
-    assert {path.name for path in folder.iterdir()} == {cell.file for cell in cells(SMALL)} | {"envelope.json"}
+    assert {path.name for path in folder.iterdir()} == {cell.file for cell in cells(SMALL)} | {
+        "envelope.json"
+    }
     by_method = {row["method"]: row for row in rows}
     for form in MICP:
         row, intervals = by_method[FORMS[form]], int(form[-1])
@@ -32,8 +43,14 @@ def test_every_cell_is_measured_and_written(measured):
         assert row["claim"] == "feasible"
         assert not row["capped"]
     assert by_method["MICP, K = 4"]["cell_error"] == pytest.approx(0.5 * 0.5 / 4.0)
-    assert by_method["MICP, K = 4, shrunk grid"]["cell_error"] < by_method["MICP, K = 2, shrunk grid"]["cell_error"]
-    assert by_method["MICP, K = 4, envelope rows"]["constraints"] > by_method["MICP, K = 4"]["constraints"]
+    assert (
+        by_method["MICP, K = 4, shrunk grid"]["cell_error"]
+        < by_method["MICP, K = 2, shrunk grid"]["cell_error"]
+    )
+    assert (
+        by_method["MICP, K = 4, envelope rows"]["constraints"]
+        > by_method["MICP, K = 4"]["constraints"]
+    )
     assert by_method["two-stage, lift"]["status"] == "feasible"
 
 
@@ -67,9 +84,17 @@ def test_speed_ups_compare_programs_of_as_many_intervals_and_say_what_a_time_lim
     def row(method, cpu_s, capped=False):
         return {"method": method, "frames": 4, "optimised": False, "cpu_s": cpu_s, "capped": capped}
 
-    rows = [row("MICP, K = 4", 8.0, True), row("MICP, K = 4, envelope rows", 2.0), row("MICP, K = 2", 1.0),
-            row("MICP, K = 2, shrunk grid", 4.0, True), row("two-stage, lift", 0.1)]  # fmt: skip
-    assert speed_ups(rows) == ["MICP, K = 4, envelope rows, M = 4: ≥ 4.0 ×", "MICP, K = 2, shrunk grid, M = 4: ≤ 0.2 ×"]
+    rows = [
+        row("MICP, K = 4", 8.0, True),
+        row("MICP, K = 4, envelope rows", 2.0),
+        row("MICP, K = 2", 1.0),
+        row("MICP, K = 2, shrunk grid", 4.0, True),
+        row("two-stage, lift", 0.1),
+    ]
+    assert speed_ups(rows) == [
+        "MICP, K = 4, envelope rows, M = 4: ≥ 4.0 ×",
+        "MICP, K = 2, shrunk grid, M = 4: ≤ 0.2 ×",
+    ]
 
 
 def test_the_table_has_a_row_a_cell_and_the_papers_times(measured):
@@ -77,6 +102,8 @@ def test_the_table_has_a_row_a_cell_and_the_papers_times(measured):
     shown = table([*rows, rows[2] | {"frames": 8, "capped": True, "paper": {"more_than": 1000}}])
     assert shown.row_count == len(rows) + 1
     assert all(column.header for column in shown.columns)
-    assert [list(column.cells)[-1] for column in shown.columns if column.header in ("M", "answer", "paper s")] == [
-        "8", "feasible", "> 1000",
-    ]  # fmt: skip
+    assert [
+        list(column.cells)[-1]
+        for column in shown.columns
+        if column.header in ("M", "answer", "paper s")
+    ] == ["8", "feasible", "> 1000"]

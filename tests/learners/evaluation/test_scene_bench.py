@@ -1,4 +1,5 @@
-"""The bench of scenes: cells are kept, rows say what the verifier says, and the page has every row."""
+"""The bench of scenes: cells are kept, rows say what the verifier says, and the page has every
+row."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.verify import check_plan
 
-SETTINGS = SceneBenchSettings(scenes=("anymal-complex",), methods=("mip-highs", "two-stage", "decoupled"))
+SETTINGS = SceneBenchSettings(
+    scenes=("anymal-complex",), methods=("mip-highs", "two-stage", "decoupled")
+)
 
 
 def test_a_row_says_what_came_of_every_planner_and_is_not_measured_again(tmp_path, monkeypatch):
@@ -30,7 +33,9 @@ def test_a_row_says_what_came_of_every_planner_and_is_not_measured_again(tmp_pat
 
 
 def test_a_scene_with_a_plan_has_its_file_and_a_line_on_the_page(tmp_path):
-    keys = yaml.safe_load((Path(str(resources.files("stancekit.configs.scenes"))) / "anymal-trot.yaml").read_text())
+    keys = yaml.safe_load(
+        (Path(str(resources.files("stancekit.configs.scenes"))) / "anymal-trot.yaml").read_text()
+    )
     scene = tmp_path / "pace.yaml"
     ours = {**keys["ours"], "path_m": [[-2.0, 0.0, 0.47], [-1.7, 0.0, 0.47]]}
     scene.write_text(yaml.safe_dump({**keys, "phases": keys["phases"][:3], "ours": ours}))

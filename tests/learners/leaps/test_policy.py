@@ -19,7 +19,9 @@ from stancekit.learners.leaps.policy import ScorePolicy
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tries")
-    tries = stancekit.label("leap-base", folder / "base", scenes=5, tries={"random": 3, "rule": 3}, seed=8)
+    tries = stancekit.label(
+        "leap-base", folder / "base", scenes=5, tries={"random": 3, "rule": 3}, seed=8
+    )
     stancekit.fit(tries, "set", epochs=2).write(folder / "set.safetensors")
     return folder / "set.safetensors"
 
@@ -27,9 +29,16 @@ def begun(tmp_path_factory):
 def agent(begun, **options):
     env = gymnasium.make("stancekit/LeapChoice-v0", problem="leap-stairs", tries=1)
     return MaskablePPO(
-        ScorePolicy, env, n_steps=4, batch_size=4, n_epochs=1, seed=0, device="cpu",
-        policy_kwargs={"scorer": begun}, **options,
-    )  # fmt: skip
+        ScorePolicy,
+        env,
+        n_steps=4,
+        batch_size=4,
+        n_epochs=1,
+        seed=0,
+        device="cpu",
+        policy_kwargs={"scorer": begun},
+        **options,
+    )
 
 
 def test_before_it_learns_it_plays_the_scores_it_began_with_and_never_a_masked_candidate(begun):
@@ -43,7 +52,10 @@ def test_before_it_learns_it_plays_the_scores_it_began_with_and_never_a_masked_c
         np.testing.assert_array_equal(policy.predict(observation, deterministic=True)[0], best)
         scores, best_scores = scorer.scores(env.unwrapped.numbers), np.arange(8)
         np.testing.assert_allclose(scores[best_scores, best], scores.max(axis=1), atol=1e-3)
-        for chosen in (policy.predict(observation)[0], scorer.predict(observation, deterministic=False)[0]):
+        for chosen in (
+            policy.predict(observation)[0],
+            scorer.predict(observation, deterministic=False)[0],
+        ):
             assert mask[np.arange(8), chosen].all()
     assert masked
 
@@ -61,13 +73,16 @@ def test_what_it_learned_is_given_back_and_saved(begun, tmp_path):
     observation, _ = trained.env.envs[0].reset(seed=1)
     for each in (loaded, again):
         np.testing.assert_array_equal(
-            each.predict(observation, deterministic=True)[0], trained.predict(observation, deterministic=True)[0]
+            each.predict(observation, deterministic=True)[0],
+            trained.predict(observation, deterministic=True)[0],
         )
 
 
 def test_batches_are_played_one_by_one(begun):
     scorer = LeapScorer.read(begun)
-    envs = gymnasium.make_vec("stancekit/LeapChoice-v0", 3, problem="leap-base", vectorization_mode="sync")
+    envs = gymnasium.make_vec(
+        "stancekit/LeapChoice-v0", 3, problem="leap-base", vectorization_mode="sync"
+    )
     observation, _ = envs.reset(seed=5)
     choices, _ = scorer.predict(observation)
     for k in range(3):

@@ -1,4 +1,5 @@
-"""Learned scores of candidates: symmetries that hold by construction, a planted rule that is found, and files."""
+"""Learned scores of candidates: symmetries that hold by construction, a planted rule that is found,
+and files."""
 
 from dataclasses import replace
 
@@ -9,7 +10,15 @@ import torch
 import stancekit
 from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.leaps.scorer import LeapScorer, ScoreNetwork, with_caps
-from stancekit.learners.leaps.training import _LEAP_SIGNS, _SIGNS, ScorerSettings, _fit_scales, _loss, _rows, _Tries
+from stancekit.learners.leaps.training import (
+    _LEAP_SIGNS,
+    _SIGNS,
+    ScorerSettings,
+    _fit_scales,
+    _loss,
+    _rows,
+    _Tries,
+)
 from stancekit.learners.selectors.tensors import write_tensors
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures
@@ -38,14 +47,20 @@ def mirrored(leap):
 
     def patch(old):
         return Patch(
-            vertices_m=(old.vertices_m * ACROSS)[::-1], normal=old.normal * ACROSS, friction=old.friction,
+            vertices_m=(old.vertices_m * ACROSS)[::-1],
+            normal=old.normal * ACROSS,
+            friction=old.friction,
             shear_reference=old.shear_reference * ACROSS,
-        )  # fmt: skip
+        )
 
     def state(old):
         turned = -ACROSS  # of vectors along axes of rotation
-        return BodyState(com_m=old.com_m * ACROSS, velocity_m_s=old.velocity_m_s * ACROSS,
-                         momentum_m2_s=old.momentum_m2_s * turned, rotation_rad=old.rotation_rad * turned)  # fmt: skip
+        return BodyState(
+            com_m=old.com_m * ACROSS,
+            velocity_m_s=old.velocity_m_s * ACROSS,
+            momentum_m2_s=old.momentum_m2_s * turned,
+            rotation_rad=old.rotation_rad * turned,
+        )
 
     def limb(old):
         leg = None if old.leg is None else replace(old.leg, hip_m=old.leg.hip_m * ACROSS)
@@ -55,7 +70,9 @@ def mirrored(leap):
     footholds = tuple(
         replace(each, candidates=tuple(map(patch, each.candidates))) for each in leap.footholds
     )
-    return replace(leap, robot=robot, footholds=footholds, start=state(leap.start), goal=state(leap.goal))
+    return replace(
+        leap, robot=robot, footholds=footholds, start=state(leap.start), goal=state(leap.goal)
+    )
 
 
 def test_features_of_a_mirrored_leap_are_mirrored():
@@ -72,7 +89,10 @@ def test_the_order_of_candidates_and_of_toes_does_not_matter(kind):
     torch.manual_seed(0)
     network = ScoreNetwork(kind).eval()
     seen = LeapFeatures.of(LeapNumbers.of(drawn(3)))
-    inputs = [torch.as_tensor(each, dtype=torch.float32)[None] for each in (with_caps(seen.candidates), seen.mask)]
+    inputs = [
+        torch.as_tensor(each, dtype=torch.float32)[None]
+        for each in (with_caps(seen.candidates), seen.mask)
+    ]
     leap = torch.as_tensor(seen.leap, dtype=torch.float32)[None]
     with torch.no_grad():
         scores, odds = network(*inputs, leap)
@@ -88,11 +108,17 @@ def test_a_planted_rule_is_learned():
     features = torch.randn(count, feet, options, len(_SIGNS), generator=generator)
     choice = torch.randint(options, (count, tried, feet), generator=generator)
     planted = 2.0 * features[..., 3] - features[..., 5]
-    picked = torch.gather(planted[:, None].expand(-1, tried, -1, -1), 3, choice[..., None])[..., 0].sum(dim=2)
+    picked = torch.gather(planted[:, None].expand(-1, tried, -1, -1), 3, choice[..., None])[
+        ..., 0
+    ].sum(dim=2)
     rows = _Tries(
-        candidates=features, mask=torch.ones(count, feet, options), leap=torch.randn(count, len(_LEAP_SIGNS)),
-        choice=choice, solved=(picked > 1.0).float(), there=torch.ones(count, tried),
-    )  # fmt: skip
+        candidates=features,
+        mask=torch.ones(count, feet, options),
+        leap=torch.randn(count, len(_LEAP_SIGNS)),
+        choice=choice,
+        solved=(picked > 1.0).float(),
+        there=torch.ones(count, tried),
+    )
     network = ScoreNetwork("additive")
     _fit_scales(network, rows)
     optimiser = torch.optim.Adam(network.parameters(), lr=0.05)
@@ -120,19 +146,27 @@ def test_scores_are_learned_from_tries_written_read_and_planned_with(kind, tries
 
 
 def test_the_best_pass_is_no_worse_than_the_first(tries):
-    losses = [stancekit.fit(tries, "additive", epochs=n, rate=0.02).origin["held_out_loss"] for n in (1, 12)]
+    losses = [
+        stancekit.fit(tries, "additive", epochs=n, rate=0.02).origin["held_out_loss"]
+        for n in (1, 12)
+    ]
     assert losses[1] < losses[0]
 
 
 def test_what_learns_from_a_part_sees_nothing_of_the_other(tries):
     parts = tries.parts()
     assert set(parts) == {"train", "test"}
-    counts = {part: sum(parts[scene] == part for scene in tries.tries()["scene"]) for part in ("train", "test")}
+    counts = {
+        part: sum(parts[scene] == part for scene in tries.tries()["scene"])
+        for part in ("train", "test")
+    }
     for part, count in counts.items():
         assert _rows(tries, part).there.sum() == count
     train, test = (_rows(tries, part).leap for part in ("train", "test"))
     assert not (train[:, None] == test[None]).all(dim=2).any()
-    assert stancekit.fit(tries, "additive", part="train", epochs=1).origin["rows"] == counts["train"]
+    assert (
+        stancekit.fit(tries, "additive", part="train", epochs=1).origin["rows"] == counts["train"]
+    )
     assert len(_rows(tries, "train", 2)) == 2
     with pytest.raises(InvalidInput, match=r"part: expected .*train"):
         stancekit.fit(tries, "additive", part="some")

@@ -1,4 +1,5 @@
-"""Scores that ship are those of their cards: the file, its class, about the figures; they go by name everywhere."""
+"""Scores that ship are those of their cards: the file, its class, about the figures; they go by
+name everywhere."""
 
 import hashlib
 import re
@@ -28,7 +29,11 @@ def test_a_scorer_is_the_one_of_its_card(name):
     assert hashlib.sha256(shipped_scorers()[name].read_bytes()).hexdigest() == card["sha256"]
     assert name == f"{card['method']}-{card['problem_class']}"
     origin = scorer.origin
-    assert (origin["method"], origin["class"], origin["seed"]) == ("set", card["problem_class"], card["train"]["seed"])
+    assert (origin["method"], origin["class"], origin["seed"]) == (
+        "set",
+        card["problem_class"],
+        card["train"]["seed"],
+    )
     assert (origin["settings"]["seed"], origin["rows"]) == (card["seed"], card["train"]["tries"])
     assert card["train"]["seed"] != card["test"]["seed"]
     for figure in card["figures"]:
@@ -38,8 +43,13 @@ def test_a_scorer_is_the_one_of_its_card(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
-    """Of 40 scenes; what is 4 standard errors below the lower end of the card's interval would be another scorer."""
-    env, scorer, solved = LeapChoiceEnv(problem=scorer_card(name)["problem_class"], tries=1), LeapScorer.read(name), 0
+    """Of 40 scenes; what is 4 standard errors below the lower end of the card's interval would be
+    another scorer."""
+    env, scorer, solved = (
+        LeapChoiceEnv(problem=scorer_card(name)["problem_class"], tries=1),
+        LeapScorer.read(name),
+        0,
+    )
     env.reset(seed=77)
     for _ in range(40):
         observation, _ = env.reset()
@@ -50,11 +60,19 @@ def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_of_cards_has_its_figures(name):
-    rows = [line for line in CARDS.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{name}`")]
+    rows = [
+        line
+        for line in CARDS.read_text(encoding="utf-8").splitlines()
+        if line.startswith(f"| `{name}`")
+    ]
     figures = scorer_card(name)["figures"]
     assert len(rows) == len(figures)
     for row, figure in zip(rows, figures, strict=True):
-        wanted = [*(100.0 * np.array(figure["learned"])), *(100.0 * np.array(figure["control"])), *figure["gain"]]
+        wanted = [
+            *(100.0 * np.array(figure["learned"])),
+            *(100.0 * np.array(figure["control"])),
+            *figure["gain"],
+        ]
         shown = [float(each.replace("−", "-")) for each in re.findall(r"[−+]?\d+\.\d", row)]
         assert figure["budget"] in row
         np.testing.assert_allclose(shown, wanted, atol=0.051)
@@ -62,8 +80,15 @@ def test_the_page_of_cards_has_its_figures(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_scenes_that_it_learned_from_are_refused_as_a_test(name, tmp_path):
-    settings = LeapBenchSettings(scenes=1, seed=scorer_card(name)["train"]["seed"], methods=(name,), solves=1, proof=0)
-    with pytest.raises(InvalidInput, match=r"seed: expected another one than that of the scenes which .* learned from"):
+    settings = LeapBenchSettings(
+        scenes=1, seed=scorer_card(name)["train"]["seed"], methods=(name,), solves=1, proof=0
+    )
+    with pytest.raises(
+        InvalidInput,
+        match=r"seed: expected another one than that of the scenes which .* learned from",
+    ):
         run(settings, tmp_path)
-    with pytest.raises(InvalidInput, match=r"^set-moon: expected a file, or one of set-leap-hard, found nothing$"):
+    with pytest.raises(
+        InvalidInput, match=r"^set-moon: expected a file, or one of set-leap-hard, found nothing$"
+    ):
         LeapScorer.read("set-moon")

@@ -1,4 +1,5 @@
-"""A chooser gives each terrain one box of a set; its costs are counted mistakes, and its file is not trusted."""
+"""A chooser gives each terrain one box of a set; its costs are counted mistakes, and its file is
+not trusted."""
 
 import itertools
 import pickle
@@ -51,11 +52,17 @@ def chooser(dataset: Dataset, envelopes: EnvelopeSet) -> Chooser:
 def played(dataset: Dataset, selector: Chooser | FixedSelector) -> np.ndarray:
     """What a selector's one box costs in the environment, by scene, as ``costs`` counts it."""
     scenes = scenes_of(dataset)
-    infos = rollout(selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes))
-    return np.array([
-        1.0 if info["reward_agreement"] == 0.0 else 0.5 * (info["label"] and not info["project_fix_p"])
-        for info in infos
-    ])  # fmt: skip
+    infos = rollout(
+        selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes)
+    )
+    return np.array(
+        [
+            1.0
+            if info["reward_agreement"] == 0.0
+            else 0.5 * (info["label"] and not info["project_fix_p"])
+            for info in infos
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +89,9 @@ def test_costs_are_what_the_environment_counts(
     assert set(np.unique(cost)) == {0.0, 0.5, 1.0}
 
 
-def test_the_choice_costs_less_than_any_one_box(dataset: Dataset, chooser: Chooser, alone: list[np.ndarray]) -> None:
+def test_the_choice_costs_less_than_any_one_box(
+    dataset: Dataset, chooser: Chooser, alone: list[np.ndarray]
+) -> None:
     assert played(dataset, chooser).mean() < 0.9 * min(cost.mean() for cost in alone)
     assert len(np.unique(chooser.choose(observations(dataset)))) > 1
 
@@ -93,14 +102,18 @@ def test_the_choice_is_an_action_of_either_environment_whatever_the_order_of_con
     seen = observations(dataset)
     choice, (bounds, _) = chooser.choose(seen), chooser.predict(seen)
     for index, row in zip(choice, bounds, strict=True):
-        np.testing.assert_array_equal(row, envelopes.envelopes[index].to_vector().astype(np.float32))
+        np.testing.assert_array_equal(
+            row, envelopes.envelopes[index].to_vector().astype(np.float32)
+        )
     single, _ = chooser.predict({name: values[0] for name, values in seen.items()})
     np.testing.assert_array_equal(single, bounds[0])
     env = EnvelopeSelectionEnv("wall-3", library=envelopes, scenes=ListedScenes(scenes_of(dataset)))
     env.reset(seed=0)
     assert env.action_space.contains(choice[0])
     for order in itertools.permutations(range(3)):
-        moved = {k: v.reshape(len(v), 3, -1)[:, list(order)].reshape(len(v), -1) for k, v in seen.items()}
+        moved = {
+            k: v.reshape(len(v), 3, -1)[:, list(order)].reshape(len(v), -1) for k, v in seen.items()
+        }
         assert (chooser.choose(moved) == choice).mean() > 0.99
 
 
@@ -123,13 +136,19 @@ def test_what_does_not_fit_is_refused_in_one_line(
     chooser.save(good)
     for content in (good.read_bytes()[:-9], pickle.dumps([1])):
         path.write_bytes(content)
-        with pytest.raises(InvalidInput, match=r"odd: expected a whole file of format stancekit/chooser/1: [^\n]*$"):
+        with pytest.raises(
+            InvalidInput, match=r"odd: expected a whole file of format stancekit/chooser/1: [^\n]*$"
+        ):
             Chooser.load(path)
-    with pytest.raises(InvalidInput, match=r"good: expected a chooser for wall-5, got one for wall-3$"):
+    with pytest.raises(
+        InvalidInput, match=r"good: expected a chooser for wall-5, got one for wall-3$"
+    ):
         Chooser.load(good, problem_class="wall-5")
     with pytest.raises(InvalidInput, match=r"^envelopes: expected some for wall-3, got wall-5$"):
         fit_chooser(dataset, replace(envelopes, problem_class="wall-5"))
-    with pytest.raises(InvalidInput, match=r"^data set: expected rows of both labels, got 70 and 0$"):
+    with pytest.raises(
+        InvalidInput, match=r"^data set: expected rows of both labels, got 70 and 0$"
+    ):
         fit_chooser(dataset.select(dataset.feasible), envelopes)
     with pytest.raises(InvalidInput, match=r"^epochs: expected greater than 0, got 0$"):
         ChooserSettings(epochs=0)

@@ -1,4 +1,5 @@
-"""What ``fit`` returns and what a file defines is copied and pickled, also to processes that have not run the file."""
+"""What ``fit`` returns and what a file defines is copied and pickled, also to processes that have
+not run the file."""
 
 from __future__ import annotations
 
@@ -85,7 +86,11 @@ def test_a_copy_answers_as_the_original_does(name, rows, board):
     seen = scenes_of(rows)[0].observation
     for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
         assert np.array_equal(other.selector.predict(seen)[0], one.selector.predict(seen)[0])
-        assert (other.problem_class, other.boxes, other.provenance) == (one.problem_class, one.boxes, one.provenance)
+        assert (other.problem_class, other.boxes, other.provenance) == (
+            one.problem_class,
+            one.boxes,
+            one.provenance,
+        )
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -99,7 +104,9 @@ def test_another_process_reads_the_pickle(name, rows, board, tmp_path):
         f"import pickle, numpy as np; one = pickle.load(open({str(kept)!r}, 'rb'));"
         f"print(one.selector.predict(dict(np.load({str(tmp_path / 'seen.npz')!r})))[0].tolist())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
     assert done.stdout.strip() == str(one.selector.predict(seen)[0].tolist())
 
 
@@ -125,6 +132,8 @@ class Unreadable:
 
 
 def test_a_task_that_a_worker_cannot_read_is_one_line():
-    with pytest.raises(WorkersDied, match=r"^a worker process cannot read its task: .*invalid literal") as caught:
+    with pytest.raises(
+        WorkersDied, match=r"^a worker process cannot read its task: .*invalid literal"
+    ) as caught:
         list(processes(2)([Unreadable(), Unreadable()]))
     assert "\n" not in str(caught.value)

@@ -1,4 +1,5 @@
-"""P1's verdicts with and without earlier proofs are the same, and every proof holds against an independent check."""
+"""P1's verdicts with and without earlier proofs are the same, and every proof holds against an
+independent check."""
 
 from __future__ import annotations
 
@@ -10,8 +11,20 @@ from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.executor import processes
-from stancekit.learners.selectors.dual_bounds import BAND, DualBounds, balanced, least, ranges, witnessed
-from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, SpreadOracle, VerdictCounts
+from stancekit.learners.selectors.dual_bounds import (
+    BAND,
+    DualBounds,
+    balanced,
+    least,
+    ranges,
+    witnessed,
+)
+from stancekit.learners.selectors.feasibility import (
+    CachingOracle,
+    SolvingOracle,
+    SpreadOracle,
+    VerdictCounts,
+)
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
@@ -20,7 +33,10 @@ from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import DualBound, RelaxationAnswer
 from stancekit.planners.robot.reach import ReachRows
 
-BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))}
+BOUNDS = {
+    "wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)),
+    "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15)),
+}
 
 
 def drawn(name: str, count: int, seed: int) -> list[Scaled]:
@@ -37,24 +53,39 @@ def boxed_in(problem: Problem) -> Problem:
     return problem.posture_with(contacts=tuple(contacts), tilt_limit_rad=0.02)
 
 
-def boxes_about(problems: list[Scaled], kind: str, count: int, spread: float, seed: int) -> list[Envelope]:
+def boxes_about(
+    problems: list[Scaled], kind: str, count: int, spread: float, seed: int
+) -> list[Envelope]:
     """Boxes as a search meets them: variations of a usual one."""
     rng = np.random.default_rng(seed)
     patches = np.stack([problem.patches.mean(axis=1) - problem.com for problem in problems])
-    low = np.concatenate([np.quantile(patches, 0.2, axis=0), np.tile([b[0] for b in BOUNDS[kind]], (3, 1))], axis=1)
-    high = np.concatenate([np.quantile(patches, 0.8, axis=0), np.tile([b[1] for b in BOUNDS[kind]], (3, 1))], axis=1)
+    low = np.concatenate(
+        [np.quantile(patches, 0.2, axis=0), np.tile([b[0] for b in BOUNDS[kind]], (3, 1))], axis=1
+    )
+    high = np.concatenate(
+        [np.quantile(patches, 0.8, axis=0), np.tile([b[1] for b in BOUNDS[kind]], (3, 1))], axis=1
+    )
     steps = spread * (high - low) * rng.standard_normal((count, 2, *low.shape))
-    return [Envelope.from_vector(np.concatenate([(low + a).ravel(), (high + b).ravel()])) for a, b in steps]
+    return [
+        Envelope.from_vector(np.concatenate([(low + a).ravel(), (high + b).ravel()]))
+        for a, b in steps
+    ]
 
 
-@pytest.mark.parametrize(("name", "kind", "spread"), [("wall-3", "wall", 0.1), ("ground-3", "ground", 0.1)])
-def test_the_cache_says_what_solving_says(programs: Programs, name: str, kind: str, spread: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "kind", "spread"), [("wall-3", "wall", 0.1), ("ground-3", "ground", 0.1)]
+)
+def test_the_cache_says_what_solving_says(
+    programs: Programs, name: str, kind: str, spread: float
+) -> None:
     problems = drawn(name, 30, seed=3)
     plain, cached = SolvingOracle(problems, programs), CachingOracle(problems, programs)
     which = np.arange(len(problems))
     for seed in range(3):  # each generation finds more proofs than the one before
         boxes = boxes_about(problems, kind, 18, spread, seed)
-        np.testing.assert_array_equal(cached.is_feasible(which, boxes), plain.is_feasible(which, boxes))
+        np.testing.assert_array_equal(
+            cached.is_feasible(which, boxes), plain.is_feasible(which, boxes)
+        )
     counts = cached.counts
     assert counts.total == plain.counts.total == plain.counts.solved == 3 * 18 * 30
     assert min(counts.witness, counts.certificate, counts.trivial if name == "wall-3" else 1) > 0
@@ -62,7 +93,9 @@ def test_the_cache_says_what_solving_says(programs: Programs, name: str, kind: s
     assert counts.unknown == plain.counts.unknown == 0
 
 
-def test_problems_that_are_shared_out_get_the_same_verdicts_by_the_same_proofs(programs: Programs) -> None:
+def test_problems_that_are_shared_out_get_the_same_verdicts_by_the_same_proofs(
+    programs: Programs,
+) -> None:
     problems, rng = drawn("wall-3", 12, seed=4), np.random.default_rng(0)
     whole = CachingOracle(problems, programs)
     spread = [SpreadOracle(problems, processes(workers)) for workers in (1, 2)]
@@ -78,10 +111,16 @@ def test_problems_that_are_shared_out_get_the_same_verdicts_by_the_same_proofs(p
 
 def test_little_memory_settles_less_and_errs_no_more(programs: Programs) -> None:
     problems = drawn("wall-3", 12, seed=4)
-    plain, small = SolvingOracle(problems, programs), CachingOracle(problems, programs, witnesses=1, certificates=1)
+    plain, small = (
+        SolvingOracle(problems, programs),
+        CachingOracle(problems, programs, witnesses=1, certificates=1),
+    )
     large = CachingOracle(problems, programs)
     for seed in range(4):
-        which, boxes = np.random.default_rng(seed).permutation(12)[:8], boxes_about(problems, "wall", 10, 0.15, seed)
+        which, boxes = (
+            np.random.default_rng(seed).permutation(12)[:8],
+            boxes_about(problems, "wall", 10, 0.15, seed),
+        )
         expected = plain.is_feasible(which, boxes)
         np.testing.assert_array_equal(small.is_feasible(which, boxes), expected)
         np.testing.assert_array_equal(large.is_feasible(which, boxes), expected)
@@ -96,7 +135,9 @@ def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs, limi
     bounds, refuted, shown = DualBounds.of(boxes), 0, 0
     for problem in problems:
         evidence = programs.get(McCormick, problem.layout).dual_bound(problem, boxes[0])
-        margins = np.array([programs.get(McCormick, problem.layout).solve(problem, box).margin for box in boxes])
+        margins = np.array(
+            [programs.get(McCormick, problem.layout).solve(problem, box).margin for box in boxes]
+        )
         if np.isinf(evidence.margin):
             continue
         assert evidence.margin == pytest.approx(margins[0], abs=1e-9)
@@ -115,9 +156,12 @@ def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs, limi
             assert (value[0] > 0.0) == (margins[0] > 1.1 * BAND)  # strong duality at its own box
             refuted += int((value[1:] > 0.0).sum())
         hits = witnessed(
-            evidence.point[None, None], evidence.excess[None, None], moment_axes(problem)[None], bounds,
+            evidence.point[None, None],
+            evidence.excess[None, None],
+            moment_axes(problem)[None],
+            bounds,
             np.ones((1, len(boxes)), dtype=bool),
-        )[0, 0]  # fmt: skip
+        )[0, 0]
         assert np.all(margins[hits] < 0.0)
         shown += int(hits[1:].sum())
     assert refuted > 20
@@ -132,7 +176,8 @@ def test_moments_are_balanced_only_where_a_linear_program_can(programs: Programs
     found = balanced(axes, excess, bottom, top)
     sides = np.stack([bottom, top], axis=2)
     programs = [
-        linprog(np.zeros(27), A_eq=axes[t], b_eq=axes[t] @ excess[t], bounds=sides[t]) for t in range(len(axes))
+        linprog(np.zeros(27), A_eq=axes[t], b_eq=axes[t] @ excess[t], bounds=sides[t])
+        for t in range(len(axes))
     ]
     truth = np.array([program.status == 0 for program in programs])
     assert not np.any(found & ~truth)
@@ -187,14 +232,24 @@ class Stubborn:
         return self._programs.get(McCormick, scaled.layout)
 
     def solve(self, scaled: Scaled, envelope: Envelope) -> RelaxationAnswer:
-        return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).solve(scaled, envelope)
+        return (
+            RelaxationAnswer(margin=np.nan)
+            if self.gives_up(envelope)
+            else self._p1(scaled).solve(scaled, envelope)
+        )
 
     def dual_bound(self, scaled: Scaled, envelope: Envelope) -> DualBound:
-        return DualBound(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).dual_bound(scaled, envelope)
+        return (
+            DualBound(margin=np.nan)
+            if self.gives_up(envelope)
+            else self._p1(scaled).dual_bound(scaled, envelope)
+        )
 
 
 @pytest.mark.parametrize("always", [False, True])
-def test_a_solver_that_gives_up_is_asked_about_a_box_beside(programs: Programs, always: bool) -> None:
+def test_a_solver_that_gives_up_is_asked_about_a_box_beside(
+    programs: Programs, always: bool
+) -> None:
     problems = drawn("wall-3", 12, seed=9)
     box = boxes_about(problems, "wall", 1, 0.0, seed=0)[0]
     fake = Stubborn(programs, box, always)

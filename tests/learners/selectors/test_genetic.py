@@ -1,4 +1,5 @@
-"""Paper E's genetic algorithm: its operators, its repeatability, its checkpoints; and the baselines on its fitness."""
+"""Paper E's genetic algorithm: its operators, its repeatability, its checkpoints; and the baselines
+on its fitness."""
 
 from __future__ import annotations
 
@@ -59,14 +60,25 @@ def infeasible(dataset: Dataset) -> list[Scaled]:
 
 
 @pytest.fixture(scope="module")
-def whole(dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs) -> GeneticResult:
+def whole(
+    dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
+) -> GeneticResult:
     """One run, without interruption."""
-    return evolve(feasible, infeasible, dataset.points, SMALL, oracle=CachingOracle([*feasible, *infeasible], programs))
+    return evolve(
+        feasible,
+        infeasible,
+        dataset.points,
+        SMALL,
+        oracle=CachingOracle([*feasible, *infeasible], programs),
+    )
 
 
 def outcome_of(history: tuple[Generation, ...]) -> list[tuple[float, ...]]:
     """What must not depend on how the verdicts were found."""
-    return [(g.number, g.mean, g.variance, g.best, g.a, g.b, g.mutation_rate, g.evaluations) for g in history]
+    return [
+        (g.number, g.mean, g.variance, g.best, g.a, g.b, g.mutation_rate, g.evaluations)
+        for g in history
+    ]
 
 
 def test_fitness_is_what_its_formula_says() -> None:
@@ -89,11 +101,21 @@ def test_children_take_pairs_of_bounds_whole_from_their_parents() -> None:
     settings = GeneticSettings(population=12, elites=2)
     children = breed(ranked, np.ones((3, 6)), 1e-12, settings, rng)
     np.testing.assert_array_equal(children[:2], ranked[:2])
-    sources = np.array([
-        [[{int(k) for k in np.flatnonzero((ranked[:, :, n, d] == child[:, n, d]).all(axis=1))} for d in range(6)]
-         for n in range(3)]
-        for child in children
-    ])  # fmt: skip
+    sources = np.array(
+        [
+            [
+                [
+                    {
+                        int(k)
+                        for k in np.flatnonzero((ranked[:, :, n, d] == child[:, n, d]).all(axis=1))
+                    }
+                    for d in range(6)
+                ]
+                for n in range(3)
+            ]
+            for child in children
+        ]
+    )
     assert all(len(pair) == 1 for pair in sources.ravel())
     parents = [set.union(*child.ravel()) for child in sources[2:]]
     assert max(map(len, parents)) == 2
@@ -106,7 +128,9 @@ def test_as_many_pairs_are_mutated_as_the_rate_says() -> None:
     settings = GeneticSettings(population=200, elites=0, mutation_scale=0.1)
     children = breed(same, np.ones((5, 6)), 0.2, settings, rng)
     moved = children != same
-    np.testing.assert_array_equal(moved[:, 0], moved[:, 1])  # a pair is moved at both ends or not at all
+    np.testing.assert_array_equal(
+        moved[:, 0], moved[:, 1]
+    )  # a pair is moved at both ends or not at all
     assert moved[:, 0].mean() == pytest.approx(0.2, abs=4.0 * np.sqrt(0.2 * 0.8 / 6000))
     assert (children - same)[moved].std() == pytest.approx(0.1, rel=0.1)
     assert np.all(children[:, 0] <= children[:, 1])
@@ -129,13 +153,17 @@ def test_the_shares_are_what_solving_every_problem_says(
     ]
     assert whole.a == pytest.approx(np.mean(admitted[1]))
     assert whole.b == pytest.approx(1.0 - np.mean(admitted[0]))
-    assert whole.balanced == pytest.approx(0.5 * (np.mean(admitted[0]) + 1.0 - np.mean(admitted[1])))
+    assert whole.balanced == pytest.approx(
+        0.5 * (np.mean(admitted[0]) + 1.0 - np.mean(admitted[1]))
+    )
 
 
 def test_terrains_are_drawn_anew_half_of_each_label(
     feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
 ) -> None:
-    trials = Trials.of(feasible, infeasible, replace(SMALL, terrains=21), SolvingOracle(feasible, programs))
+    trials = Trials.of(
+        feasible, infeasible, replace(SMALL, terrains=21), SolvingOracle(feasible, programs)
+    )
     rng = np.random.default_rng(0)
     draws = [trials.draw(rng) for _ in range(2)]
     for which in draws:
@@ -145,9 +173,12 @@ def test_terrains_are_drawn_anew_half_of_each_label(
 
 
 def test_the_cache_changes_no_result(
-    dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs,
+    dataset: Dataset,
+    feasible: list[Scaled],
+    infeasible: list[Scaled],
+    programs: Programs,
     whole: GeneticResult,
-) -> None:  # fmt: skip
+) -> None:
     oracle = SolvingOracle([*feasible, *infeasible], programs)
     plain = evolve(feasible, infeasible, dataset.points, SMALL, oracle=oracle)
     np.testing.assert_array_equal(plain.envelope.to_vector(), whole.envelope.to_vector())
@@ -162,10 +193,18 @@ def test_a_run_improves_on_its_first_generation(
 ) -> None:
     settings = GeneticSettings(population=12, generations=8, terrains=80, finalists=4, seed=1)
     result = evolve(
-        feasible, infeasible, dataset.points, settings, oracle=CachingOracle([*feasible, *infeasible], programs)
+        feasible,
+        infeasible,
+        dataset.points,
+        settings,
+        oracle=CachingOracle([*feasible, *infeasible], programs),
     )
-    trials = Trials.of(feasible, infeasible, settings, CachingOracle([*feasible, *infeasible], programs))
-    a, b = trials.shares(first_generation(dataset.points, 12, np.random.default_rng(1)), trials.all())
+    trials = Trials.of(
+        feasible, infeasible, settings, CachingOracle([*feasible, *infeasible], programs)
+    )
+    a, b = trials.shares(
+        first_generation(dataset.points, 12, np.random.default_rng(1)), trials.all()
+    )
     first = fitness(a, b, settings)
     found = fitness(np.array([result.a]), np.array([result.b]), settings)[0]
     assert found > first.max()
@@ -178,13 +217,18 @@ def test_of_the_finalists_the_fittest_that_keeps_to_delta_wins() -> None:
         counts = VerdictCounts()
 
         def is_feasible(self, which: np.ndarray, boxes: list[Envelope]) -> np.ndarray:
-            rows = {0.1: [1] * 8 + [0] * 2 + [0] * 10, 0.2: [1] * 9 + [0] + [1] * 3 + [0] * 7}  # b, a: .2, 0 and .1, .3
+            rows = {
+                0.1: [1] * 8 + [0] * 2 + [0] * 10,
+                0.2: [1] * 9 + [0] + [1] * 3 + [0] * 7,
+            }  # b, a: .2, 0 and .1, .3
             return np.array([rows[round(float(box.high[0, 0]), 1)] for box in boxes], dtype=bool)
 
     boxes = np.stack([[np.zeros((3, 6)), np.full((3, 6), size)] for size in (0.1, 0.2)])
     trials = Trials(10, 10, OnProgress(), 4)
     chosen = {
-        delta: float(finish(boxes, trials, GeneticSettings(delta=delta, penalty=2.0), []).envelope.high[0, 0])
+        delta: float(
+            finish(boxes, trials, GeneticSettings(delta=delta, penalty=2.0), []).envelope.high[0, 0]
+        )
         for delta in (0.05, 0.1, 0.2)
     }
     assert chosen == {0.05: 0.1, 0.1: 0.2, 0.2: 0.1}
@@ -196,9 +240,14 @@ class Interrupted(Exception):
 
 @pytest.mark.parametrize("stop", [0, 2, 4])
 def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
-    stop: int, tmp_path: Path, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled],
-    programs: Programs, whole: GeneticResult,
-) -> None:  # fmt: skip
+    stop: int,
+    tmp_path: Path,
+    dataset: Dataset,
+    feasible: list[Scaled],
+    infeasible: list[Scaled],
+    programs: Programs,
+    whole: GeneticResult,
+) -> None:
     def interrupt(done: Generation) -> None:
         if done.number == stop:
             raise Interrupted
@@ -206,7 +255,9 @@ def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
     def go(**more: Any) -> GeneticResult:
         oracle = CachingOracle([*feasible, *infeasible], programs)
         kept = tmp_path / "ga.npz"
-        return evolve(feasible, infeasible, dataset.points, SMALL, oracle=oracle, checkpoint=kept, **more)
+        return evolve(
+            feasible, infeasible, dataset.points, SMALL, oracle=oracle, checkpoint=kept, **more
+        )
 
     with pytest.raises(Interrupted):
         go(progress=interrupt)
@@ -220,7 +271,11 @@ def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
 
 
 def test_another_checkpoint_is_refused(
-    tmp_path: Path, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
+    tmp_path: Path,
+    dataset: Dataset,
+    feasible: list[Scaled],
+    infeasible: list[Scaled],
+    programs: Programs,
 ) -> None:
     path = tmp_path / "ga.npz"
     short = replace(SMALL, generations=1, terrains=4, finalists=1)
@@ -247,10 +302,15 @@ def test_another_checkpoint_is_refused(
     path.write_bytes(b"")
     assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
     np.savez(path, other=np.zeros(3))
-    assert refused().startswith(f"{path}: expected a checkpoint (stancekit/evolution/1), got the arrays ['other']")
+    assert refused().startswith(
+        f"{path}: expected a checkpoint (stancekit/evolution/1), got the arrays ['other']"
+    )
     names = dict.fromkeys(("digest", "state", "population", "history", "counts"), np.zeros(1))
     np.savez(path, format=np.array("stancekit/evolution/2"), **names)
-    assert refused() == f"{path}: format: expected 'stancekit/evolution/1', got 'stancekit/evolution/2'"
+    assert (
+        refused()
+        == f"{path}: format: expected 'stancekit/evolution/1', got 'stancekit/evolution/2'"
+    )
 
 
 def test_nothing_in_a_checkpoint_is_unpickled(
@@ -262,7 +322,9 @@ def test_nothing_in_a_checkpoint_is_unpickled(
 
     path = tmp_path / "ga.npz"
     np.savez(path, format=np.array([Trap()], dtype=object), allow_pickle=True)
-    with pytest.raises(InvalidInput, match="expected arrays without pickle: expected numbers or texts, got object"):
+    with pytest.raises(
+        InvalidInput, match="expected arrays without pickle: expected numbers or texts, got object"
+    ):
         evolve(feasible, infeasible, dataset.points, SMALL, checkpoint=path)
     assert not hasattr(builtins, "sprung")
 
@@ -274,7 +336,10 @@ def test_nothing_in_a_checkpoint_is_unpickled(
         ({"terrains": 2.5}, "terrains: expected a valid integer, got 2.5"),
         ({"elites": 40}, "elites: expected fewer than the population of 40, got 40"),
         ({"delta": 1.0}, "delta: expected less than 1, got 1.0"),
-        ({"mutation_end": 0.5}, "mutation_start, mutation_end: expected 1 >= start >= end > 0, got 0.2 and 0.5"),
+        (
+            {"mutation_end": 0.5},
+            "mutation_start, mutation_end: expected 1 >= start >= end > 0, got 0.2 and 0.5",
+        ),
         ({"mutation_scale": float("nan")}, "mutation_scale: expected a finite number, got nan"),
     ],
 )
@@ -287,15 +352,23 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], message:
 def test_problems_of_one_label_only_are_refused(feasible: list[Scaled], dataset: Dataset) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, [], dataset.points, SMALL)
-    assert str(caught.value) == "problems: expected one or more of each label, got 40 feasible and 0 infeasible"
+    assert (
+        str(caught.value)
+        == "problems: expected one or more of each label, got 40 feasible and 0 infeasible"
+    )
 
 
-def test_what_cannot_be_searched_is_refused(feasible: list[Scaled], infeasible: list[Scaled]) -> None:
+def test_what_cannot_be_searched_is_refused(
+    feasible: list[Scaled], infeasible: list[Scaled]
+) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, infeasible, np.zeros((0, 3, 6)), SMALL)
     assert str(caught.value) == "points: expected one solution or more, got none"
     five = Scaled.of(distribution("wall-5").sample(np.random.default_rng(0)))
-    with pytest.raises(InvalidInput, match=r"all of one size \(contacts, vertices\), got sizes \[\(3, 3\), \(5, 3\)\]"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"all of one size \(contacts, vertices\), got sizes \[\(3, 3\), \(5, 3\)\]",
+    ):
         evolve(feasible, [five], np.zeros((1, 3, 6)), SMALL)
 
 
@@ -309,15 +382,22 @@ def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: Geneti
     assert found.provenance["settings"]["terrains"] == 20
     assert found.provenance["notes"]["a"] == whole.a
     found.check_fits(next(dataset.problems()))
-    with pytest.raises(InvalidInput, match="expected two or more rows of each label, got 40 feasible and 0 infeasible"):
+    with pytest.raises(
+        InvalidInput,
+        match="expected two or more rows of each label, got 40 feasible and 0 infeasible",
+    ):
         fit_genetic(dataset.select(dataset.feasible), SMALL)
 
 
 @pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
 def test_a_baseline_has_the_same_budget_and_repeats(
-    search: str, package: str, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled],
+    search: str,
+    package: str,
+    dataset: Dataset,
+    feasible: list[Scaled],
+    infeasible: list[Scaled],
     programs: Programs,
-) -> None:  # fmt: skip
+) -> None:
     pytest.importorskip(package)
     settings = GeneticSettings(population=10, generations=4, terrains=20, finalists=2, seed=4)
     state = np.random.get_state()[1].copy()  # noqa: NPY002  (a package that seeds the global generator is found out)
@@ -325,7 +405,9 @@ def test_a_baseline_has_the_same_budget_and_repeats(
     def go(seed: int) -> GeneticResult:
         oracle = CachingOracle([*feasible, *infeasible], programs)
         run = getattr(evolution, search)
-        found: GeneticResult = run(feasible, infeasible, dataset.points, replace(settings, seed=seed), oracle=oracle)
+        found: GeneticResult = run(
+            feasible, infeasible, dataset.points, replace(settings, seed=seed), oracle=oracle
+        )
         return found
 
     first, second, other = go(4), go(4), go(5)
@@ -339,16 +421,23 @@ def test_a_baseline_has_the_same_budget_and_repeats(
 
 @pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
 def test_a_missing_extra_is_named(
-    search: str, package: str, monkeypatch: pytest.MonkeyPatch, dataset: Dataset, feasible: list[Scaled],
+    search: str,
+    package: str,
+    monkeypatch: pytest.MonkeyPatch,
+    dataset: Dataset,
+    feasible: list[Scaled],
     infeasible: list[Scaled],
-) -> None:  # fmt: skip
+) -> None:
     def missing(name: str) -> Any:
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(InvalidInput) as caught:
         getattr(evolution, search)(feasible, infeasible, dataset.points, SMALL)
-    assert str(caught.value) == f"{package}: expected this package, got none: pip install 'stancekit[evo]'"
+    assert (
+        str(caught.value)
+        == f"{package}: expected this package, got none: pip install 'stancekit[evo]'"
+    )
 
 
 def test_the_picture_shows_mean_variance_and_best(whole: GeneticResult) -> None:

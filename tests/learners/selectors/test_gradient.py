@@ -1,4 +1,5 @@
-"""Boxes that descend P1's margins: the gradient is the loss's own, the loss is what it says, and boxes get better."""
+"""Boxes that descend P1's margins: the gradient is the loss's own, the loss is what it says, and
+boxes get better."""
 
 import numpy as np
 import pytest
@@ -34,23 +35,35 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def problems(dataset: Dataset) -> tuple[list[Scaled], list[Scaled]]:
     """Feasible and infeasible ones."""
     rows = (dataset.feasible, dataset.infeasible)
-    kinds = [[Scaled.of(problem) for problem in dataset.select(chosen).problems()] for chosen in rows]
+    kinds = [
+        [Scaled.of(problem) for problem in dataset.select(chosen).problems()] for chosen in rows
+    ]
     return kinds[0], kinds[1]
 
 
-def mistakes(boxes: list[Envelope], kinds: tuple[list[Scaled], list[Scaled]], programs: Programs) -> float:
+def mistakes(
+    boxes: list[Envelope], kinds: tuple[list[Scaled], list[Scaled]], programs: Programs
+) -> float:
     """Mean of the shares of both kinds that P1 over the set answers wrong."""
-    least = [np.min([margins(problems, box, programs) for box in boxes], axis=0) for problems in kinds]
+    least = [
+        np.min([margins(problems, box, programs) for box in boxes], axis=0) for problems in kinds
+    ]
     return 0.5 * (float((least[0] > 1e-7).mean()) + float((least[1] <= 1e-7).mean()))
 
 
 @pytest.mark.parametrize("boxes", [1, 3])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_loss_is_a_logistic_count_and_its_gradient_that_of_finite_differences(
-    boxes: int, sign: float, dataset: Dataset, problems: tuple[list[Scaled], ...], programs: Programs
+    boxes: int,
+    sign: float,
+    dataset: Dataset,
+    problems: tuple[list[Scaled], ...],
+    programs: Programs,
 ) -> None:
     scenes, softness, step = problems[int(sign < 0)][:8], 0.02, 2e-5
-    start = np.stack([box.to_vector() for box in clustered_boxes(dataset.points, boxes, share=0.1, seed=0)])
+    start = np.stack(
+        [box.to_vector() for box in clustered_boxes(dataset.points, boxes, share=0.1, seed=0)]
+    )
 
     def loss(bounds: np.ndarray) -> float:
         each = np.stack([margins(scenes, Envelope.from_vector(row), programs) for row in bounds])
@@ -74,7 +87,8 @@ def test_the_soft_least_is_the_least_of_one_and_close_to_the_least_of_several() 
     least, shares = soft_least(values, softness)
     assert values.min() <= least <= values.min() + softness * np.log(3.0)
     by_differences = [
-        (soft_least(values + step * e, softness)[0] - soft_least(values - step * e, softness)[0]) / (2.0 * step)
+        (soft_least(values + step * e, softness)[0] - soft_least(values - step * e, softness)[0])
+        / (2.0 * step)
         for e in np.eye(3)
     ]
     np.testing.assert_allclose(shares, by_differences, atol=1e-6)
@@ -87,9 +101,16 @@ def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
     start, settings = quantile_box(dataset.points), BoxDescent(steps=4, batch=10)
     message: list[int] = []
     alone = descend(
-        start, *problems, programs, np.random.default_rng(5), settings, lambda step, loss: message.append(step)
+        start,
+        *problems,
+        programs,
+        np.random.default_rng(5),
+        settings,
+        lambda step, loss: message.append(step),
     )
-    (together,) = descend_together((start,), *problems, Programs(), np.random.default_rng(5), settings)
+    (together,) = descend_together(
+        (start,), *problems, Programs(), np.random.default_rng(5), settings
+    )
     np.testing.assert_array_equal(alone.to_vector(), together.to_vector())
     assert message == [0, 1, 2, 3]
 
@@ -99,7 +120,10 @@ def test_descent_makes_fewer_mistakes_than_where_it_started(
 ) -> None:
     starts = list(clustered_boxes(dataset.points, 2, share=0.2, seed=0))
     found = fit_gradient(dataset, boxes=2, steps=20, batch=30, share=0.2, seed=0)
-    before, after = mistakes(starts, problems, programs), mistakes(list(found.envelopes), problems, programs)
+    before, after = (
+        mistakes(starts, problems, programs),
+        mistakes(list(found.envelopes), problems, programs),
+    )
     assert after <= 0.7 * before
     losses = found.provenance["notes"]["losses"]
     assert np.mean(losses[-5:]) < np.mean(losses[:5])
@@ -108,7 +132,14 @@ def test_descent_makes_fewer_mistakes_than_where_it_started(
 def test_a_fit_repeats_to_the_last_bit_and_says_how_it_was_made(dataset: Dataset) -> None:
     message: list[tuple[int, int]] = []
     fits = [
-        fit_gradient(dataset, boxes=2, steps=3, batch=8, seed=4, progress=lambda *counts: message.append(counts))
+        fit_gradient(
+            dataset,
+            boxes=2,
+            steps=3,
+            batch=8,
+            seed=4,
+            progress=lambda *counts: message.append(counts),
+        )
         for _ in range(2)
     ]
     assert fits[0].to_json() == fits[1].to_json()
@@ -123,5 +154,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(dataset: Dataset) -> None:
         fit_gradient(dataset, boxes=0)
     with pytest.raises(InvalidInput, match=r"^steps: expected greater than 0, got 0$"):
         fit_gradient(dataset, steps=0)
-    with pytest.raises(InvalidInput, match=r"^data set: expected 2 or more feasible rows and .*, got 60 and 0$"):
+    with pytest.raises(
+        InvalidInput, match=r"^data set: expected 2 or more feasible rows and .*, got 60 and 0$"
+    ):
         fit_gradient(dataset.select(dataset.feasible))

@@ -1,4 +1,5 @@
-"""P1's margin as a layer of torch: its gradient is that of finite differences, and a short loop learns by it."""
+"""P1's margin as a layer of torch: its gradient is that of finite differences, and a short loop
+learns by it."""
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
 
 
 def some(name: str, count: int, *, with_margin: bool = True) -> list[Scaled]:
-    """Problems of which P̄ has an answer, so that P1 has a margin; or those of which it has none."""
+    """Problems of which P̄ has an answer, so that P1 has a margin; or those of which it has
+    none."""
     rng, programs, found = np.random.default_rng(3), Programs(), list[Scaled]()
     while len(found) < count:
         problem = Scaled.of(distribution(name).sample(rng))
@@ -27,21 +29,29 @@ def boxes(problems: list[Scaled], seed: int = 0) -> list[torch.Tensor]:
     """Boxes of some width about the patches' middles, in double precision."""
     rng, out = np.random.default_rng(seed), []
     for problem in problems:
-        middle = np.hstack([problem.patches.mean(axis=1), np.full((problem.size[0], 3), [0.4, 0.0, 0.2])])
+        middle = np.hstack(
+            [problem.patches.mean(axis=1), np.full((problem.size[0], 3), [0.4, 0.0, 0.2])]
+        )
         width = rng.uniform(0.05, 0.25, (2, *middle.shape))
         out.append(np.stack([middle - width[0], middle + width[1]]))
     low, high = np.stack(out, axis=1)
     return [torch.tensor(side, requires_grad=True) for side in (low, high)]
 
 
-@pytest.mark.parametrize(("name", "relaxation"), [("wall-3", "p1"), ("wall-3", "joint"), ("ground-3", "p1")])
+@pytest.mark.parametrize(
+    ("name", "relaxation"), [("wall-3", "p1"), ("wall-3", "joint"), ("ground-3", "p1")]
+)
 def test_the_gradient_is_that_of_finite_differences(name: str, relaxation: str) -> None:
     problems, programs = some(name, 2), Programs()
     sides = boxes(problems)
     at = margins(*sides, problems, programs, relaxation)
     assert bool((at.abs() > 1e-4).all())
     assert torch.autograd.gradcheck(
-        lambda low, high: margins(low, high, problems, programs, relaxation), sides, eps=1e-4, atol=1e-4, rtol=1e-3
+        lambda low, high: margins(low, high, problems, programs, relaxation),
+        sides,
+        eps=1e-4,
+        atol=1e-4,
+        rtol=1e-3,
     )
 
 
@@ -69,7 +79,10 @@ def test_where_there_is_no_margin_nothing_flows_back() -> None:
 def test_boxes_of_another_number_of_scenes_or_contacts_are_refused() -> None:
     problems = some("wall-3", 2)
     low, high = boxes(problems)
-    with pytest.raises(InvalidInput, match=r"low, high: expected shape \(2, 3, 6\), got \(1, 3, 6\) and \(2, 3, 6\)"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"low, high: expected shape \(2, 3, 6\), got \(1, 3, 6\) and \(2, 3, 6\)",
+    ):
         margins(low[:1], high, problems)
     with pytest.raises(InvalidInput, match=r"expected at most high"):
         margins(high, low, problems)

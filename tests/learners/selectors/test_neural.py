@@ -1,4 +1,5 @@
-"""Neural selectors: symmetric by construction, exact gradients, calibrated, repeatable, and no file is trusted."""
+"""Neural selectors: symmetric by construction, exact gradients, calibrated, repeatable, and no file
+is trusted."""
 
 import itertools
 import pickle
@@ -17,7 +18,13 @@ from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.margin import margins
-from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
+from stancekit.learners.selectors.network import (
+    Architecture,
+    BoxNetwork,
+    Mirror,
+    SceneTensors,
+    pinball,
+)
 from stancekit.learners.selectors.neural import (
     STEP,
     STEPS,
@@ -39,7 +46,9 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.terrain import Patch
 
 SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)
-QUICK = NeuralSettings(architecture=SMALL, epochs=2, batch=32, margin_epochs=2, margin_batch=16, seed=3)
+QUICK = NeuralSettings(
+    architecture=SMALL, epochs=2, batch=32, margin_epochs=2, margin_batch=16, seed=3
+)
 
 
 @pytest.fixture(scope="module")
@@ -84,10 +93,14 @@ def turned_round(problem: Problem) -> Problem:
         leg = contact.leg[0] + leg[1] if contact.leg[1] in "FR" else contact.leg
         contacts.append(
             Contact(
-                leg=leg, shoulder_m=contact.shoulder_m * x, reach_m=contact.reach_m, patch=patch,
-                force_min=contact.force_min, force_max=contact.force_max,
+                leg=leg,
+                shoulder_m=contact.shoulder_m * x,
+                reach_m=contact.reach_m,
+                patch=patch,
+                force_min=contact.force_min,
+                force_max=contact.force_max,
             )
-        )  # fmt: skip
+        )
     return problem.posture_with(contacts=tuple(contacts))
 
 
@@ -116,7 +129,10 @@ def test_the_mirror_is_an_exact_symmetry_of_scenes_and_of_p1(name: str) -> None:
     originals = [Scaled.of(problem) for problem in problems[:12]]
     turned = [Scaled.of(turned_round(problem)) for problem in problems[:12]]
     flipped = torch.ones(12, dtype=torch.bool)
-    shown, written = mirror.scenes(tensors_of(problems[:12]), flipped), SceneTensors.of_problems(turned)
+    shown, written = (
+        mirror.scenes(tensors_of(problems[:12]), flipped),
+        SceneTensors.of_problems(turned),
+    )
     for key in ("frames", "friction", "shoulders", "reach"):
         torch.testing.assert_close(getattr(shown, key), getattr(written, key), rtol=0.0, atol=1e-6)
     torch.testing.assert_close(shown.vertices, written.vertices.flip(2), rtol=0.0, atol=1e-6)
@@ -139,10 +155,14 @@ def test_limbs_that_lie_uneven_have_no_mirror() -> None:
     assert Mirror.of(replace(scenes, shoulders=moved)) is None
 
 
-def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, programs: Programs) -> None:
+def test_the_margin_flows_back_as_finite_differences_say(
+    dataset: Dataset, programs: Programs
+) -> None:
     problems = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible[:6]).problems()]
     box = quantile_box(dataset.points)
-    low, high = (torch.tensor(np.stack([side] * 6)).requires_grad_() for side in (box.low, box.high))
+    low, high = (
+        torch.tensor(np.stack([side] * 6)).requires_grad_() for side in (box.low, box.high)
+    )
     weights = torch.arange(1.0, 7.0, dtype=torch.float64)
     torch.autograd.backward((weights * margins(low, high, problems, programs)).sum())
     assert low.grad is not None
@@ -151,7 +171,9 @@ def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, progr
     for _ in range(3):
         ways = [torch.tensor(rng.normal(size=low.shape)) for _ in range(2)]
         sides = [(low.detach() + s * ways[0], high.detach() + s * ways[1]) for s in (step, -step)]
-        ahead, behind = (float((weights * margins(*pair, problems, programs)).sum()) for pair in sides)
+        ahead, behind = (
+            float((weights * margins(*pair, problems, programs)).sum()) for pair in sides
+        )
         along = float((low.grad * ways[0]).sum() + (high.grad * ways[1]).sum())
         assert along == pytest.approx((ahead - behind) / (2 * step), rel=0.02, abs=2e-3)
 
@@ -167,25 +189,35 @@ def test_the_pinball_loss_is_least_at_the_quantiles() -> None:
         assert loss(*best) < min(loss(best[0] + shift, best[1]), loss(best[0], best[1] + shift))
 
 
-def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, programs: Programs) -> None:
+def test_calibration_gives_no_more_room_than_the_target_needs(
+    dataset: Dataset, programs: Programs
+) -> None:
     rows = TrainingRows.of(dataset.select(dataset.feasible[:60]), "feasible")
     network = random_network(drawn("wall-3", 40))
-    room = calibrated_room(network, rows, programs, NeuralSettings(target=0.8), least=-0.05, most=0.5)
+    room = calibrated_room(
+        network, rows, programs, NeuralSettings(target=0.8), least=-0.05, most=0.5
+    )
 
     def is_feasible(room: float) -> int:
         with torch.no_grad():
             low, high, _ = (side.numpy().astype(float) for side in network(rows.scenes))
         return sum(
-            programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
+            programs.get(McCormick, problem.layout)
+            .solve(problem, roomy(low[i], high[i], room))
+            .feasible
             for i, problem in enumerate(rows.problems)
         )
 
     assert is_feasible(room) >= 48 > is_feasible(room - 1e-3)
 
 
-def test_more_room_is_given_where_that_costs_fewer_mistakes(dataset: Dataset, programs: Programs) -> None:
-    both = tuple(TrainingRows.of(dataset.select(each[:20]), label) for each, label in
-                 ((dataset.feasible, "feasible"), (dataset.infeasible, "infeasible")))  # fmt: skip
+def test_more_room_is_given_where_that_costs_fewer_mistakes(
+    dataset: Dataset, programs: Programs
+) -> None:
+    both = tuple(
+        TrainingRows.of(dataset.select(each[:20]), label)
+        for each, label in ((dataset.feasible, "feasible"), (dataset.infeasible, "infeasible"))
+    )
     network = random_network(drawn("wall-3", 40))
     settings = NeuralSettings(caution=2.0)
     rooms = (0.12 + STEP * np.arange(STEPS + 1)).tolist()
@@ -196,10 +228,16 @@ def test_more_room_is_given_where_that_costs_fewer_mistakes(dataset: Dataset, pr
         for rows in both:
             with torch.no_grad():
                 low, high, _ = (side.numpy().astype(float) for side in network(rows.scenes))
-            wrong.append(np.mean([
-                programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
-                for i, problem in enumerate(rows.problems)
-            ]))  # fmt: skip
+            wrong.append(
+                np.mean(
+                    [
+                        programs.get(McCormick, problem.layout)
+                        .solve(problem, roomy(low[i], high[i], room))
+                        .feasible
+                        for i, problem in enumerate(rows.problems)
+                    ]
+                )
+            )
         return 2.0 * (1.0 - wrong[0]) + wrong[1]
 
     costs = [cost(room) for room in rooms]
@@ -208,7 +246,9 @@ def test_more_room_is_given_where_that_costs_fewer_mistakes(dataset: Dataset, pr
     assert costs[rooms.index(room)] == pytest.approx(min(costs), abs=1e-9)
 
 
-def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(dataset: Dataset, tmp_path: Path) -> None:
+def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(
+    dataset: Dataset, tmp_path: Path
+) -> None:
     few = dataset.select(np.concatenate([dataset.feasible[:60], dataset.infeasible[:20]]))
 
     class Stop(Exception):
@@ -230,7 +270,9 @@ def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(dataset: 
     resumed.save(tmp_path / "resumed")
     assert (tmp_path / "straight").read_bytes() == (tmp_path / "resumed").read_bytes()
     assert [record["stage"] for record in resumed.provenance["history"]] == [1, 1, 2, 2]
-    with pytest.raises(InvalidInput, match=r"expected a checkpoint of these settings and rows, got another's$"):
+    with pytest.raises(
+        InvalidInput, match=r"expected a checkpoint of these settings and rows, got another's$"
+    ):
         fit_neural(few, replace(QUICK, seed=4), checkpoint=tmp_path / "checkpoint")
 
 
@@ -240,33 +282,48 @@ def test_a_trained_network_knows_more_than_the_quantile_box(dataset: Dataset) ->
     network = fit_neural(train, settings, calibration=held).network
     rows = TrainingRows.of(held, "feasible")
     box = quantile_box(train.points)
-    fixed = [torch.tensor(side, dtype=torch.float32).expand_as(rows.points) for side in (box.low, box.high)]
+    fixed = [
+        torch.tensor(side, dtype=torch.float32).expand_as(rows.points)
+        for side in (box.low, box.high)
+    ]
     with torch.no_grad():
         low, high, _ = network(rows.scenes)
-    learned, plain = (float(pinball(*pair, rows.points, 0.05).mean()) for pair in ((low, high), fixed))
+    learned, plain = (
+        float(pinball(*pair, rows.points, 0.05).mean()) for pair in ((low, high), fixed)
+    )
     assert learned < 0.6 * plain
 
 
-def test_predictions_are_actions_single_or_in_a_batch(dataset: Dataset, selector: NeuralSelector) -> None:
+def test_predictions_are_actions_single_or_in_a_batch(
+    dataset: Dataset, selector: NeuralSelector
+) -> None:
     env = EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes_of(dataset)[:4]))
     observations = [env.reset(seed=0)[0] for _ in range(4)]
     actions = [selector.predict(observation)[0] for observation in observations]
-    batch, state = selector.predict({k: np.stack([o[k] for o in observations]) for k in observations[0]}, state="kept")
+    batch, state = selector.predict(
+        {k: np.stack([o[k] for o in observations]) for k in observations[0]}, state="kept"
+    )
     assert state == "kept"
     np.testing.assert_allclose(batch, actions, rtol=0.0, atol=1e-5)
     assert all(env.action_space.contains(action) for action in actions)
     assert env.step(actions[-1])[4]["log_volume"] > -np.inf
     problems = [Scaled.of(scene.problem) for scene in scenes_of(dataset)[:4]]
     for box, action in zip(selector.envelopes(problems), actions, strict=True):
-        np.testing.assert_allclose(box.to_vector(), Envelope.from_vector(action).to_vector(), atol=1e-5)
+        np.testing.assert_allclose(
+            box.to_vector(), Envelope.from_vector(action).to_vector(), atol=1e-5
+        )
     five, _ = EnvelopeSelectionEnv("wall-5").reset(seed=0)
-    with pytest.raises(InvalidInput, match=r"^observation 'vertices': expected 27 numbers a scene for 3 contacts"):
+    with pytest.raises(
+        InvalidInput, match=r"^observation 'vertices': expected 27 numbers a scene for 3 contacts"
+    ):
         selector.predict(five)
 
 
 def test_a_saved_selector_comes_back_the_same(selector: NeuralSelector, tmp_path: Path) -> None:
     selector.save(tmp_path / "a.safetensors")
-    back = NeuralSelector.load(tmp_path / "a.safetensors", problem_class="wall-3", legs=("RF", "RR", "LM"))
+    back = NeuralSelector.load(
+        tmp_path / "a.safetensors", problem_class="wall-3", legs=("RF", "RR", "LM")
+    )
     back.save(tmp_path / "b.safetensors")
     assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
     observation, _ = EnvelopeSelectionEnv("wall-3").reset(seed=1)
@@ -285,7 +342,9 @@ def test_weights_in_half_precision_take_half_the_room_and_move_no_box_by_a_hundr
     assert half.stat().st_size < 0.6 * whole.stat().st_size
     again = NeuralSelector.load(half)
     rounded = {name: each.half().float() for name, each in selector.network.state_dict().items()}
-    assert all(torch.equal(each, rounded[name]) for name, each in again.network.state_dict().items())
+    assert all(
+        torch.equal(each, rounded[name]) for name, each in again.network.state_dict().items()
+    )
     problems = [Scaled.of(problem) for problem in dataset.problems()]
     for mine, theirs in zip(selector.envelopes(problems), again.envelopes(problems), strict=True):
         np.testing.assert_allclose(mine.low, theirs.low, atol=1e-2)
@@ -294,7 +353,9 @@ def test_weights_in_half_precision_take_half_the_room_and_move_no_box_by_a_hundr
     assert whole.read_bytes() == half.read_bytes()
 
 
-def test_files_that_are_not_this_selector_are_refused_in_one_line(selector: NeuralSelector, tmp_path: Path) -> None:
+def test_files_that_are_not_this_selector_are_refused_in_one_line(
+    selector: NeuralSelector, tmp_path: Path
+) -> None:
     good, path = tmp_path / "good", tmp_path / "odd"
     selector.save(good)
     header, tensors = read_tensors(good, "stancekit/neural/1")
@@ -306,26 +367,47 @@ def test_files_that_are_not_this_selector_are_refused_in_one_line(selector: Neur
         return str(error.value)
 
     assert "expected a file, found nothing there" in refusal()
-    for content in (good.read_bytes()[:2000], good.read_bytes()[:-5], pickle.dumps({"a": 1}), b"", b"\xff" * 64):
+    for content in (
+        good.read_bytes()[:2000],
+        good.read_bytes()[:-5],
+        pickle.dumps({"a": 1}),
+        b"",
+        b"\xff" * 64,
+    ):
         path.write_bytes(content)
         assert "expected a whole file of format stancekit/neural/1" in refusal()
     write_tensors(path, "someone/else", header, tensors)
     assert "expected format stancekit/neural/1, got someone/else" in refusal()
     write_tensors(path, "stancekit/neural/1", {**header, "more": 1}, tensors)
     assert "more" in refusal()
-    write_tensors(path, "stancekit/neural/1", header, {**tensors, "scale": torch.full((6,), torch.nan)})
+    write_tensors(
+        path, "stancekit/neural/1", header, {**tensors, "scale": torch.full((6,), torch.nan)}
+    )
     assert "tensor scale: expected finite numbers" in refusal()
     write_tensors(path, "stancekit/neural/1", header, {**tensors, "scale": torch.ones(5)})
     assert "tensor scale: expected shape (6,), got (5,)" in refusal()
-    write_tensors(path, "stancekit/neural/1", header | {"architecture": header["architecture"] | {"heads": 3}}, tensors)
+    write_tensors(
+        path,
+        "stancekit/neural/1",
+        header | {"architecture": header["architecture"] | {"heads": 3}},
+        tensors,
+    )
     assert "odd: architecture: width: expected a multiple of 3 heads, got 32" in refusal()
     path.write_bytes(good.read_bytes())
     assert "expected a selector for wall-5, got one for wall-3" in refusal(problem_class="wall-5")
-    assert "expected a selector for legs ['RF'], got one for ['RF', 'RR', 'LM']" in refusal(legs=["RF"])
+    assert "expected a selector for legs ['RF'], got one for ['RF', 'RR', 'LM']" in refusal(
+        legs=["RF"]
+    )
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    for name, value in (("epochs", 0), ("margin_epochs", -1), ("target", 1.0), ("softness", 0.0), ("share", 0.0)):
+    for name, value in (
+        ("epochs", 0),
+        ("margin_epochs", -1),
+        ("target", 1.0),
+        ("softness", 0.0),
+        ("share", 0.0),
+    ):
         with pytest.raises(InvalidInput, match=f"^{name}: expected "):
             NeuralSettings(**{name: value})
     with pytest.raises(InvalidInput, match=r"^width: expected a multiple of 3 heads, got 32$"):

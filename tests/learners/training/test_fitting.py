@@ -1,4 +1,5 @@
-"""One list of methods: each learns a selector that is written and read back and answers the same."""
+"""One list of methods: each learns a selector that is written and read back and answers the
+same."""
 
 from pathlib import Path
 
@@ -27,7 +28,12 @@ SETTINGS = FitSettings(
     genetic={"population": 4, "generations": 2, "terrains": 4},
     neural={"epochs": 1, "margin_epochs": 1},
     chooser={"epochs": 1},
-    rl={"steps": 16, "envs": 2, "evaluate_every": 16, "ppo": {"rollout": 8, "batch": 8, "hidden": [8]}},
+    rl={
+        "steps": 16,
+        "envs": 2,
+        "evaluate_every": 16,
+        "ppo": {"rollout": 8, "batch": 8, "hidden": [8]},
+    },
 )
 
 
@@ -39,7 +45,9 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS.names() if name != "modes"])
-def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tmp_path: Path, method: str) -> None:
+def test_what_a_method_learns_can_be_written_read_and_asked(
+    dataset: Dataset, tmp_path: Path, method: str
+) -> None:
     if method not in ENVELOPES:
         pytest.importorskip("torch")
         pytest.importorskip("safetensors")
@@ -47,7 +55,11 @@ def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tm
     path = tmp_path / f"selector{learned.suffix}"
     learned.write(path)
     again = load_selector(path)
-    assert (again.problem_class, again.boxes) == (learned.problem_class, learned.boxes) == ("wall-3", learned.boxes)
+    assert (
+        (again.problem_class, again.boxes)
+        == (learned.problem_class, learned.boxes)
+        == ("wall-3", learned.boxes)
+    )
     assert again.relaxation == learned.relaxation == ("joint" if method == "joint" else "p1")
     assert learned.boxes == (2 if method == "gradient" else 1)
     for problem in list(dataset.problems())[:3]:
@@ -61,7 +73,9 @@ def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tm
 def test_every_method_says_which_settings_made_it(dataset: Dataset) -> None:
     assert set(KNOBS) == set(METHODS.names())
     assert fit("quantile", dataset, SETTINGS).provenance["settings"] == {"share": 0.05}
-    assert SETTINGS.concerning("ga") == {"genetic": {"population": 4, "generations": 2, "terrains": 4}}
+    assert SETTINGS.concerning("ga") == {
+        "genetic": {"population": 4, "generations": 2, "terrains": 4}
+    }
 
 
 def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
@@ -73,18 +87,36 @@ def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
 @pytest.mark.parametrize(
     ("method", "values", "message"),
     [
-        ("ga", {"genetic": {"poulation": 3}}, "genetic.poulation: expected one of population, generations, "),
+        (
+            "ga",
+            {"genetic": {"poulation": 3}},
+            "genetic.poulation: expected one of population, generations, ",
+        ),
         ("ga", {"genetic": {"population": "many"}}, "genetic.population: "),
-        ("ga", {"genetic": {"population": 1}}, "genetic.population: expected greater than or equal to 2, got 1"),
-        ("neural", {"neural": {"epoch": 3}}, "neural.epoch: expected one of architecture, share, epochs, "),
+        (
+            "ga",
+            {"genetic": {"population": 1}},
+            "genetic.population: expected greater than or equal to 2, got 1",
+        ),
+        (
+            "neural",
+            {"neural": {"epoch": 3}},
+            "neural.epoch: expected one of architecture, share, epochs, ",
+        ),
         ("chooser", {"chooser": {"epochs": 0}}, "chooser.epochs: expected greater than 0, got 0"),
         ("rl", {"rl": {}}, "rl.steps: "),
-        ("rl", {"rl": {"steps": 8, "problem": "wall-5"}}, "rl.problem: expected nothing, it follows from the data set"),
+        (
+            "rl",
+            {"rl": {"steps": 8, "problem": "wall-5"}},
+            "rl.problem: expected nothing, it follows from the data set",
+        ),
         ("gmm", {"steps": 0}, "steps: expected greater than 0, got 0"),
         ("quantile", {"share": 0.7}, "share: expected less than 0.5, got 0.7"),
     ],
 )
-def test_settings_that_make_no_sense_are_told_by_key(method: str, values: dict[str, object], message: str) -> None:
+def test_settings_that_make_no_sense_are_told_by_key(
+    method: str, values: dict[str, object], message: str
+) -> None:
     if method in ("neural", "chooser", "rl"):
         pytest.importorskip("stable_baselines3")
         pytest.importorskip("safetensors")
@@ -98,9 +130,13 @@ def test_a_mapping_becomes_typed_settings() -> None:
 
 
 def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> None:
-    with pytest.raises(InvalidInput, match=r"^method: expected one of heuristic, .*, or FILE.py:NAME, got 'luck'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^method: expected one of heuristic, .*, or FILE.py:NAME, got 'luck'$"
+    ):
         learn("luck", dataset)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInput, match=r"^data set: expected two or more rows of each label, got 0 feasible"):
+    with pytest.raises(
+        InvalidInput, match=r"^data set: expected two or more rows of each label, got 0 feasible"
+    ):
         learn("gmm", dataset.select(dataset.infeasible))
 
 
@@ -111,8 +147,16 @@ def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> No
         (b"", "x.json", "expected some text, the file is empty"),
         (b"{}", "x.json", "format: "),
         (b"\x80\x04pickle", "x.json", "expected UTF-8 text, byte 0 is not"),
-        (b"\x80\x04pickle", "x.safetensors", "expected a whole safetensors file, got something else"),
-        ((12).to_bytes(8, "little") + b'{"a": "b  "}', "x.safetensors", "expected format stancekit/envelope/1, "),
+        (
+            b"\x80\x04pickle",
+            "x.safetensors",
+            "expected a whole safetensors file, got something else",
+        ),
+        (
+            (12).to_bytes(8, "little") + b'{"a": "b  "}',
+            "x.safetensors",
+            "expected format stancekit/envelope/1, ",
+        ),
     ],
 )
 def test_files_that_are_no_selectors_are_refused(

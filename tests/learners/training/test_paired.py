@@ -1,4 +1,5 @@
-"""The paired score function: the gradient it estimates, runs that go on bit for bit, and what is refused."""
+"""The paired score function: the gradient it estimates, runs that go on bit for bit, and what is
+refused."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -27,10 +28,15 @@ START = {"architecture": SMALL, "epochs": 2, "margin_epochs": 0}
 
 def config(**changes) -> TrainConfig:
     given = {
-        "environment": "stancekit/EnvelopeSelection-v0", "method": "paired", "problem": "wall-3", "steps": 32,
-        "evaluate_every": 16, "paired": PairedSettings(scenes=4, pairs=1, start=START),
-        "train": Quota(feasible=16, infeasible=16, seed=0), "held_out": Quota(feasible=4, infeasible=4, seed=1),
-    }  # fmt: skip
+        "environment": "stancekit/EnvelopeSelection-v0",
+        "method": "paired",
+        "problem": "wall-3",
+        "steps": 32,
+        "evaluate_every": 16,
+        "paired": PairedSettings(scenes=4, pairs=1, start=START),
+        "train": Quota(feasible=16, infeasible=16, seed=0),
+        "held_out": Quota(feasible=4, infeasible=4, seed=1),
+    }
     return TrainConfig(**(given | changes))
 
 
@@ -44,13 +50,21 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> TrainingScenes:
 
 
 def test_opposite_actions_of_one_scene_give_the_rewards_gradient(scenes, tmp_path):
-    run = PairedRun(config(paired=PairedSettings(scenes=2, pairs=6000, spread=0.01, start=START)), tmp_path, scenes)
-    ways = {id(scene): np.random.default_rng(k).normal(size=36) for k, scene in enumerate(scenes.train)}
+    run = PairedRun(
+        config(paired=PairedSettings(scenes=2, pairs=6000, spread=0.01, start=START)),
+        tmp_path,
+        scenes,
+    )
+    ways = {
+        id(scene): np.random.default_rng(k).normal(size=36) for k, scene in enumerate(scenes.train)
+    }
 
     def judged(its, actions):
         """Scenes that differ by far more than actions do; a smooth reward in each."""
         own = [ways[id(scene)] for scene in its]
-        rewards = [100.0 * way[0] + np.sin(action @ way) for way, action in zip(own, actions, strict=True)]
+        rewards = [
+            100.0 * way[0] + np.sin(action @ way) for way, action in zip(own, actions, strict=True)
+        ]
         return [SimpleNamespace(reward=reward) for reward in rewards]
 
     run._task = SimpleNamespace(judge_all=judged)
@@ -59,7 +73,9 @@ def test_opposite_actions_of_one_scene_give_the_rewards_gradient(scenes, tmp_pat
     for row, index in enumerate(chosen):
         way = ways[id(scenes.train[index])]
         exact = np.cos(mean[row] @ way) * way
-        assert np.linalg.norm(found[row] - exact) < 0.15 * np.linalg.norm(way)  # 36 directions, 6000 samples
+        assert np.linalg.norm(found[row] - exact) < 0.15 * np.linalg.norm(
+            way
+        )  # 36 directions, 6000 samples
 
 
 def test_a_run_goes_on_bit_for_bit_and_says_what_it_learned_from(scenes, tmp_path):
@@ -89,9 +105,13 @@ def test_learning_moves_the_network(scenes, tmp_path):
 
 
 def test_what_it_cannot_learn_is_refused(scenes, tmp_path):
-    with pytest.raises(InvalidInput, match="method: expected ppo for stancekit/EnvelopeRefinement-v0, got paired"):
+    with pytest.raises(
+        InvalidInput, match="method: expected ppo for stancekit/EnvelopeRefinement-v0, got paired"
+    ):
         config(environment="stancekit/EnvelopeRefinement-v0")
-    with pytest.raises(InvalidInput, match="paired: expected rows of a data set to imitate, got scenes alone"):
+    with pytest.raises(
+        InvalidInput, match="paired: expected rows of a data set to imitate, got scenes alone"
+    ):
         train(config(), tmp_path / "none", scenes=replace(scenes, rows=None))
     with pytest.raises(InvalidInput, match=r"paired.start.*epoch"):
         train(config(paired=PairedSettings(start={"epoch": 3})), tmp_path / "odd", scenes=scenes)

@@ -1,4 +1,5 @@
-"""Reinforcement learns what it should, resumes bit for bit, and its files are read without pickle."""
+"""Reinforcement learns what it should, resumes bit for bit, and its files are read without
+pickle."""
 
 import json
 import warnings
@@ -37,11 +38,16 @@ SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRef
 
 def config(**changes):
     given = {
-        "environment": SELECTION, "problem": "wall-3", "steps": 64, "envs": 4, "evaluate_every": 32,
+        "environment": SELECTION,
+        "problem": "wall-3",
+        "steps": 64,
+        "envs": 4,
+        "evaluate_every": 32,
         "base": "heuristic",
-        "train": Quota(feasible=6, infeasible=6, seed=0), "held_out": Quota(feasible=4, infeasible=4, seed=1),
+        "train": Quota(feasible=6, infeasible=6, seed=0),
+        "held_out": Quota(feasible=4, infeasible=4, seed=1),
         "ppo": PpoSettings(rollout=8, batch=16, epochs=2, hidden=(16,)),
-    }  # fmt: skip
+    }
     return TrainConfig(**(given | changes))
 
 
@@ -81,15 +87,25 @@ def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, scenes, cut, tmp_
     first = train(replace(whole, steps=32), tmp_path / "halves", scenes=given)
     halves = train(whole, tmp_path / "halves", resume=True, scenes=given)
     assert [point.steps for point in halves.curve] == [0, 32, 64]
-    assert [asdict_(point) for point in halves.curve] == [asdict_(point) for point in straight.curve]
+    assert [asdict_(point) for point in halves.curve] == [
+        asdict_(point) for point in straight.curve
+    ]
     assert_equal(tensors_of(halves.policy), tensors_of(straight.policy))
-    changed = [not np.array_equal(a, b) for a, b in zip(
-        tensors_of(first.policy).values(), tensors_of(halves.policy).values(), strict=True)]  # fmt: skip
+    changed = [
+        not np.array_equal(a, b)
+        for a, b in zip(
+            tensors_of(first.policy).values(), tensors_of(halves.policy).values(), strict=True
+        )
+    ]
     assert any(changed)
     loaded = TrainedPolicy.load(tmp_path / "halves" / "policy.safetensors", problem="wall-3")
     assert loaded.steps == 64
     assert_equal(tensors_of(loaded), tensors_of(straight.policy))
-    env = EnvelopeSelectionEnv() if name == SELECTION else EnvelopeRefinementEnv(scenes=ListedScenes(given.held_out))
+    env = (
+        EnvelopeSelectionEnv()
+        if name == SELECTION
+        else EnvelopeRefinementEnv(scenes=ListedScenes(given.held_out))
+    )
     observation, _ = env.reset(seed=1)
     action, state = loaded.predict(observation)
     assert state is None
@@ -106,7 +122,9 @@ def asdict_(point):
 def test_it_learns_what_the_reward_says(drawn, tmp_path):
     """Only tightness is paid for: the boxes must shrink, and the reward rise."""
     env = EnvelopeSelectionVectorEnv(
-        16, scenes=PooledScenes(drawn), weights=RewardWeights(agreement=0.0, projection=0.0, tightness=1.0)
+        16,
+        scenes=PooledScenes(drawn),
+        weights=RewardWeights(agreement=0.0, projection=0.0, tightness=1.0),
     )
     base = np.concatenate([np.full(18, -0.5), np.full(18, 0.5)])
     torch.set_num_threads(1)
@@ -114,7 +132,9 @@ def test_it_learns_what_the_reward_says(drawn, tmp_path):
     kind, arguments = PolicyShape(environment=SELECTION, problem="wall-3", hidden=(16,)).policy
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = PPO(kind, vec, n_steps=16, learning_rate=3e-3, policy_kwargs=arguments, seed=0, device="cpu")
+        model = PPO(
+            kind, vec, n_steps=16, learning_rate=3e-3, policy_kwargs=arguments, seed=0, device="cpu"
+        )
     before, _ = evaluate_policy(model, vec, n_eval_episodes=16, warn=False)
     model.learn(2560)
     after, _ = evaluate_policy(model, vec, n_eval_episodes=16, warn=False)
@@ -157,12 +177,16 @@ def test_adapters_reset_and_seed_as_the_batch_does(drawn):
     seen = vec.reset()
     expected, _ = EnvelopeSelectionVectorEnv(3, scenes=PooledScenes(drawn)).reset(seed=4)
     assert_equal(seen, expected)
-    actions = np.tile(np.concatenate([np.full(18, -0.4), np.full(18, 0.4)]).astype(np.float32), (3, 1))
+    actions = np.tile(
+        np.concatenate([np.full(18, -0.4), np.full(18, 0.4)]).astype(np.float32), (3, 1)
+    )
     _, rewards, ended, infos = vec.step(actions)
     assert ended.all()
     for index, info in enumerate(infos):
         assert info["episode"]["r"] == rewards[index]
-        np.testing.assert_array_equal(info["terminal_observation"]["friction"], expected["friction"][index])
+        np.testing.assert_array_equal(
+            info["terminal_observation"]["friction"], expected["friction"][index]
+        )
     assert vec.get_attr("num_envs") == [3, 3, 3]
     with pytest.raises(InvalidInput, match=r"base: expected bounds of shape \(36,\), got \(3,\)"):
         SelectionVecEnv(env, base=np.zeros(3))
@@ -189,7 +213,9 @@ def test_files_that_are_not_policies_are_refused(scenes, tmp_path):
         TrainedPolicy.load(good, problem="ground-3")
     bad = tmp_path / "bad.safetensors"
     bad.write_bytes(good.read_bytes()[:-100])
-    with pytest.raises(InvalidInput, match=r"bad\.safetensors: expected a whole file of format stancekit/policy/1"):
+    with pytest.raises(
+        InvalidInput, match=r"bad\.safetensors: expected a whole file of format stancekit/policy/1"
+    ):
         TrainedPolicy.load(bad)
     torch.save({"policy": torch.zeros(3)}, bad)
     with pytest.raises(InvalidInput, match=r"bad\.safetensors: expected a whole file"):
@@ -202,7 +228,9 @@ def test_files_that_are_not_policies_are_refused(scenes, tmp_path):
 
 
 def test_runs_are_not_mixed_up(scenes, tmp_path):
-    with pytest.raises(InvalidInput, match=r"expected checkpoint\.safetensors to resume from, found none"):
+    with pytest.raises(
+        InvalidInput, match=r"expected checkpoint\.safetensors to resume from, found none"
+    ):
         train(config(), tmp_path / "none", resume=True, scenes=scenes)
     train(config(steps=32), tmp_path / "run", scenes=scenes)
     with pytest.raises(InvalidInput, match="holds a run already"):
@@ -227,7 +255,12 @@ def test_a_config_tells_every_key_that_is_wrong(tmp_path):
     path.write_text(GOOD + "speed: 9\nenvs: 0\nppo: {rate: fast, bathc: 3}\n")
     with pytest.raises(InvalidInput) as caught:
         TrainConfig.from_yaml(path)
-    for words in ("speed: unknown key", "envs: expected", "ppo.rate: expected", "ppo.bathc: unknown key"):
+    for words in (
+        "speed: unknown key",
+        "envs: expected",
+        "ppo.rate: expected",
+        "ppo.bathc: unknown key",
+    ):
         assert words in str(caught.value)
     path.write_text(GOOD.replace("seed: 1", "seed: 0"))
     with pytest.raises(InvalidInput, match=r"held_out\.seed: expected another seed"):
@@ -240,7 +273,9 @@ def test_a_config_tells_every_key_that_is_wrong(tmp_path):
         TrainConfig.from_yaml(path)
 
 
-def test_tensorboard_is_written_where_it_is_installed_and_missed_in_words_where_not(tmp_path, monkeypatch, caplog):
+def test_tensorboard_is_written_where_it_is_installed_and_missed_in_words_where_not(
+    tmp_path, monkeypatch, caplog
+):
     logger = reinforce._logger(tmp_path, tensorboard=False)
     assert logger.output_formats == []
     monkeypatch.setattr(reinforce.importlib.util, "find_spec", lambda name: None)

@@ -1,4 +1,5 @@
-"""What notebooks show of answers, reports, plans and walks: one line in text, a picture and a table in HTML."""
+"""What notebooks show of answers, reports, plans and walks: one line in text, a picture and a table
+in HTML."""
 
 from xml.etree import ElementTree
 
@@ -15,15 +16,22 @@ def whole(html: str) -> ElementTree.Element:
 
 def test_a_plan_is_a_line_a_picture_and_a_table() -> None:
     answer = stancekit.plan("walls", frames=2)
-    assert repr(answer) == f"Answer(feasible by {answer.method}: {answer.message or answer.report.message})"
+    assert (
+        repr(answer)
+        == f"Answer(feasible by {answer.method}: {answer.message or answer.report.message})"
+    )
     assert repr(answer.solution) == "Plan(walls: 2 key frames of LF, LM, LR, RF, RM, RR)"
     assert repr(answer.report) == f"Report({answer.report.message})"
     tree = whole(answer._repr_html_())
     assert len(tree.findall("table/tr")) == len(answer.report.groups)
     picture = next(each for each in tree if each.tag.endswith("svg"))
-    assert sum(each.tag.endswith("polygon") for each in picture) == len(answer.solution.problem.footholds)
+    assert sum(each.tag.endswith("polygon") for each in picture) == len(
+        answer.solution.problem.footholds
+    )
     points = [each.get("points", "") for each in picture if each.get("points")]
-    numbers = np.array([float(x) for text in points for pair in text.split() for x in pair.split(",")])
+    numbers = np.array(
+        [float(x) for text in points for pair in text.split() for x in pair.split(",")]
+    )
     assert np.isfinite(numbers).all()
 
 
@@ -55,4 +63,6 @@ def test_an_answer_without_a_solution_has_a_line() -> None:
     assert repr(answer) == "Answer(undecided by nobody: a < b)"
     with pytest.raises(AttributeError):
         _ = answer.solution.com_m  # type: ignore[union-attr]
-    assert whole(answer._repr_html_()).findtext("p") == ": a < b" or "a &lt; b" in answer._repr_html_()
+    assert (
+        whole(answer._repr_html_()).findtext("p") == ": a < b" or "a &lt; b" in answer._repr_html_()
+    )

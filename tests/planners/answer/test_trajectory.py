@@ -1,4 +1,5 @@
-"""Trajectories as values and as files: what was written comes back to the last bit, what was changed is refused."""
+"""Trajectories as values and as files: what was written comes back to the last bit, what was
+changed is refused."""
 
 from __future__ import annotations
 
@@ -15,7 +16,12 @@ import pytest
 
 from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.trajectory_file import check_file, is_trajectory, read_trajectory, write_trajectory
+from stancekit.planners.formats.trajectory_file import (
+    check_file,
+    is_trajectory,
+    read_trajectory,
+    write_trajectory,
+)
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -30,7 +36,9 @@ def still(count=41) -> Trajectory:
         times_s=0.005 * np.arange(count),
         torso_m=np.tile([0.1, 0.2, height], (count, 1)),
         rotation=np.tile(np.eye(3), (count, 1, 1)),
-        feet_m=np.tile([foot.nominal_m + np.array([0.1, 0.2, height]) for foot in robot.feet], (count, 1, 1)),
+        feet_m=np.tile(
+            [foot.nominal_m + np.array([0.1, 0.2, height]) for foot in robot.feet], (count, 1, 1)
+        ),
         forces_n=np.tile([0.0, 0.0, robot.mass_kg * 9.81 / 6.0], (count, 6, 1)),
         contact=np.ones((count, 6), dtype=bool),
         robot=robot,
@@ -59,7 +67,8 @@ def refusal(path) -> str:
     return message.replace(f"{path.parent}{os.sep}", "")
 
 
-# ------------------------------------------------------------------------------------------------------ values
+# ------------------------------------------------------------------------------------------------------
+# values
 
 
 def test_arrays_are_read_only_copies():
@@ -79,15 +88,24 @@ def test_length_and_spacing_are_those_of_the_samples():
 
 
 def test_what_is_no_array_of_numbers_is_refused_at_once():
-    with pytest.raises(InvalidInput, match=r"^torso_m: expected an array of numbers, got \[\[1\], \[1, 2\]\]$"):
+    with pytest.raises(
+        InvalidInput, match=r"^torso_m: expected an array of numbers, got \[\[1\], \[1, 2\]\]$"
+    ):
         replace(still(), torso_m=[[1], [1, 2]])
 
 
 def test_the_digest_hangs_on_every_field():
     base = still()
     grown = HeightField.from_function(lambda x, y: 1e-9 * x, 1.0, 0.25, name="level")
-    changes = [{name: _nudged(getattr(base, name))} for name in (*SAMPLES, "start_xy_m", "goal_xy_m", "adhesive")]
-    changes += [{"terrain": grown}, {"friction": 0.7500001}, {"provenance": {"chart": "by hand", "seed": 4}}]
+    changes = [
+        {name: _nudged(getattr(base, name))}
+        for name in (*SAMPLES, "start_xy_m", "goal_xy_m", "adhesive")
+    ]
+    changes += [
+        {"terrain": grown},
+        {"friction": 0.7500001},
+        {"provenance": {"chart": "by hand", "seed": 4}},
+    ]
     changes += [{"robot": replace(base.robot, mass_kg=10.000001)}]
     digests = {replace(base, **change).digest for change in changes}
     assert still().digest == base.digest
@@ -103,12 +121,19 @@ def _nudged(array):
 def test_a_robot_comes_back_from_json():
     record = json.loads(json.dumps(hexapod_walker().to_json()))
     assert robot_from_json(record).to_json() == record
-    for spoilt in ({}, [], {**record, "feet": [{}]}, {**record, "mass_kg": -1.0}, {**record, "wheels": 4}):
+    for spoilt in (
+        {},
+        [],
+        {**record, "feet": [{}]},
+        {**record, "mass_kg": -1.0},
+        {**record, "wheels": 4},
+    ):
         with pytest.raises(InvalidInput, match=r"^robot: "):
             robot_from_json(spoilt)
 
 
-# ------------------------------------------------------------------------------------------------------- files
+# -------------------------------------------------------------------------------------------------------
+# files
 
 
 def test_a_file_gives_back_what_was_written(written):
@@ -171,14 +196,21 @@ def test_a_file_is_verified_again_and_not_believed(written):
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [('"verified": true', '"verified": false'), ('"friction": 0.75', '"friction": 0.95'), ('"seed": 3', '"seed": 5'),
-     ('"accepted": true', '"accepted": false')],
-)  # fmt: skip
+    [
+        ('"verified": true', '"verified": false'),
+        ('"friction": 0.75', '"friction": 0.95'),
+        ('"seed": 3', '"seed": 5'),
+        ('"accepted": true', '"accepted": false'),
+    ],
+)
 def test_a_header_changed_by_hand_is_refused(written, old, new):
     text = written.read_text()
     assert old in text
     written.write_text(text.replace(old, new))
-    assert refusal(written) == "walk.json: its digest does not fit its contents: changed since it was written"
+    assert (
+        refusal(written)
+        == "walk.json: its digest does not fit its contents: changed since it was written"
+    )
 
 
 def test_a_header_laid_out_anew_is_still_the_same(written):
@@ -201,7 +233,9 @@ def _resealed(path, **changes):
     """The header with other values, under the digest that it then has; None takes one out."""
     data = json.loads(path.read_text()) | changes
     data = {name: value for name, value in data.items() if name != "digest" and value is not None}
-    digest = hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    digest = hashlib.sha256(
+        json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
     path.write_text(json.dumps(data | {"digest": digest}, indent=1))
 
 
@@ -240,7 +274,9 @@ def either(request):
 
 BASE = still()
 SPOILT = {
-    "these samples do not belong to walk.json: changed since they were written": {"forces_n": BASE.forces_n + 1e-9},
+    "these samples do not belong to walk.json: changed since they were written": {
+        "forces_n": BASE.forces_n + 1e-9
+    },
     "feet_m: expected this array, got nothing": {"feet_m": None},
     "torso_m: expected shape (41, 3), got (40, 3)": {"torso_m": BASE.torso_m[1:]},
     "feet_m: expected shape (41, 6, 3), got (41, 5, 3)": {"feet_m": BASE.feet_m[:, 1:]},
@@ -264,13 +300,20 @@ def test_samples_with_holes_or_objects_are_refused(either):
     _packed(path, torso_m=holes)
     assert refusal(path).startswith(f"{place}: torso_m: expected finite numbers")
     _packed(path, torso_m=np.array([{"a": 1}], dtype=object))
-    assert refusal(path) == f"{place}: expected arrays without pickle: expected numbers or texts, got object"
+    assert (
+        refusal(path)
+        == f"{place}: expected arrays without pickle: expected numbers or texts, got object"
+    )
 
 
 def test_samples_that_are_missing_cut_or_no_archive_are_refused(either):
     path, place = either
     beside = path.with_suffix(".npz")
-    whole = beside.read_bytes() if beside.exists() else base64.b64decode(json.loads(path.read_text())["samples"])
+    whole = (
+        beside.read_bytes()
+        if beside.exists()
+        else base64.b64decode(json.loads(path.read_text())["samples"])
+    )
     expected = f"{place}: expected arrays without pickle: "
     for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200]):
         _put(path, content)
@@ -297,7 +340,9 @@ def test_samples_that_are_no_base64_or_of_the_other_format_are_refused(written):
 
 
 def test_headers_that_are_none_are_refused_in_one_line(written):
-    assert refusal(written.with_name("none.json")) == "none.json: expected a file, found nothing there"
+    assert (
+        refusal(written.with_name("none.json")) == "none.json: expected a file, found nothing there"
+    )
     for text, message in {
         "[]": "walk.json: expected an object with format 'stancekit/gait/3', got 'list'",
         '{"format": "stancekit/posture/1"}': (
@@ -315,9 +360,12 @@ def test_headers_that_are_none_are_refused_in_one_line(written):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("walk.npz", "expected a name that ends in .json"), ("walk", "expected a name that ends in .json"),
-     ("none/walk.json", "expected an existing folder none")],
-)  # fmt: skip
+    [
+        ("walk.npz", "expected a name that ends in .json"),
+        ("walk", "expected a name that ends in .json"),
+        ("none/walk.json", "expected an existing folder none"),
+    ],
+)
 def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name, message):
     monkeypatch.chdir(tmp_path)
     trajectory = still()
@@ -338,7 +386,9 @@ def test_an_older_walk_of_a_urdf_is_judged_as_far_as_it_says(tmp_path, monkeypat
     pytest.importorskip("pinocchio")
     path = Path(__file__).parents[1] / "formats" / "older" / "gait-2-urdf.json"
     assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
-    (tmp_path / "bone.obj").write_text("v 0 0 0\n")  # the mesh of its shanks, which is looked for nowhere
+    (tmp_path / "bone.obj").write_text(
+        "v 0 0 0\n"
+    )  # the mesh of its shanks, which is looked for nowhere
     monkeypatch.chdir(tmp_path)
     report = check_file(path)
     assert report.accepted

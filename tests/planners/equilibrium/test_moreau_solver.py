@@ -23,15 +23,25 @@ COUNT = 21  # no power of two: batches are filled up
 
 
 def problems(name, program):
-    """Problems with a box each, some far too small: P1 feasible, infeasible, and without any answer."""
+    """Problems with a box each, some far too small: P1 feasible, infeasible, and without any
+    answer."""
     rng, sampler = np.random.default_rng(4), distribution(name)
     scaled = [Scaled.of(sampler.sample(rng)) for _ in range(COUNT)]
-    middle, half = rng.uniform(-0.2, 0.2, (COUNT, len(sampler.legs), 6)), rng.uniform(0.02, 0.9, (COUNT, 1, 1))
-    boxes = [Envelope(low=low, high=high) for low, high in zip(middle - half, middle + half, strict=True)]
-    points = [
-        near_nominal(one, at) if program is JointRelaxation else None for one, at in zip(scaled, middle, strict=True)
+    middle, half = (
+        rng.uniform(-0.2, 0.2, (COUNT, len(sampler.legs), 6)),
+        rng.uniform(0.02, 0.9, (COUNT, 1, 1)),
+    )
+    boxes = [
+        Envelope(low=low, high=high) for low, high in zip(middle - half, middle + half, strict=True)
     ]
-    return [Boxed(one, point, boxes=(box,)) for one, point, box in zip(scaled, points, boxes, strict=True)]
+    points = [
+        near_nominal(one, at) if program is JointRelaxation else None
+        for one, at in zip(scaled, middle, strict=True)
+    ]
+    return [
+        Boxed(one, point, boxes=(box,))
+        for one, point, box in zip(scaled, points, boxes, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -46,7 +56,9 @@ def test_every_answer_is_that_of_clarabel(name, make):
     assert any(one.solved for one in alone)
     for mine, theirs, given in zip(together, alone, data, strict=True):
         if not mine.solved:
-            constant, slope = program.rows.lagrangian(given, mine)  # a Farkas ray: no x makes it ≤ 0
+            constant, slope = program.rows.lagrangian(
+                given, mine
+            )  # a Farkas ray: no x makes it ≤ 0
             assert constant > 0.0
             assert np.abs(slope).max() < 1e-6 * constant
             continue
@@ -60,7 +72,9 @@ def test_every_answer_is_that_of_clarabel(name, make):
         np.add.at(curved, hessian.indices, hessian.data * mine.x[column])
         off = hessian.indices != column
         np.add.at(curved, column[off], (hessian.data * mine.x[hessian.indices])[off])
-        np.testing.assert_allclose(curved + q + residual, 0.0, atol=1e-6)  # stationary: P x + q + A'z = 0
+        np.testing.assert_allclose(
+            curved + q + residual, 0.0, atol=1e-6
+        )  # stationary: P x + q + A'z = 0
 
 
 def test_more_problems_than_one_batch_are_solved_in_parts(monkeypatch):
@@ -95,7 +109,9 @@ def failed(solution):
     return replace(solution, status=ConicStatus.FAILED)
 
 
-@pytest.mark.parametrize(("margin", "said"), [(1e-7, True), (9e-7, True), (-8e-7, True), (2e-6, False), (-1e-3, False)])
+@pytest.mark.parametrize(
+    ("margin", "said"), [(1e-7, True), (9e-7, True), (-8e-7, True), (2e-6, False), (-1e-3, False)]
+)
 def test_a_margin_is_doubtful_near_where_it_counts_as_feasible(margin, said):
     data = problems("ground-3", McCormick)[0]
     solution = McCormick(data.scaled.layout).rows.solve(data)
@@ -107,7 +123,10 @@ def test_a_margin_is_doubtful_near_where_it_counts_as_feasible(margin, said):
 def test_without_a_cuda_device_or_moreau_one_line_says_so(monkeypatch):
     monkeypatch.setattr(moreau, "device_available", lambda name: name == "cpu")
     monkeypatch.setattr(moreau, "device_error", lambda name: "no driver\nfound")
-    with pytest.raises(InvalidInput, match=r"^backend: expected a CUDA device for moreau, got none: no driver found$"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^backend: expected a CUDA device for moreau, got none: no driver found$",
+    ):
         Programs(engine="moreau")
     Programs(engine="moreau-cpu")
     monkeypatch.setitem(sys.modules, "moreau", None)

@@ -1,4 +1,5 @@
-"""The programs that plan are the readable reference: every row is an equation of it, and so are optima and rays."""
+"""The programs that plan are the readable reference: every row is an equation of it, and so are
+optima and rays."""
 
 from __future__ import annotations
 
@@ -29,16 +30,45 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
 from stancekit.planners.verify import check_certificate
 
-POSTURES = [("wall-3", 0), ("wall-3", 5), ("ground-3", 1), ("ground-3", 86), ("wall-5", 7), ("wall-5", 19)]
+POSTURES = [
+    ("wall-3", 0),
+    ("wall-3", 5),
+    ("ground-3", 1),
+    ("ground-3", 86),
+    ("wall-5", 7),
+    ("wall-5", 19),
+]
 RAGGED = [(0, (3, 4, 5)), (2, (6, 3, 4, 3))]
 COURSES = [(1, 1), (4, 1), (2, 2), (6, 2), (7, 2), (1, 3), (3, 3)]  # seed, frames
-BOUNDED = [("bounded", ("wall-3", 5)), ("bounded", (2, (6, 3, 4, 3))), ("bounded", (4, 1)), ("bounded", (3, 3))]
-SOLED = [("soled", ("wall-3", 5)), ("soled", (4, 1)), ("soled", (3, 3)), ("soled", ("bounded", (6, 2)))]
+BOUNDED = [
+    ("bounded", ("wall-3", 5)),
+    ("bounded", (2, (6, 3, 4, 3))),
+    ("bounded", (4, 1)),
+    ("bounded", (3, 3)),
+]
+SOLED = [
+    ("soled", ("wall-3", 5)),
+    ("soled", (4, 1)),
+    ("soled", (3, 3)),
+    ("soled", ("bounded", (6, 2))),
+]
 PAIRED = [("paired", (3, 3)), ("paired", ("bounded", (6, 2)))]
 PUSHED = [("pushed", (4, 1)), ("pushed", (3, 3)), ("pushed", ("soled", (3, 3)))]
-LOADED = [("loaded", w) for w in (("wall-3", 5), (2, (6, 3, 4, 3)), (4, 1), (3, 3), ("soled", (3, 3)), PUSHED[1])]
+LOADED = [
+    ("loaded", w)
+    for w in (("wall-3", 5), (2, (6, 3, 4, 3)), (4, 1), (3, 3), ("soled", (3, 3)), PUSHED[1])
+]
 PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED, *PUSHED, *LOADED]
-SOLVED = [("ground-3", 86), BOUNDED[1], BOUNDED[3], SOLED[0], SOLED[3], PAIRED[0], LOADED[0], LOADED[3]]
+SOLVED = [
+    ("ground-3", 86),
+    BOUNDED[1],
+    BOUNDED[3],
+    SOLED[0],
+    SOLED[3],
+    PAIRED[0],
+    LOADED[0],
+    LOADED[3],
+]
 Programme = tuple[Callable[..., object], tuple[object, ...]]
 
 
@@ -65,7 +95,8 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
 
 
 def pushed(course: Problem) -> Problem:
-    """The same with a push of a tenth of the weight in every stance, and toes drawn to where they are as it stands."""
+    """The same with a push of a tenth of the weight in every stance, and toes drawn to where they
+    are as it stands."""
     shoulders = np.array([limb.shoulder_m for limb in course.robot.limbs])
     standing = np.tile(shoulders + np.array([0.02, 0.01, -0.2]), (course.frames, 1, 1))
     weights = replace(course.weights, stance=0.3)
@@ -73,10 +104,15 @@ def pushed(course: Problem) -> Problem:
 
 
 def loaded_with_wrench(problem: Problem) -> Problem:
-    """The same with another force and moment on the body at every frame, up to a third of the weight."""
+    """The same with another force and moment on the body at every frame, up to a third of the
+    weight."""
     unit = problem.weight_n * np.array([1.0, 1.0, 1.0, *(problem.length_scale_m,) * 3])
     wrench = np.random.default_rng(5).uniform(-0.3, 0.3, (problem.frames, 6)) * unit
-    return problem.posture_with(wrench=wrench[0]) if problem.is_posture else replace(problem, wrench=wrench)
+    return (
+        problem.posture_with(wrench=wrench[0])
+        if problem.is_posture
+        else replace(problem, wrench=wrench)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +125,9 @@ class Answered:
     solutions: dict[str, ConicSolution]
 
 
-def programs_of(scaled: Scaled, near: Callable[[Scaled, int], Point]) -> Iterator[tuple[str, Programme, Given]]:
+def programs_of(
+    scaled: Scaled, near: Callable[[Scaled, int], Point]
+) -> Iterator[tuple[str, Programme, Given]]:
     """Every convex program for a problem, how to make it, and what it is loaded with."""
     one = scaled.chosen(np.array([numbers[-1] for numbers in scaled.which]))
     held = Given(one, near(one, 3))
@@ -121,16 +159,28 @@ def p1_of(scaled: Scaled) -> Iterator[tuple[str, Programme, Given]]:
     box = boxed(one, "contact", 0.4)
     for signed in (False, True):
         about = near_nominal(one, 0.5 * (box.low + box.high))
-        yield f"joint {signed}", (JointRelaxation, (one.layout, signed)), Boxed(one, about, boxes=(box,))
+        yield (
+            f"joint {signed}",
+            (JointRelaxation, (one.layout, signed)),
+            Boxed(one, about, boxes=(box,)),
+        )
     allowed = np.ones((len(scaled.layout.stances), 2))
     allowed[0, 1] = 0.0
     for axes in ("contact", "world"):
         if axes == "contact" and axes_of(scaled) == "world":
             continue
         large, small = boxed(scaled, axes, 0.9), boxed(scaled, axes, 0.4)
-        yield f"p1 {axes}", (McCormick, (scaled.layout, axes, True, 1)), Boxed(scaled, boxes=(small,))
+        yield (
+            f"p1 {axes}",
+            (McCormick, (scaled.layout, axes, True, 1)),
+            Boxed(scaled, boxes=(small,)),
+        )
         if scaled.weights is not None:
-            yield f"hard {axes}", (McCormick, (scaled.layout, axes, False, 1)), Boxed(scaled, boxes=(large,))
+            yield (
+                f"hard {axes}",
+                (McCormick, (scaled.layout, axes, False, 1)),
+                Boxed(scaled, boxes=(large,)),
+            )
             modes = Boxed(scaled, boxes=(small, large), allowed=allowed)
             yield f"modes {axes}", (McCormick, (scaled.layout, axes, False, 2)), modes
 
@@ -143,7 +193,8 @@ def left_over(term: cp.Constraint) -> np.ndarray:
 
 
 def at_random(program, model, given, seed: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """One point as the program has it, x, and as the model has it, with toes where their weights put them."""
+    """One point as the program has it, x, and as the model has it, with toes where their weights
+    put them."""
     rng, columns = np.random.default_rng(seed), program.rows.columns
     x = rng.normal(size=program.rows.shape[1])
     for term in model.terms.values():
@@ -152,7 +203,9 @@ def at_random(program, model, given, seed: int) -> tuple[np.ndarray, dict[str, n
     if "toes" in columns:
         toes = np.zeros((given.scaled.layout.footholds, 3))
         weights = x[columns["weights"]]
-        np.add.at(toes, given.scaled.layout.vertex_footholds, weights[:, None] * given.scaled.vertices)
+        np.add.at(
+            toes, given.scaled.layout.vertex_footholds, weights[:, None] * given.scaled.vertices
+        )
         x[columns["toes"]] = toes
     return x, {name: left_over(term) for name, term in model.terms.items()}
 
@@ -163,19 +216,36 @@ def test_every_row_is_an_equation_of_the_reference(scaled, near, which):
     for name, (make, key), given in programs_of(scaled(which), near):
         program = make(*key)
         model, groups = program.reference(given), program.rows.groups
-        x, expected = at_random(program, model, given, 0)  # rows are affine: two that agree at one such point agree
+        x, expected = at_random(
+            program, model, given, 0
+        )  # rows are affine: two that agree at one such point agree
         hessian, q, matrix, b = loaded(program, given)
         found = matrix @ x - b
         assert set(groups) - {"toe"} == set(expected), name
         for group, rows in groups.items():
             against = expected.get(group, np.zeros(rows.shape))  # a toe is where its weights put it
-            np.testing.assert_allclose(found[rows], against.reshape(rows.shape), atol=1e-12, err_msg=f"{name}: {group}")
+            np.testing.assert_allclose(
+                found[rows], against.reshape(rows.shape), atol=1e-12, err_msg=f"{name}: {group}"
+            )
             seen.add(group)
         constant = sum(float(np.sum(fill(given))) for fill in program.rows._constants)
-        assert 0.5 * x @ symmetric(hessian) @ x + q @ x + constant == pytest.approx(float(model.cost.value), abs=1e-11)
+        assert 0.5 * x @ symmetric(hessian) @ x + q @ x + constant == pytest.approx(
+            float(model.cost.value), abs=1e-11
+        )
     assert ("bounded" in str(which)) == ("reach_rows" in seen)
     assert ("paired" in str(which)) == ("relative_reach" in seen)
-    assert seen > {"balance", "reach", "cone", "most", "least", "ball", "above", "below", "one", "positive"}
+    assert seen > {
+        "balance",
+        "reach",
+        "cone",
+        "most",
+        "least",
+        "ball",
+        "above",
+        "below",
+        "one",
+        "positive",
+    }
 
 
 def same(first: ConicSolution, second: ConicSolution, where: str) -> None:
@@ -217,14 +287,17 @@ def test_the_small_form_of_the_lift_is_the_whole_one(drawn):
             small += 1
             same(
                 LiftProgram(scaled.layout, True, True).rows.solve(given),
-                Programs(engine="cvxpy").get(LiftProgram, scaled.layout, True, True).rows.solve(given),
+                Programs(engine="cvxpy")
+                .get(LiftProgram, scaled.layout, True, True)
+                .rows.solve(given),
                 f"wall-3 {seed}",
             )
     assert small > 3
 
 
 def in_rows(program, given, solution) -> tuple[np.ndarray, np.ndarray]:
-    """x and z of a solution in the order of the rows; toes, where they are columns, and their rows' multipliers."""
+    """x and z of a solution in the order of the rows; toes, where they are columns, and their rows'
+    multipliers."""
     hessian, q, matrix, b = loaded(program, given)
     x, z = np.zeros(len(q)), np.zeros(len(b))
     for rows, values in ((program.rows.columns, x), (program.rows.groups, z)):
@@ -257,7 +330,8 @@ def symmetric(upper):
 
 @pytest.mark.parametrize("engine", ["rows", "cvxpy"])
 def test_multipliers_are_optimal_whoever_found_them(answers, engine):
-    """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z < 0."""
+    """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z <
+    0."""
     for answer in answers:
         solution = answer.solutions[engine]
         hessian, q, matrix, b = loaded(answer.program, answer.given)
@@ -273,7 +347,11 @@ def test_multipliers_are_optimal_whoever_found_them(answers, engine):
 
 def test_multipliers_of_either_engine_prove_the_same(drawn):
     proved = 0
-    for name, seeds in {"wall-3": (0, 3, 12, 20, 225), "ground-3": (37, 86, 115), "wall-5": (7, 19, 45)}.items():
+    for name, seeds in {
+        "wall-3": (0, 3, 12, 20, 225),
+        "ground-3": (37, 86, 115),
+        "wall-5": (7, 19, 45),
+    }.items():
         for seed in seeds:
             problem = drawn(name, seed)
             scaled = Scaled.of(problem)
@@ -282,11 +360,17 @@ def test_multipliers_of_either_engine_prove_the_same(drawn):
                 for engine in ("rows", "cvxpy")
             )
             bounds = [
-                check_certificate(Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None]).of(problem))
+                check_certificate(
+                    Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None]).of(
+                        problem
+                    )
+                )
                 for answer in (ours, theirs)
             ]
             assert bounds[0].accepted == bounds[1].accepted == (ours.bound > 1e-4)
-            assert bounds[0].figures["lower_bound"] == pytest.approx(bounds[1].figures["lower_bound"], abs=1e-6)
+            assert bounds[0].figures["lower_bound"] == pytest.approx(
+                bounds[1].figures["lower_bound"], abs=1e-6
+            )
             proved += bounds[0].accepted
     assert proved > 3
 
@@ -297,7 +381,9 @@ def test_rays_of_either_engine_refute_a_course(ragged):
         course = ragged(seed, frames=2)
         scaled = Scaled.of(course)
         for engine in ("rows", "cvxpy"):
-            answer = Programs(engine=engine).get(LiftProgram, scaled.layout, False, False).solve(scaled)
+            answer = (
+                Programs(engine=engine).get(LiftProgram, scaled.layout, False, False).solve(scaled)
+            )
             if answer.status is ConicStatus.INFEASIBLE:
                 proof = Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None])
                 assert check_certificate(proof.of(course)).accepted, f"{engine} {seed}"
@@ -313,7 +399,9 @@ def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near,
         problem = scaled(which)
         one = problem.chosen(np.array([numbers[0] for numbers in problem.which]))
         start = near(one, 1)
-        ours, theirs = (project(programs, projection, one, start, steps=1) for programs in (rows, reference))
+        ours, theirs = (
+            project(programs, projection, one, start, steps=1) for programs in (rows, reference)
+        )
         assert ours.solves == theirs.solves
         if np.isfinite(ours.residual):
             assert ours.residual == pytest.approx(theirs.residual, abs=2e-6)
@@ -322,5 +410,8 @@ def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near,
 
 
 def test_an_engine_that_there_is_not_is_refused():
-    with pytest.raises(InvalidInput, match=r"^engine: expected one of rows, cvxpy, moreau, moreau-cpu, got 'mosek'$"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^engine: expected one of rows, cvxpy, moreau, moreau-cpu, got 'mosek'$",
+    ):
         Programs(engine="mosek")

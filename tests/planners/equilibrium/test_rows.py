@@ -1,4 +1,5 @@
-"""Programs written as rows, against closed forms, optimality conditions and cvxpy's solve of the same program."""
+"""Programs written as rows, against closed forms, optimality conditions and cvxpy's solve of the
+same program."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ ROWS, COLUMNS = 7, 3
 
 
 class LinearProgram:
-    """min c·x, A x ≤ b, with data made from its own optimum: COLUMNS active rows, multipliers of 0.5 and more."""
+    """min c·x, A x ≤ b, with data made from its own optimum: COLUMNS active rows, multipliers of
+    0.5 and more."""
 
     def __init__(self, keep=True):
         self.rows = rows = Rows[dict](keep=keep)
@@ -44,7 +46,8 @@ class LinearProgram:
 
 
 class Blend:
-    """Every kind of group at once: an equality, bounds, a batch of cones, squares alone and of differences."""
+    """Every kind of group at once: an equality, bounds, a batch of cones, squares alone and of
+    differences."""
 
     def __init__(self, keep=True):
         self.rows = rows = Rows[dict](keep=keep)
@@ -124,7 +127,9 @@ def test_the_lagrangian_is_positive_at_no_point_of_the_program(seed):
     constant, slope = program.rows.lagrangian(values, program.rows.solve(values))
     assert constant == pytest.approx(-values["b"] @ multipliers, abs=1e-5)
     np.testing.assert_allclose(slope, -values["c"], atol=1e-6)  # stationary: c + A'z = 0
-    toward = optimum - np.linalg.solve(values["A"][:COLUMNS], np.ones(COLUMNS))  # off all active rows at once
+    toward = optimum - np.linalg.solve(
+        values["A"][:COLUMNS], np.ones(COLUMNS)
+    )  # off all active rows at once
     steps = optimum + np.linspace(0.0, 1.0, 11)[:, None] * (toward - optimum)
     inside = (steps @ values["A"].T <= values["b"] + 1e-9).all(axis=1)
     found = constant + steps @ slope
@@ -134,8 +139,10 @@ def test_the_lagrangian_is_positive_at_no_point_of_the_program(seed):
 
 
 @given(
-    st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.floats(0.1, 3.0)
-)  # fmt: skip
+    st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    st.floats(0.1, 3.0),
+)
 @settings(max_examples=30)
 def test_the_lowest_point_of_a_ball_is_found(cost, centre, radius):
     cost, centre = np.array(cost), np.array(centre)
@@ -156,14 +163,21 @@ def test_the_lowest_point_of_a_ball_is_found(cost, centre, radius):
 @KEPT
 @pytest.mark.parametrize("seed", range(8))
 def test_value_point_and_multipliers_of_every_group_are_those_of_cvxpy(seed, keep):
-    solution, theirs = Blend(keep).rows.solve(Blend.data(seed)), Blend.model(Blend.data(seed)).solve()
+    solution, theirs = (
+        Blend(keep).rows.solve(Blend.data(seed)),
+        Blend.model(Blend.data(seed)).solve(),
+    )
     assert solution.objective == pytest.approx(theirs.objective, abs=1e-7)
     assert solution.bound == pytest.approx(theirs.bound, abs=1e-7)
     for name in ("x", "y"):
-        np.testing.assert_allclose(solution.value(name), theirs.value(name), atol=1e-4)  # scaled otherwise, a flat cost
+        np.testing.assert_allclose(
+            solution.value(name), theirs.value(name), atol=1e-4
+        )  # scaled otherwise, a flat cost
     for name in ("plane", "floor", "balls", "roof"):
         np.testing.assert_allclose(solution.dual(name), theirs.dual(name), atol=1e-4, err_msg=name)
-    assert np.abs(solution.dual("plane")) > 1e-3  # signs are seen only where there is something to see
+    assert (
+        np.abs(solution.dual("plane")) > 1e-3
+    )  # signs are seen only where there is something to see
 
 
 def test_all_groups_bind_somewhere_among_the_seeds():
@@ -175,14 +189,22 @@ def test_all_groups_bind_somewhere_among_the_seeds():
 @pytest.mark.parametrize("seed", range(4))
 def test_cvxpys_own_answer_is_the_models(seed):
     model = Blend.model(Blend.data(seed))
-    optimum = cp.Problem(cp.Minimize(model.cost), list(model.terms.values())).solve(solver=cp.CLARABEL)
+    optimum = cp.Problem(cp.Minimize(model.cost), list(model.terms.values())).solve(
+        solver=cp.CLARABEL
+    )
     assert model.solve().objective == pytest.approx(optimum, abs=1e-8)
 
 
 @KEPT
 def test_an_answer_does_not_depend_on_what_was_solved_before(keep):
     def bits(solution):
-        return solution.status, solution.x.tobytes(), solution.z.tobytes(), solution.objective, solution.iterations
+        return (
+            solution.status,
+            solution.x.tobytes(),
+            solution.z.tobytes(),
+            solution.objective,
+            solution.iterations,
+        )
 
     program, impossible = Blend(keep), Blend.data(3) | {"level": 100.0}
     fresh = bits(Blend(keep).rows.solve(Blend.data(5)))
@@ -240,7 +262,12 @@ class GivesUp:
     def solve(self):
         none = [float("nan")]
         return SimpleNamespace(
-            status=clarabel.SolverStatus.NumericalError, x=none, z=none, obj_val=0.0, obj_val_dual=0.0, iterations=0
+            status=clarabel.SolverStatus.NumericalError,
+            x=none,
+            z=none,
+            obj_val=0.0,
+            obj_val_dual=0.0,
+            iterations=0,
         )
 
 
@@ -258,5 +285,9 @@ def test_where_the_fast_solver_gives_up_a_careful_one_is_asked(monkeypatch, seed
 
 def test_the_solver_runs_on_one_thread_without_presolve_and_without_a_clock():
     chosen = solver_settings(equilibrate=True)
-    assert (chosen.max_threads, chosen.presolve_enable, chosen.iterative_refinement_enable) == (1, False, False)
+    assert (chosen.max_threads, chosen.presolve_enable, chosen.iterative_refinement_enable) == (
+        1,
+        False,
+        False,
+    )
     assert chosen.time_limit > 1e9

@@ -18,14 +18,29 @@ SEEDS = st.integers(0, 2**32 - 1)
 def same(one, other):
     """Number for number."""
     assert one.layout == other.layout
-    for name in ("vertices", "frames", "friction", "shoulders", "reach", "force_min", "force_max", "com", "progress"):
+    for name in (
+        "vertices",
+        "frames",
+        "friction",
+        "shoulders",
+        "reach",
+        "force_min",
+        "force_max",
+        "com",
+        "progress",
+    ):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def without(course, opened):
     """The course with these candidates alone."""
     footholds = tuple(
-        replace(put, candidates=tuple(patch for patch, on in zip(put.candidates, row, strict=False) if on > 0.0))
+        replace(
+            put,
+            candidates=tuple(
+                patch for patch, on in zip(put.candidates, row, strict=False) if on > 0.0
+            ),
+        )
         for put, row in zip(course.footholds, opened, strict=True)
     )
     return replace(course, footholds=footholds)
@@ -62,7 +77,9 @@ def test_values_of_candidates_stand_where_their_numbers_say_in_parts_too(rough):
     friction = scaled.by_candidate(scaled.friction, -1.0)
     for p, put in enumerate(course.footholds):
         for r in range(scaled.options):
-            assert friction[p, r] == (put.candidates[r].friction if r < len(put.candidates) else -1.0)
+            assert friction[p, r] == (
+                put.candidates[r].friction if r < len(put.candidates) else -1.0
+            )
     last = np.array([len(put.candidates) - 1 for put in course.footholds])
     assert last.max() == 2
     part = scaled.chosen(last)
@@ -95,30 +112,41 @@ def test_force_boxes_are_those_that_are_given_and_nothing_else_changes(rough):
 
 
 def test_what_is_worked_out_once_is_worked_out_anew_for_a_part(rough):
-    """Arms, pieces and whether the box is implied are kept on a problem, and must not be handed on to its parts."""
+    """Arms, pieces and whether the box is implied are kept on a problem, and must not be handed on
+    to its parts."""
     scaled = Scaled.of(rough(0, regions=2))
     whole = (scaled.arms, scaled.pieces, scaled.patches, scaled.box_implied)
-    part = scaled.with_piece(1, scaled.pieces[1] + 0.01).with_force_box(scaled.force_min + 0.01, scaled.force_max)
+    part = scaled.with_piece(1, scaled.pieces[1] + 0.01).with_force_box(
+        scaled.force_min + 0.01, scaled.force_max
+    )
     assert not part.box_implied
     assert whole[3]
     vertex = part.layout.contact_vertices[1]
     for row, v in enumerate(vertex):
         expected = np.cross(part.vertices[v], part.frames[part.layout.vertex_candidates[v]].T).T
         np.testing.assert_allclose(part.arms[row], expected, atol=1e-15)
-    np.testing.assert_array_equal(part.patches[1, 0], part.vertices[part.layout.vertex_candidates == 1][0])
+    np.testing.assert_array_equal(
+        part.patches[1, 0], part.vertices[part.layout.vertex_candidates == 1][0]
+    )
 
 
 def test_a_toe_that_stands_is_a_patch_of_one_point(rough):
     course = rough(1)
     scaled = Scaled.of(course)
     assert scaled.layout.corners[0] == (1,)
-    np.testing.assert_array_equal(scaled.pieces[0], course.footholds[0].toe_m[None] / course.length_scale_m)
+    np.testing.assert_array_equal(
+        scaled.pieces[0], course.footholds[0].toe_m[None] / course.length_scale_m
+    )
 
 
 def test_the_layout_says_who_stands_on_what_and_who_carries(rough):
     course = rough(2, frames=3, regions=2)
     layout = Scaled.of(course).layout
-    rows = [(s, i, course.holds[stance.frame, i]) for s, stance in enumerate(course.stances) for i in stance.limbs]
+    rows = [
+        (s, i, course.holds[stance.frame, i])
+        for s, stance in enumerate(course.stances)
+        for i in stance.limbs
+    ]
     np.testing.assert_array_equal(np.array(layout.contacts).T, rows)
     np.testing.assert_array_equal(layout.stance_frames, [stance.frame for stance in course.stances])
     moved = [
@@ -144,7 +172,9 @@ def test_units_come_off_and_on_again(mixed, seed):
     np.testing.assert_allclose(posture.com_m, 0.41 * com[None])
     for contact, mine, force in zip(problem.contacts, posture.forces_n[0], forces, strict=True):
         n, y, z = contact.patch.frame.T
-        np.testing.assert_allclose(mine, 37.0 * (force[0] * n + force[1] * y + force[2] * z), atol=1e-12)
+        np.testing.assert_allclose(
+            mine, 37.0 * (force[0] * n + force[1] * y + force[2] * z), atol=1e-12
+        )
     np.testing.assert_allclose(scaled.point(posture), np.hstack([toes - com, forces]), atol=1e-12)
     assert scaled.weight == pytest.approx(98.1 / 37.0)
     v, w = rng.normal(size=(2, 4, 3))

@@ -1,4 +1,5 @@
-"""Archives in bounds: what numpy writes comes back to the bit, and a header is believed as far as the bytes go."""
+"""Archives in bounds: what numpy writes comes back to the bit, and a header is believed as far as
+the bytes go."""
 
 import io
 import struct
@@ -44,7 +45,10 @@ def headed(descr, shape, data=b"\0" * 32):
     ("content", "said"),
     [
         (headed("<f8", "(10**12,)"), "expected arrays without pickle: malformed node or string"),
-        (headed("<f8", "(1000000000000,)"), "expected 8e+12 bytes of shape (1000000000000,), got 32"),
+        (
+            headed("<f8", "(1000000000000,)"),
+            "expected 8e+12 bytes of shape (1000000000000,), got 32",
+        ),
         (headed("<f8", "(3,)"), "expected 24 bytes of shape (3,), got 32"),
         (headed("|O", "(4,)"), "expected numbers or texts, got object"),
         (headed("<U0", "(99999999999,)"), "expected numbers or texts, got <U0"),
@@ -68,7 +72,9 @@ def test_an_archive_that_unfolds_is_refused_before_it_does(honest):
     content = bombs.packed("x", 300, honest=honest)
     assert len(content) < 400_000
     tracemalloc.start()
-    with pytest.raises(InvalidInput, match=r"f\.npz: expected 256000000 bytes of arrays or fewer, got more"):
+    with pytest.raises(
+        InvalidInput, match=r"f\.npz: expected 256000000 bytes of arrays or fewer, got more"
+    ):
         unpacked(content, "f.npz")
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()

@@ -1,4 +1,5 @@
-"""A class says its fields once, and files, readers and the reference of keys have them from there."""
+"""A class says its fields once, and files, readers and the reference of keys have them from
+there."""
 
 from __future__ import annotations
 

@@ -9,7 +9,11 @@ import pytest
 
 from stancekit.planners.files.comparison import SAME, first_difference
 
-VALUE: dict[str, Any] = {"name": "walls", "rows": [[1.0, 2.0], [3.0, 4.0]], "robot": {"mass_kg": 10.0, "legs": None}}
+VALUE: dict[str, Any] = {
+    "name": "walls",
+    "rows": [[1.0, 2.0], [3.0, 4.0]],
+    "robot": {"mass_kg": 10.0, "legs": None},
+}
 
 
 def changed(*path: str | int, to: Any) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Documents in bounds: YAML, JSON and what is shown of a value, each against what it must cost and say."""
+"""Documents in bounds: YAML, JSON and what is shown of a value, each against what it must cost and
+say."""
 
 import time
 
@@ -6,7 +7,13 @@ import pytest
 import yaml
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import DEEPEST, MOST_YAML_VALUES, parse_json, parse_yaml, read_bytes
+from stancekit.planners.files.documents import (
+    DEEPEST,
+    MOST_YAML_VALUES,
+    parse_json,
+    parse_yaml,
+    read_bytes,
+)
 from stancekit.planners.files.validation import shown
 from tests.damage import bombs
 
@@ -26,14 +33,20 @@ def test_yaml_with_a_few_aliases_is_read_as_ever():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (bombs.aliases().decode(), f"f: expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"),
+        (
+            bombs.aliases().decode(),
+            f"f: expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more",
+        ),
         (bombs.endless_yaml().decode(), "f: expected an anchor before its alias, got *a"),
         (bombs.deep_yaml().decode(), f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
-        ("a: &a0 [[[[[[[[[[]]]]]]]]]]\n" + "".join(f"b{k}: &a{k + 1} [[[[[[*a{k}]]]]]]\n" for k in range(20)),
-         f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
+        (
+            "a: &a0 [[[[[[[[[[]]]]]]]]]]\n"
+            + "".join(f"b{k}: &a{k + 1} [[[[[[*a{k}]]]]]]\n" for k in range(20)),
+            f"f: expected {DEEPEST} levels of nesting or fewer, got more",
+        ),
         ("[1, 2]", "f: expected keys and values, got list"),
     ],
-)  # fmt: skip
+)
 def test_yaml_that_grows_is_refused_at_once(text, said):
     began = time.process_time()
     assert refusal(parse_yaml, text, "f") == said
@@ -41,22 +54,37 @@ def test_yaml_that_grows_is_refused_at_once(text, said):
 
 
 @pytest.mark.parametrize(
-    "text", ["a: 1\na: 2\n", "a: 2001-99-99\n", "a: !!int ''\n", "a: !!timestamp x\n", "{[1]: 2}", "? {}\n: 1\n",
-             "a: *b\n",
-             "a: !!python/object:os.system {}\n", "a: 1\n---\nb: 2\n", "a: " + "9" * 9999, "\x00"],
-)  # fmt: skip
+    "text",
+    [
+        "a: 1\na: 2\n",
+        "a: 2001-99-99\n",
+        "a: !!int ''\n",
+        "a: !!timestamp x\n",
+        "{[1]: 2}",
+        "? {}\n: 1\n",
+        "a: *b\n",
+        "a: !!python/object:os.system {}\n",
+        "a: 1\n---\nb: 2\n",
+        "a: " + "9" * 9999,
+        "\x00",
+    ],
+)
 def test_yaml_that_is_broken_in_any_way_is_one_line(text):
     assert refusal(parse_yaml, text, "f").startswith("f: expected ")
 
 
 def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
     assert parse_json("[" * DEEPEST + "]" * DEEPEST, "f")
-    assert "levels of nesting" in refusal(parse_json, "[" * (DEEPEST + 2) + "]" * (DEEPEST + 2), "f")
+    assert "levels of nesting" in refusal(
+        parse_json, "[" * (DEEPEST + 2) + "]" * (DEEPEST + 2), "f"
+    )
     assert parse_yaml("a: " + "[" * (DEEPEST - 1) + "]" * (DEEPEST - 1), "f")
     assert "levels of nesting" in refusal(parse_yaml, "a: " + "[" * DEEPEST + "]" * DEEPEST, "f")
 
 
-@pytest.mark.parametrize("text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000])
+@pytest.mark.parametrize(
+    "text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000]
+)
 def test_what_is_no_json_for_others_is_none_here(text):
     assert refusal(parse_json, text, "f").startswith("f: expected ")
 
@@ -66,17 +94,25 @@ def test_pairs_of_surrogates_are_a_letter():
 
 
 def test_a_file_without_end_is_refused():
-    assert refusal(read_bytes, "/dev/zero", 1000) == "/dev/zero: expected a file, found a pipe, a socket or a device"
+    assert (
+        refusal(read_bytes, "/dev/zero", 1000)
+        == "/dev/zero: expected a file, found a pipe, a socket or a device"
+    )
 
 
 def test_a_file_of_more_bytes_than_are_read_is_refused(tmp_path):
     path = tmp_path / "long.bin"
     path.write_bytes(bytes(1001))
-    assert refusal(read_bytes, path, 1000) == f"{path}: expected a file of 1000 bytes or fewer, got more"
+    assert (
+        refusal(read_bytes, path, 1000)
+        == f"{path}: expected a file of 1000 bytes or fewer, got more"
+    )
     assert read_bytes(path, 1001) == bytes(1001)
 
 
-@pytest.mark.parametrize("value", [[1, 2], {"a": [1.5, None]}, "text", ("a", {1}), [], {}, -3, None])
+@pytest.mark.parametrize(
+    "value", [[1, 2], {"a": [1.5, None]}, "text", ("a", {1}), [], {}, -3, None]
+)
 def test_a_small_value_is_shown_as_python_writes_it(value):
     assert shown(value) == repr(value)
 

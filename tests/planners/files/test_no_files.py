@@ -1,4 +1,5 @@
-"""Whatever is given where a file is expected, and is none: one line, and nobody waits for a pipe."""
+"""Whatever is given where a file is expected, and is none: one line, and nobody waits for a
+pipe."""
 
 from __future__ import annotations
 
@@ -60,11 +61,18 @@ def test_a_file_behind_a_link_is_read_and_nothing_stays_open(place: Path) -> Non
     assert len(os.listdir("/proc/self/fd")) == before
 
 
-COMMANDS = {case.arguments: case.file for case in cases() if "/" not in case.file and case.arguments[0] != "label"}
-"""Those of the readers whose file the command itself names; what those files name are meshes and URDFs."""
+COMMANDS = {
+    case.arguments: case.file
+    for case in cases()
+    if "/" not in case.file and case.arguments[0] != "label"
+}
+"""Those of the readers whose file the command itself names; what those files name are meshes and
+URDFs."""
 
 
-@pytest.mark.parametrize("arguments", [each for each, file in COMMANDS.items() if file in each], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments", [each for each, file in COMMANDS.items() if file in each], ids=" ".join
+)
 @pytest.mark.parametrize("name", ["pipe", "folder"])
 def test_a_command_that_is_given_no_file_ends_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], name: str

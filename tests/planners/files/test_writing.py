@@ -1,4 +1,5 @@
-"""Files are replaced whole or not at all: under a full disk or a kill at every call, and with two writers."""
+"""Files are replaced whole or not at all: under a full disk or a kill at every call, and with two
+writers."""
 
 from __future__ import annotations
 
@@ -80,7 +81,9 @@ def test_a_disk_that_is_full_from_any_call_on_harms_no_older_plan(planned, call)
 
 
 @pytest.mark.parametrize("call", range(1, 8))
-def test_a_kill_before_any_call_leaves_the_older_plan_or_the_new_one_and_the_next_run_clears_up(planned, call):
+def test_a_kill_before_any_call_leaves_the_older_plan_or_the_new_one_and_the_next_run_clears_up(
+    planned, call
+):
     file, write = planned
     before = file.read_bytes()
     assert ended(write, file.parent, call, "killed").code == -signal.SIGKILL
@@ -137,7 +140,13 @@ def test_two_processes_that_write_one_file_all_the_time_leave_it_whole(tmp_path)
 
 
 def test_leftovers_of_other_targets_and_files_of_other_kinds_stay(tmp_path):
-    others = [".b.json.99-0123abcd.tmp", ".a.json.tmp", ".a.json.x-0123abcd.tmp", "a.json.99-0123abcd.tmp", ".a.json"]
+    others = [
+        ".b.json.99-0123abcd.tmp",
+        ".a.json.tmp",
+        ".a.json.x-0123abcd.tmp",
+        "a.json.99-0123abcd.tmp",
+        ".a.json",
+    ]
     for name in [*others, ".a.json.99-0123abcd.tmp", ".a.json.99.tmp"]:
         (tmp_path / name).write_text("half")
     write_text(tmp_path / "a.json", "whole")
@@ -154,7 +163,9 @@ def test_a_leftover_that_is_a_link_a_pipe_or_locked_harms_nothing(tmp_path):
     assert (tmp_path / "a").read_text() == "whole"
 
 
-@pytest.mark.parametrize("name", ["a b.json", "ä\n.json", "-a.json", "[a]*.json", "..json", "\udcff.json"])
+@pytest.mark.parametrize(
+    "name", ["a b.json", "ä\n.json", "-a.json", "[a]*.json", "..json", "\udcff.json"]
+)
 def test_odd_names_are_written_and_cleared_up(tmp_path, name):
     file = tmp_path / name
     write = lambda: on_progress(lambda: write_text(file, "new"))  # noqa: E731
@@ -201,7 +212,10 @@ def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
 def test_a_device_is_no_target_of_what_is_put_in_its_place(tmp_path):
     (tmp_path / "film.mp4").symlink_to("/dev/null")
     film = tmp_path / "film.mp4"
-    with pytest.raises(InvalidInput, match="expected a file, found a device or a pipe"), replaced(film):
+    with (
+        pytest.raises(InvalidInput, match="expected a file, found a device or a pipe"),
+        replaced(film),
+    ):
         pass
     assert os.path.exists("/dev/null")
     assert not os.path.isfile("/dev/null")
@@ -222,4 +236,6 @@ def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():
         return
     with pytest.raises(InvalidInput) as refused:
         write_text("/proc/stancekit.json", "x")
-    assert str(refused.value) == "/proc/stancekit.json: cannot be written: No such file or directory"
+    assert (
+        str(refused.value) == "/proc/stancekit.json: cannot be written: No such file or directory"
+    )

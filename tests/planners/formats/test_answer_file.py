@@ -1,4 +1,5 @@
-"""Files: every way in which one can be bad has its line, and what is written is written whole or not at all."""
+"""Files: every way in which one can be bad has its line, and what is written is written whole or
+not at all."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def refusal(call, *values):
     return str(error.value)
 
 
-# ------------------------------------------------------------------------------------------------------------ reading
+# ------------------------------------------------------------------------------------------------------------
+# reading
 
 
 def test_what_is_no_text_file_is_named(tmp_path):
@@ -121,10 +123,14 @@ def test_a_broken_line_does_not_keep_the_others_back():
         ("f line 2", "f line 2: expected JSON, broken at line 1 column 7: Expecting value"),
         ("f line 3", {"a": 3}),
     ]
-    assert records("[1,\n2") == [("f", "f: expected JSON, broken at line 2 column 2: Expecting ',' delimiter")]
+    assert records("[1,\n2") == [
+        ("f", "f: expected JSON, broken at line 2 column 2: Expecting ',' delimiter")
+    ]
 
 
-@pytest.mark.parametrize("text", ['[\n{"a": 1},\n{"b": 2}\n', '{"a": [\n  {"b": 1}\n  {"b": 2}\n]}', "1\n2\n"])
+@pytest.mark.parametrize(
+    "text", ['[\n{"a": 1},\n{"b": 2}\n', '{"a": [\n  {"b": 1}\n  {"b": 2}\n]}', "1\n2\n"]
+)
 def test_what_is_broken_but_no_json_lines_is_one_error(text):
     ((where, message),) = records(text)
     assert where == "f"
@@ -144,7 +150,9 @@ def test_only_line_ends_end_a_line(separator):
 
 @given(
     st.lists(
-        st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)), min_size=2, max_size=5
+        st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)),
+        min_size=2,
+        max_size=5,
     )
 )
 def test_lines_arrays_and_indented_arrays_hold_the_same(items):
@@ -169,7 +177,8 @@ def test_problems_are_read_one_by_one_with_their_errors(drawn):
     )
 
 
-# ------------------------------------------------------------------------------------------------------------ writing
+# ------------------------------------------------------------------------------------------------------------
+# writing
 
 
 def test_text_and_bytes_are_written_as_they_are(tmp_path):
@@ -189,7 +198,9 @@ def test_a_new_file_has_the_permissions_of_any_new_file(tmp_path):
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_where_writing_fails_the_old_file_stays_and_nothing_else(tmp_path, monkeypatch, step, failure):
+def test_where_writing_fails_the_old_file_stays_and_nothing_else(
+    tmp_path, monkeypatch, step, failure
+):
     file = tmp_path / "a.json"
     write_text(file, "old")
 
@@ -208,9 +219,13 @@ def test_where_writing_fails_the_old_file_stays_and_nothing_else(tmp_path, monke
 
 def test_a_place_where_nothing_can_be_written_is_named(tmp_path):
     file = tmp_path / "none" / "a.json"
-    assert refusal(write_text, file, "x") == f"{file}: expected an existing folder {tmp_path / 'none'}"
+    assert (
+        refusal(write_text, file, "x") == f"{file}: expected an existing folder {tmp_path / 'none'}"
+    )
     (tmp_path / "folder").mkdir()
-    assert refusal(write_text, tmp_path / "folder", "x").startswith(f"{tmp_path / 'folder'}: cannot be written: ")
+    assert refusal(write_text, tmp_path / "folder", "x").startswith(
+        f"{tmp_path / 'folder'}: cannot be written: "
+    )
     assert os.listdir(tmp_path) == ["folder"]
 
 
@@ -238,7 +253,8 @@ def test_a_link_stays_a_link(tmp_path):
     assert (tmp_path / "real").read_text() == "new"
 
 
-# ------------------------------------------------------------------------------------------------------------ answers
+# ------------------------------------------------------------------------------------------------------------
+# answers
 
 
 @pytest.fixture(scope="module")
@@ -250,13 +266,19 @@ def outcomes(programs, drawn):
         "infeasible": (drawn("wall-3", 225), exact.solve(drawn("wall-3", 225))),
         "trivial": (drawn("wall-3", 4), exact.solve(drawn("wall-3", 4))),
         "undecided": (drawn("wall-3", 0), limited.solve(drawn("wall-3", 0))),
-        "refused": (drawn("wall-3", 0), TwoStagePlanner(projection=None, programs=programs).solve(drawn("wall-3", 0))),
+        "refused": (
+            drawn("wall-3", 0),
+            TwoStagePlanner(projection=None, programs=programs).solve(drawn("wall-3", 0)),
+        ),
     }
     statuses = {name: outcome.status.value for name, (_, outcome) in found.items()}
     assert statuses == {
-        "feasible": "feasible", "infeasible": "infeasible", "trivial": "infeasible", "undecided": "undecided",
+        "feasible": "feasible",
+        "infeasible": "infeasible",
+        "trivial": "infeasible",
+        "undecided": "undecided",
         "refused": "undecided",
-    }  # fmt: skip
+    }
     return found
 
 
@@ -299,27 +321,63 @@ def test_numbers_that_are_none_become_null():
     record = outcome.to_json()
     json.dumps(record, allow_nan=False)
     assert record["details"] == {"margin": None, "gap": None, "chosen": 1.0}
-    assert (record["residual"], record["residual_nm"], record["lower_bound"]) == (None, None, UNBOUNDED)
+    assert (record["residual"], record["residual_nm"], record["lower_bound"]) == (
+        None,
+        None,
+        UNBOUNDED,
+    )
 
 
 ASKED = distribution("wall-3").sample(np.random.default_rng(0))
-WITNESS = {"com_m": [0, 0, 0], "rotation_rad": [0, 0, 0], "toes_m": [[0, 0, 0]], "forces_n": [[0, 0, 98.1]]}
+WITNESS = {
+    "com_m": [0, 0, 0],
+    "rotation_rad": [0, 0, 0],
+    "toes_m": [[0, 0, 0]],
+    "forces_n": [[0, 0, 98.1]],
+}
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
         ([], "expected a JSON object, got list"),
-        ({k: v for k, v in WITNESS.items() if k != "toes_m"}, "toes_m: expected this key, got nothing"),
-        (WITNESS | {"com_m": ["a", 0, 0]}, "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers"),
-        (WITNESS | {"com_m": ["0"] * 3}, "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers"),
-        (WITNESS | {"com_m": ["\u0660"] * 3}, "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers"),
-        (WITNESS | {"com_m": [True, False, False]}, "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers"),
-        ({"certificate": {"tree": [["0"] * 5], "multipliers": [[1]]}}, "certificate: expected two tables of numbers"),
-        (WITNESS | {"toes_m": [[0], [0, 1]]}, "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers"),
+        (
+            {k: v for k, v in WITNESS.items() if k != "toes_m"},
+            "toes_m: expected this key, got nothing",
+        ),
+        (
+            WITNESS | {"com_m": ["a", 0, 0]},
+            "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers",
+        ),
+        (
+            WITNESS | {"com_m": ["0"] * 3},
+            "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers",
+        ),
+        (
+            WITNESS | {"com_m": ["\u0660"] * 3},
+            "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers",
+        ),
+        (
+            WITNESS | {"com_m": [True, False, False]},
+            "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers",
+        ),
+        (
+            {"certificate": {"tree": [["0"] * 5], "multipliers": [[1]]}},
+            "certificate: expected two tables of numbers",
+        ),
+        (
+            WITNESS | {"toes_m": [[0], [0, 1]]},
+            "com_m, rotation_rad, toes_m, forces_n: expected lists of numbers",
+        ),
         ({"certificate": 3}, "certificate: expected an object with the keys tree and multipliers"),
-        ({"certificate": {"tree": []}}, "certificate: expected an object with the keys tree and multipliers"),
-        ({"certificate": {"tree": "a", "multipliers": []}}, "certificate: expected two tables of numbers"),
+        (
+            {"certificate": {"tree": []}},
+            "certificate: expected an object with the keys tree and multipliers",
+        ),
+        (
+            {"certificate": {"tree": "a", "multipliers": []}},
+            "certificate: expected two tables of numbers",
+        ),
         (
             {"certificate": {"tree": [[0, 0, 0]], "multipliers": [1]}},
             "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, count), "
@@ -333,7 +391,10 @@ def test_an_answer_that_cannot_be_read_is_named(data, message):
 
 @pytest.mark.parametrize(
     "data",
-    [WITNESS | {"com_m": [10**400, 0, 0]}, {"certificate": {"tree": [[10**400] * 4], "multipliers": [[1]]}}],
+    [
+        WITNESS | {"com_m": [10**400, 0, 0]},
+        {"certificate": {"tree": [[10**400] * 4], "multipliers": [[1]]}},
+    ],
     ids=["posture", "certificate"],
 )
 def test_an_answer_with_integers_beyond_all_floats_is_refused(data):
@@ -345,4 +406,6 @@ def test_an_answer_without_posture_or_certificate_claims_nothing():
     assert answer_from_json({"certificate": None}, ASKED) is None
     assert isinstance(answer_from_json(WITNESS, ASKED), Plan)
     proof = Certificate(tree=[[0, 0, 0, 0, 0]], multipliers=np.ones((1, 9)))
-    assert isinstance(answer_from_json({"certificate": proof.to_json(), **WITNESS}, ASKED), Certificate)
+    assert isinstance(
+        answer_from_json({"certificate": proof.to_json(), **WITNESS}, ASKED), Certificate
+    )

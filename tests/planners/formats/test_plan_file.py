@@ -53,7 +53,8 @@ def seal(data):
 
 
 def resealed(path, change_header=lambda data: None, change_arrays=lambda arrays: None):
-    """A file that a program changed, sums and all, so that only a look at the content can refuse it."""
+    """A file that a program changed, sums and all, so that only a look at the content can refuse
+    it."""
     data = json.loads(path.read_text())
     arrays = stored(data)
     change_arrays(arrays)
@@ -79,7 +80,11 @@ def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
     plan, path = written
     again, header = read_plan(path)
     for name, array in plan_arrays(plan).items():
-        assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
+        assert (
+            np.array_equal(array, getattr(again, name))
+            if array is not None
+            else getattr(again, name) is None
+        )
     assert again.problem.to_json() == plan.problem.to_json()
     assert again.provenance == plan.provenance
     assert (header["format"], header["verified"]) == ("stancekit/plan/3", True)
@@ -135,7 +140,9 @@ def test_a_header_that_was_edited_by_hand_is_refused(change, written):
     edited(path, change)
     with pytest.raises(InvalidInput) as refused:
         read_plan(path)
-    assert str(refused.value) == f"{path}: digest mismatch: the file was changed after it was written"
+    assert (
+        str(refused.value) == f"{path}: digest mismatch: the file was changed after it was written"
+    )
 
 
 def test_an_older_pair_is_read_as_ever(pair):
@@ -143,7 +150,11 @@ def test_an_older_pair_is_read_as_ever(pair):
     again, header = read_plan(path)
     assert header["format"] == "stancekit/plan/1"
     for name, array in plan_arrays(plan).items():
-        assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
+        assert (
+            np.array_equal(array, getattr(again, name))
+            if array is not None
+            else getattr(again, name) is None
+        )
     assert check_file(path, joints=False).accepted
     assert is_plan_file(path)
 
@@ -161,13 +172,18 @@ def test_numbers_of_a_pair_that_were_edited_by_hand_are_refused(pair):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(InvalidInput, match=r"plan\.npz: digest mismatch: these are not the numbers"):
+    with pytest.raises(
+        InvalidInput, match=r"plan\.npz: digest mismatch: these are not the numbers"
+    ):
         read_plan(pair[1])
 
 
 def test_numbers_of_a_pair_that_are_missing_are_named(pair):
     pair[1].with_suffix(".npz").unlink()
-    with pytest.raises(InvalidInput, match=r"plan\.npz: expected the plan's numbers beside its \.json, found nothing"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"plan\.npz: expected the plan's numbers beside its \.json, found nothing",
+    ):
         read_plan(pair[1])
 
 
@@ -176,7 +192,9 @@ def test_the_name_that_a_pair_gives_its_numbers_leads_nowhere(pair, name):
     data = json.loads(pair[1].read_text())
     data["arrays"]["file"] = name
     pair[1].write_text(seal(data))
-    assert np.array_equal(read_plan(pair[1])[0].com_m, pair[0].com_m)  # of plan.npz, whatever name stands there
+    assert np.array_equal(
+        read_plan(pair[1])[0].com_m, pair[0].com_m
+    )  # of plan.npz, whatever name stands there
 
 
 @pytest.mark.parametrize(
@@ -185,7 +203,10 @@ def test_the_name_that_a_pair_gives_its_numbers_leads_nowhere(pair, name):
         ("????", "plan.json: arrays: expected base64 text: "),
         ("é", "plan.json: arrays: expected base64 text: "),
         ("", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
-        ("bm8gYXJjaGl2ZQ==", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
+        (
+            "bm8gYXJjaGl2ZQ==",
+            "plan.json: arrays: expected arrays without pickle: File is not a zip file",
+        ),
     ],
 )
 def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, message, written):
@@ -199,13 +220,25 @@ def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, mes
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda a: a.update(com_m=a["com_m"][:-1]), r"com_m: expected numbers of shape \(4, 3\), got float64 of"),
-        (lambda a: a.update(choice=a["choice"] + 0.5), r"choice: expected whole numbers of shape \(15,\)"),
+        (
+            lambda a: a.update(com_m=a["com_m"][:-1]),
+            r"com_m: expected numbers of shape \(4, 3\), got float64 of",
+        ),
+        (
+            lambda a: a.update(choice=a["choice"] + 0.5),
+            r"choice: expected whole numbers of shape \(15,\)",
+        ),
         (lambda a: a["toes_m"].__setitem__((0, 0), np.nan), "toes_m: expected finite numbers"),
         (lambda a: a.pop("forces_n"), "expected the arrays com_m, "),
         (lambda a: a.update(more=np.zeros(1)), "expected the arrays com_m, "),
-        (lambda a: a.update(com_m=np.array([None], dtype=object)), "expected arrays without pickle: "),
-        (lambda a: a["com_m"].__setitem__((0, 0), 0.001), "digest mismatch: course, numbers or verdict are not what"),
+        (
+            lambda a: a.update(com_m=np.array([None], dtype=object)),
+            "expected arrays without pickle: ",
+        ),
+        (
+            lambda a: a["com_m"].__setitem__((0, 0), 0.001),
+            "digest mismatch: course, numbers or verdict are not what",
+        ),
     ],
 )
 def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, message, written):
@@ -218,17 +251,32 @@ def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, messa
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(format="stancekit/plan/4"), "expected format 'stancekit/plan/3', got 'stancekit/plan/4'"),
-        (lambda d: d.update(format=["stancekit/plan/2"]), "expected format 'stancekit/plan/3', got .'stancekit/pl"),
-        (lambda d: d.update(format="stancekit/plan/1"), "arrays: expected an object with file, sha256"),
-        (lambda d: d.update(verdict={}), "verdict: expected an object with accepted, tolerance, digest"),
+        (
+            lambda d: d.update(format="stancekit/plan/4"),
+            "expected format 'stancekit/plan/3', got 'stancekit/plan/4'",
+        ),
+        (
+            lambda d: d.update(format=["stancekit/plan/2"]),
+            "expected format 'stancekit/plan/3', got .'stancekit/pl",
+        ),
+        (
+            lambda d: d.update(format="stancekit/plan/1"),
+            "arrays: expected an object with file, sha256",
+        ),
+        (
+            lambda d: d.update(verdict={}),
+            "verdict: expected an object with accepted, tolerance, digest",
+        ),
         (lambda d: d.update(arrays=[]), "arrays: expected an object with npz"),
         (lambda d: d.update(provenance=3), "provenance: expected an object with any keys"),
         (lambda d: d["course"].pop("goal_m"), "course: goal_m: "),
         (lambda d: d.update(course=None), "course: "),
         (lambda d: d.pop("verified"), "missing or unknown: verified"),
         (lambda d: d.update(more=1), "missing or unknown: more"),
-        (lambda d: d["verdict"].update(accepted=False), "digest mismatch: course, numbers or verdict are not what"),
+        (
+            lambda d: d["verdict"].update(accepted=False),
+            "digest mismatch: course, numbers or verdict are not what",
+        ),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, message, written):
@@ -239,11 +287,18 @@ def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, mes
 
 
 def test_a_file_that_is_none_is_told(tmp_path):
-    for text, message in (("", "the file is empty"), ("{", "expected JSON, broken"), ("[]", "expected format")):
+    for text, message in (
+        ("", "the file is empty"),
+        ("{", "expected JSON, broken"),
+        ("[]", "expected format"),
+    ):
         (tmp_path / "a.json").write_text(text)
         with pytest.raises(InvalidInput, match=message):
             read_plan(tmp_path / "a.json")
-    for name, message in (("b.json", "found nothing there"), ("b.txt", r"expected a plan's name to end in \.json")):
+    for name, message in (
+        ("b.json", "found nothing there"),
+        ("b.txt", r"expected a plan's name to end in \.json"),
+    ):
         with pytest.raises(InvalidInput, match=message):
             read_plan(tmp_path / name)
 
@@ -254,7 +309,9 @@ def test_a_forged_verdict_is_found_by_looking_again(walk, tmp_path):
     write_plan(tmp_path / "a.json", plan, check_plan(plan))
 
     def forge(data):
-        data["verdict"].update(accepted=True, digest=plan_digest(plan, data["verdict"]["tolerance"], True))
+        data["verdict"].update(
+            accepted=True, digest=plan_digest(plan, data["verdict"]["tolerance"], True)
+        )
         data["verified"] = True
 
     resealed(tmp_path / "a.json", change_header=forge)
@@ -269,11 +326,14 @@ def test_a_plan_file_is_known_by_its_format(written, tmp_path):
     (tmp_path / "b.json").write_text('{"format": "stancekit/posture/1"}')
     (tmp_path / "c.json").write_text("no JSON")
     assert is_plan_file(written[1].with_suffix(".npz"))
-    assert not any(is_plan_file(tmp_path / name) for name in ("b.json", "c.json", "none.json", "plan", "."))
+    assert not any(
+        is_plan_file(tmp_path / name) for name in ("b.json", "c.json", "none.json", "plan", ".")
+    )
 
 
 def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
-    """Written before hulls were in files, of a robot whose shanks are meshes in a folder that is gone."""
+    """Written before hulls were in files, of a robot whose shanks are meshes in a folder that is
+    gone."""
     pytest.importorskip("pinocchio")
     pytest.importorskip("coal")
     path = Path(__file__).parent / "older" / "plan-2.json"
@@ -281,4 +341,6 @@ def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
     check = check_file(path)
     assert check.report.contacts
     assert check.report.group("bodies").verdict == "not checked"
-    assert check.message.endswith("a file of stancekit/plan/2, which has no hulls of its robot's meshes")
+    assert check.message.endswith(
+        "a file of stancekit/plan/2, which has no hulls of its robot's meshes"
+    )

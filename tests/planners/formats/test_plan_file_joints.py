@@ -1,4 +1,5 @@
-"""Plan files of a robot's own legs: verified from the file alone, and forgeries, sums and all, refused or told."""
+"""Plan files of a robot's own legs: verified from the file alone, and forgeries, sums and all,
+refused or told."""
 
 from __future__ import annotations
 
@@ -63,7 +64,8 @@ def path(plan: Plan, tmp_path: Path) -> Path:
 
 
 def forged(path: Path, forge: Forgery) -> None:
-    """The file as a program leaves it that knows every sum: model, verdict and file are of the forged content."""
+    """The file as a program leaves it that knows every sum: model, verdict and file are of the
+    forged content."""
     header = json.loads(path.read_text())
     with np.load(io.BytesIO(base64.b64decode(header["arrays"]["npz"]))) as stored:
         arrays = dict(stored)
@@ -80,7 +82,9 @@ def forged(path: Path, forge: Forgery) -> None:
     verdict = header["verdict"]
     content: dict[str, Any] = {"course": course, "plan": numbers}
     content |= {"checked": verdict["checked"]} if verdict["checked"] != ["contacts"] else {}
-    verdict["digest"] = digest_of(content | {"tolerance": verdict["tolerance"], "accepted": verdict["accepted"]})
+    verdict["digest"] = digest_of(
+        content | {"tolerance": verdict["tolerance"], "accepted": verdict["accepted"]}
+    )
     del header["sha256"]
     path.write_text(json.dumps(header | {"sha256": digest_of(header)}))
 
@@ -89,15 +93,21 @@ ORDER = ("com_m", "rotation_rad", "toes_m", "choice", "forces_n", "joints_rad", 
 
 
 def digest_of(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 def model_of_header(header: dict[str, Any]) -> RobotModel:
     raw = header["course"]["robot"]["model"]
     return model_of(
-        raw["urdf"], feet={leg["name"]: leg["foot"] for leg in raw["legs"]}, name=header["course"]["robot"]["name"],
-        posture_rad={joint: angle for leg in raw["legs"] for joint, angle in leg["stance_rad"].items()},
-    )  # fmt: skip
+        raw["urdf"],
+        feet={leg["name"]: leg["foot"] for leg in raw["legs"]},
+        name=header["course"]["robot"]["name"],
+        posture_rad={
+            joint: angle for leg in raw["legs"] for joint, angle in leg["stance_rad"].items()
+        },
+    )
 
 
 def in_urdf(old: str, new: str, count: int = -1) -> Forgery:
@@ -121,7 +131,9 @@ def test_the_verdict_of_the_file_alone_is_that_of_the_plan(plan: Plan, path: Pat
     header = json.loads(path.read_text())
     assert header["verdict"]["checked"] == ["contacts", "joints", "torque"]
     parts = ("HAA", "HFE", "KFE")
-    assert header["arrays"]["joints"] == [f"{leg}_{part}" for leg in ("LF", "RF", "LH", "RH") for part in parts]
+    assert header["arrays"]["joints"] == [
+        f"{leg}_{part}" for leg in ("LF", "RF", "LH", "RH") for part in parts
+    ]
     again = read_plan(path)[0]
     assert plan.joints_rad is not None
     np.testing.assert_array_equal(again.joints_rad, plan.joints_rad)
@@ -158,9 +170,16 @@ def _mirrored(header: dict[str, Any], arrays: dict[str, Any]) -> None:
     """The knee bent the other way, where the foot is as before: beyond the knee's limit alone."""
     model = model_of_header(header)
     leg = model.legs[0]
-    free = [joint.__class__(**{**vars(joint), "lower_rad": -3.0, "upper_rad": 3.0}) for joint in leg.joints]
-    loose = leg.__class__(**{name: getattr(leg, name) for name in ("name", "chain", "foot", "radius_m", "stance_rad")},
-                          joints=tuple(free))  # fmt: skip
+    free = [
+        joint.__class__(**{**vars(joint), "lower_rad": -3.0, "upper_rad": 3.0})
+        for joint in leg.joints
+    ]
+    loose = leg.__class__(
+        **{
+            name: getattr(leg, name) for name in ("name", "chain", "foot", "radius_m", "stance_rad")
+        },
+        joints=tuple(free),
+    )
     q = arrays["joints_rad"][:, :3]
     other, error = descend(loose, leg.chain.feet(q), q * [1, -1, -1] + [0.0, 0.3, 0.0])
     assert error.max() < 1e-6
@@ -204,7 +223,9 @@ def _names_swapped(header: dict[str, Any], arrays: dict[str, Any]) -> None:
         (in_urdf('0.28 -0.14 0"', '0.28 -0.14 0.001"'), "mm away from its toe"),
     ],
 )
-def test_a_forged_file_is_refused_whatever_it_says(path: Path, forge: Forgery, message: str) -> None:
+def test_a_forged_file_is_refused_whatever_it_says(
+    path: Path, forge: Forgery, message: str
+) -> None:
     forged(path, forge)
     check = check_file(path)
     assert not check.accepted
@@ -214,7 +235,9 @@ def test_a_forged_file_is_refused_whatever_it_says(path: Path, forge: Forgery, m
 
 
 @pytest.mark.parametrize("effort", ["1e9", "2000", "0"])
-def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(path: Path, effort: str) -> None:
+def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(
+    path: Path, effort: str
+) -> None:
     forged(path, in_urdf('effort="40.0"', f'effort="{effort}"', 3))
     check = check_file(path)
     assert check.report.group("torque").verdict == "not checked"
@@ -251,15 +274,22 @@ def _list(header: dict[str, Any], arrays: dict[str, Any]) -> None:
     ("forge", "message"),
     [
         (_nan, ": arrays: joints_rad: expected finite numbers"),
-        (_short, ": arrays: joints_rad: expected numbers of shape (3, 12), got float64 of shape (3, 8)"),
+        (
+            _short,
+            ": arrays: joints_rad: expected numbers of shape (3, 12), got float64 of shape (3, 8)",
+        ),
         (_renamed, ": arrays.joints: expected the names of the robot's joints in its order"),
         (_unnamed, ": arrays.joints: expected the names of the robot's joints in its order"),
         (_list, ": verdict.checked: expected contacts, joints, torque, bodies, motion or fewer"),
-        (in_urdf('<mass value="10.0"/>', '<mass value="10.001"/>'),
-         ": course: robot quadruped: expected the mass of its model, 22.401 kg, got 22.4"),
+        (
+            in_urdf('<mass value="10.0"/>', '<mass value="10.001"/>'),
+            ": course: robot quadruped: expected the mass of its model, 22.401 kg, got 22.4",
+        ),
     ],
-)  # fmt: skip
-def test_a_file_that_contradicts_itself_is_no_plan(path: Path, forge: Forgery, message: str) -> None:
+)
+def test_a_file_that_contradicts_itself_is_no_plan(
+    path: Path, forge: Forgery, message: str
+) -> None:
     forged(path, forge)
     with pytest.raises(InvalidInput) as caught:
         check_file(path)
@@ -271,7 +301,10 @@ def test_what_was_checked_is_under_the_digest(path: Path) -> None:
     header["verdict"]["checked"] = ["contacts"]
     del header["sha256"]
     path.write_text(json.dumps(header | {"sha256": digest_of(header)}))
-    with pytest.raises(InvalidInput, match="digest mismatch: course, numbers or verdict are not what the verifier saw"):
+    with pytest.raises(
+        InvalidInput,
+        match="digest mismatch: course, numbers or verdict are not what the verifier saw",
+    ):
         check_file(path)
 
 
@@ -295,5 +328,7 @@ def test_links_that_only_the_file_lets_touch_are_not_the_robots(path: Path) -> N
 
     forged(path, lets_touch)
     assert check_file(path).accepted
-    with pytest.raises(InvalidInput, match="expected a plan for the robot quadruped as its file is"):
+    with pytest.raises(
+        InvalidInput, match="expected a plan for the robot quadruped as its file is"
+    ):
         check_file(path, robot=model_of(quadruped()))

@@ -1,4 +1,5 @@
-"""Proof files: the same to the last bit when read back, checked anew whatever they say, refused in one line if odd."""
+"""Proof files: the same to the last bit when read back, checked anew whatever they say, refused in
+one line if odd."""
 
 from __future__ import annotations
 
@@ -58,10 +59,16 @@ def test_odd_files_are_refused_in_one_line(proved, written):
     nothing = replace(proved[0], name="").to_json() | {"frames": 0}
     for parts, message in (
         ({"format": "stancekit/plan/1"}, "expected format 'stancekit/proof/1'"),
-        ({"more": 1}, "expected the keys format, subject, tree, multipliers; missing or unknown: more"),
+        (
+            {"more": 1},
+            "expected the keys format, subject, tree, multipliers; missing or unknown: more",
+        ),
         ({"tree": [["0", 1, 0, 0, 0]]}, "tree: expected a table of numbers"),
         ({"tree": tree[0]}, "tree: expected a table of numbers"),
-        ({"tree": [[0, 1, 0]]}, "certificate: expected a tree of shape (K, 5) and multipliers of shape"),
+        (
+            {"tree": [[0, 1, 0]]},
+            "certificate: expected a tree of shape (K, 5) and multipliers of shape",
+        ),
         ({"multipliers": [[1.0], [1.0, 2.0]]}, "multipliers: expected a table of numbers"),
         ({"multipliers": [["a"] * len(rows[0])]}, "multipliers: expected a table of numbers"),
         ({"subject": nothing}, "subject: "),
@@ -86,7 +93,9 @@ def test_the_older_format_of_courses_is_still_read(proved, tmp_path):
     course, certificate = proved
     tree = [(-1, -1) if kind == 0 else (int(i), int(j)) for kind, i, j, _, _ in certificate.tree]
     old = {"format": "stancekit/no-plan/1", "course": course.to_json(), "tree": tree}
-    (tmp_path / "old.json").write_text(json.dumps(old | {"multipliers": certificate.multipliers.tolist()}))
+    (tmp_path / "old.json").write_text(
+        json.dumps(old | {"multipliers": certificate.multipliers.tolist()})
+    )
     check = check_proof_file(tmp_path / "old.json")
     assert check.accepted
     assert check.to_json()["kind"] == "no-plan"

@@ -27,11 +27,17 @@ def field() -> HeightField:
 def small(field: HeightField) -> Callable[..., GaitProgram]:
     """Programs of a short walk over the waves, by settings."""
 
-    def build(terrain: HeightField = field, timings: str = "fixed", **settings: object) -> GaitProgram:
+    def build(
+        terrain: HeightField = field, timings: str = "fixed", **settings: object
+    ) -> GaitProgram:
         task = Walk(
-            robot=anymal(), terrain=terrain, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0,
+            robot=anymal(),
+            terrain=terrain,
+            start_xy_m=np.zeros(2),
+            goal_xy_m=np.array([0.2, 0.1]),
+            duration_s=2.0,
             timings=timings,  # type: ignore[arg-type]
-        )  # fmt: skip
+        )
         return formulate(task, GaitSettings(**settings))  # type: ignore[arg-type]
 
     return build

@@ -66,7 +66,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_chart_of_ones_own_finds_the_walk_of_its_sibling(files: Path) -> None:
     field = HeightField.from_function(lambda x, y: 0.05 * np.sin(2.0 * x) * np.cos(y), 2.0, 0.1)
-    task = Walk(robot=anymal(), terrain=field, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+    task = Walk(
+        robot=anymal(), terrain=field, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0
+    )
     own = formulate(task, GaitSettings(chart="mine.py:Lifted")).solve()
     other = formulate(task, GaitSettings(chart="shear")).solve()
     assert own.success
@@ -76,7 +78,9 @@ def test_a_chart_of_ones_own_finds_the_walk_of_its_sibling(files: Path) -> None:
     np.testing.assert_allclose(own.x[heights], other.x[heights] - 0.1, atol=1e-6)
 
 
-def test_the_command_line_takes_both_by_file_and_name(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_takes_both_by_file_and_name(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     asked = ["--goal", "0.2,0.1", "--duration-s", "2", "--raw", "--out", "walk.json", "--json"]
     with pytest.raises(SystemExit) as ended:
         main(["gait", "ground.py:bump", "--chart", "mine.py:Lifted", *asked])
@@ -105,10 +109,22 @@ def test_the_environment_chooses_among_charts_and_terrains_of_ones_own(files: Pa
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda: CHARTS.get("mine.py:NoChart"), "chart mine.py:NoChart: expected a class of charts, as those in "),
-        (lambda: GaitSettings(chart="polar"), "chart: expected one of ambient, shear, decoupled, warped, "),
-        (lambda: TERRAINS.get("ground.py:number"), "terrain ground.py:number: expected a height field, a Formula, or "),
-        (lambda: named_terrain("ground.py"), "terrain: expected FILE.py:NAME, got no name after ground.py"),
+        (
+            lambda: CHARTS.get("mine.py:NoChart"),
+            "chart mine.py:NoChart: expected a class of charts, as those in ",
+        ),
+        (
+            lambda: GaitSettings(chart="polar"),
+            "chart: expected one of ambient, shear, decoupled, warped, ",
+        ),
+        (
+            lambda: TERRAINS.get("ground.py:number"),
+            "terrain ground.py:number: expected a height field, a Formula, or ",
+        ),
+        (
+            lambda: named_terrain("ground.py"),
+            "terrain: expected FILE.py:NAME, got no name after ground.py",
+        ),
     ],
 )
 def test_what_is_none_is_refused(files: Path, ask, message: str) -> None:  # type: ignore[no-untyped-def]

@@ -47,7 +47,11 @@ def test_a_box_robot_leaps() -> None:
 def test_cuts_refute_the_choice_that_they_come_from_and_none_that_is_solved() -> None:
     leap = leap_class("leap").draw(np.random.default_rng(6))
     numbers, programs, rng = LeapNumbers.of(leap), Programs(), np.random.default_rng(0)
-    solved = [found.choice for found in LeapSearch(leap, LeapFinder(solves=12), programs).attempts() if found.solved]
+    solved = [
+        found.choice
+        for found in LeapSearch(leap, LeapFinder(solves=12), programs).attempts()
+        if found.solved
+    ]
     assert solved
     own, proofs = 0, 0
     for _ in range(16):
@@ -63,7 +67,9 @@ def test_cuts_refute_the_choice_that_they_come_from_and_none_that_is_solved() ->
     assert (own > 8, proofs > 4) == (True, True)
 
 
-def test_the_guide_of_a_choice_is_its_cost_and_bounds_that_of_others(leap: Leap, failed: LeapAttempt) -> None:
+def test_the_guide_of_a_choice_is_its_cost_and_bounds_that_of_others(
+    leap: Leap, failed: LeapAttempt
+) -> None:
     numbers = LeapNumbers.of(leap)
     cut = guide(numbers, failed)
     assert cut.value(failed.choice) == pytest.approx(failed.first, abs=1e-9)
@@ -78,7 +84,9 @@ def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
     scores = rng.normal(size=(5, 3))
     scores[2, 1:] = -np.inf
     picker = Picker(scores, 1.0)
-    every = [(a, b, 0, d, e) for a in range(3) for b in range(3) for d in range(3) for e in range(3)]
+    every = [
+        (a, b, 0, d, e) for a in range(3) for b in range(3) for d in range(3) for e in range(3)
+    ]
     value = {one: scores[np.arange(5), list(one)].sum() for one in every}
     assert tuple(picker.best()) == max(every, key=value.get)
     from stancekit.planners.leap.cuts import Cut
@@ -95,7 +103,9 @@ def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[Lea
     assert check_certificate(proof.of(leap)).accepted
     nothing = Certificate(tree=proof.tree, multipliers=0.0 * proof.multipliers)
     short = Certificate(tree=proof.tree, multipliers=proof.multipliers[:, :-1])
-    torn = Certificate(tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]), multipliers=proof.multipliers[:1])
+    torn = Certificate(
+        tree=np.array([[1.0, 0.0, 0.0, 0.0, 0.0]]), multipliers=proof.multipliers[:1]
+    )
     noise = np.random.default_rng(0).normal(size=proof.multipliers.shape)
     for bad in (nothing, short, torn, Certificate(tree=proof.tree, multipliers=noise)):
         assert not check_certificate(bad.of(leap)).accepted
@@ -105,7 +115,9 @@ def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[Lea
             replace(one, candidates=tuple(patch.with_friction(2.0) for patch in one.candidates))
             for one in leap.footholds
         ),
-        robot=replace(leap.robot, limbs=tuple(replace(limb, reach_m=1.0) for limb in leap.robot.limbs)),
+        robot=replace(
+            leap.robot, limbs=tuple(replace(limb, reach_m=1.0) for limb in leap.robot.limbs)
+        ),
     )
     assert not check_certificate(proof.of(with_grip)).accepted
 
@@ -134,13 +146,17 @@ def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPla
     assert plan is not None
     here = feet_motion(plan).at(0.4)
     state = BodyState(
-        com_m=here.com_m + np.array([0.002, 0.0, 0.0]), velocity_m_s=here.velocity_m_s,
-        momentum_m2_s=plan.momentum_m2_s[4], rotation_rad=here.rotation_rad,
-    )  # fmt: skip
+        com_m=here.com_m + np.array([0.002, 0.0, 0.0]),
+        velocity_m_s=here.velocity_m_s,
+        momentum_m2_s=plan.momentum_m2_s[4],
+        rotation_rad=here.rotation_rad,
+    )
     rest = remaining_leap(plan, 0.4, state)
     assert [phase.limbs for phase in rest.phases] == [(), plan.problem.phases[2].limbs]
     assert find_leap(rest).status is Status.FEASIBLE
-    with pytest.raises(InvalidInput, match=r"time_s: expected 0 or more, and less than 0\.96 s, got 2"):
+    with pytest.raises(
+        InvalidInput, match=r"time_s: expected 0 or more, and less than 0\.96 s, got 2"
+    ):
         remaining_leap(plan, 2.0, state)
 
 
@@ -152,7 +168,9 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
     outcome = find_leap(two)
     assert outcome.solution is not None
     assert outcome.solution.timing == 1
-    both = replace(refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0]))
+    both = replace(
+        refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0])
+    )
     proof = find_leap(both, LeapFinder(solves=4)).certificate
     assert proof is not None
     assert check_certificate(proof.of(both)).accepted
@@ -174,7 +192,10 @@ def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"order": "best"}, "order: expected one of random, rule, noise, farkas, finder, got 'best'"),
+        (
+            {"order": "best"},
+            "order: expected one of random, rule, noise, farkas, finder, got 'best'",
+        ),
         ({"share": 0.0}, "share: expected a number above 0, got 0"),
         ({"solves": 0}, "solves: expected 1 or more, got 0"),
     ],
@@ -191,13 +212,19 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
     numbers = LeapNumbers.of(leap)
     size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())
     for _ in range(3):
-        row = np.abs(rng.normal(size=size)) * (rng.random(size) < 0.3)  # half-spaces and heights weigh nothing below 0
+        row = np.abs(rng.normal(size=size)) * (
+            rng.random(size) < 0.3
+        )  # half-spaces and heights weigh nothing below 0
         leaf = Certificate(tree=np.zeros((1, 5)), multipliers=row[None])
         bound = check_certificate(leaf.of(leap)).figures["lower_bound"]
-        assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-9)
+        assert proof_cut(numbers, row).least(numbers.scaled.opened()) == pytest.approx(
+            bound, rel=1e-9
+        )
 
 
-def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(found: Answer[LeapPlan]) -> None:
+def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(
+    found: Answer[LeapPlan],
+) -> None:
     plan, rng = found.solution, np.random.default_rng(6)
     assert plan is not None
     numbers = LeapNumbers.of(plan.problem)
@@ -217,6 +244,8 @@ def test_a_verdict_says_that_nobody_looked_at_the_whole_body_and_limits_of_it_ar
     outcome = stancekit.plan(path)
     assert outcome.report.accepted
     assert outcome.report.unchecked == ("joints", "torque", "bodies")
-    assert outcome.report.message.startswith("accepted as far as checked: joints, torque and bodies are not")
+    assert outcome.report.message.startswith(
+        "accepted as far as checked: joints, torque and bodies are not"
+    )
     with pytest.raises(InvalidInput, match="body: expected none with a leap"):
         stancekit.plan(outcome.problem, body=stancekit.WholeBodyLimits(torque_nm=3.0))

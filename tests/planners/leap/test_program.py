@@ -33,7 +33,10 @@ def reference(given: LeapGiven) -> cp.Problem:
     when = layout.stance_frames[stances] // 2
     c, r = cp.Variable((2 * m + 1, 3)), cp.Variable((2 * m + 1, 3))
     v, spun = cp.Variable((m + 1, 3)), cp.Variable((m + 1, 3))
-    weights, f = cp.Variable(len(layout.vertex_footholds), nonneg=True), cp.Variable((len(limbs), 3))
+    weights, f = (
+        cp.Variable(len(layout.vertex_footholds), nonneg=True),
+        cp.Variable((len(limbs), 3)),
+    )
     own = [np.flatnonzero(layout.vertex_footholds == j) for j in range(layout.footholds)]
     p = [scaled.vertices[rows].T @ weights[rows] for rows in own]
     world = [scaled.contact_frames[b] @ f[b] for b in range(len(limbs))]
@@ -48,7 +51,10 @@ def reference(given: LeapGiven) -> cp.Problem:
         rows += [v[k + 1] - v[k] == G * dt * (push - np.array([0, 0, 1]))]
         rows += [c[2 * k + 2] - c[2 * k] == dt / 2 * (v[k] + v[k + 1])]
         rows += [c[2 * k + 1] == (c[2 * k] + c[2 * k + 2]) / 2 - dt / 8 * (v[k + 1] - v[k])]
-        rows += [r[2 * k + 1] == (r[2 * k] + r[2 * k + 2]) / 2 - dt / 8 * (spin @ (spun[k + 1] - spun[k]))]
+        rows += [
+            r[2 * k + 1]
+            == (r[2 * k] + r[2 * k + 2]) / 2 - dt / 8 * (spin @ (spun[k + 1] - spun[k]))
+        ]
         mean = (c[2 * k] + c[2 * k + 2]) / 2 - dt / 12 * (v[k + 1] - v[k])
         moment = -turned(means[k]) @ push + turned(total[k]) @ (mean - means[k])
         for b in mine:
@@ -65,8 +71,15 @@ def reference(given: LeapGiven) -> cp.Problem:
                 speed = at.velocity[node] + np.cross(spin @ at.momentum[node], hip)
                 now = v[node] - turned(hip) @ (spin @ spun[node])
                 power = at.forces[b] @ now + speed @ world[b] - at.forces[b] @ speed
-                cost += PRICES["power"] * cp.pos(cp.abs(power) - SPEED_RESERVE * its.power[limbs[b]])
-    rows += [c[0] == its.start[0], r[0] == its.start[1], v[0] == its.velocity[0], v[m] == its.velocity[1]]
+                cost += PRICES["power"] * cp.pos(
+                    cp.abs(power) - SPEED_RESERVE * its.power[limbs[b]]
+                )
+    rows += [
+        c[0] == its.start[0],
+        r[0] == its.start[1],
+        v[0] == its.velocity[0],
+        v[m] == its.velocity[1],
+    ]
     rows += [spun[0] == its.momentum[0], spun[m] == its.momentum[1]]
     rows += [v[1] == v[0], v[m] == v[m - 1], spun[1] == spun[0], spun[m] == spun[m - 1]]
     limits = leap.limits
@@ -75,18 +88,26 @@ def reference(given: LeapGiven) -> cp.Problem:
     rows += [cp.norm(p[j] - at.toes[j]) <= given.toe_radius for j in range(layout.footholds)]
     for frame, limb, j in zip(*layout.standing, strict=True):
         shoulder, hip = scaled.shoulders[limb], its.hips[limb]
-        rows += [cp.norm(p[j] - c[frame] - shoulder + turned(shoulder) @ r[frame]) <= scaled.reach[limb]]
+        rows += [
+            cp.norm(p[j] - c[frame] - shoulder + turned(shoulder) @ r[frame]) <= scaled.reach[limb]
+        ]
         rows += [c[frame][2] - p[j][2] >= limits.height_m + given.reserve_m]
         leg = at.com[frame] + hip + np.cross(at.rotation[frame], hip) - at.toes[j]
         along = leg / np.linalg.norm(leg)
-        length = along @ (c[frame] + hip - p[j]) + np.cross(hip + np.cross(at.rotation[frame], hip), along) @ r[frame]
+        length = (
+            along @ (c[frame] + hip - p[j])
+            + np.cross(hip + np.cross(at.rotation[frame], hip), along) @ r[frame]
+        )
         cost += PRICES["fold"] * cp.pos(its.fold[limb] + given.reserve_m - length)
         if frame % 2 == 0:
             arm = hip + np.cross(at.rotation[frame], hip)
             rate = along @ (v[frame // 2] - turned(arm) @ (spin @ spun[frame // 2]))
             cost += PRICES["speed"] * cp.pos(cp.abs(rate) - SPEED_RESERVE * its.speed[limb])
     for b in range(len(limbs)):
-        rows += [cp.norm(f[b, 1:]) <= scaled.friction[footholds[b]] * f[b, 0], f[b, 0] <= scaled.force_max[b, 0]]
+        rows += [
+            cp.norm(f[b, 1:]) <= scaled.friction[footholds[b]] * f[b, 0],
+            f[b, 0] <= scaled.force_max[b, 0],
+        ]
     return cp.Problem(cp.Minimize(cost), rows)
 
 
@@ -95,7 +116,9 @@ def given_of(leap: Leap, choice) -> LeapGiven:
     numbers = LeapNumbers.of(leap)
     scaled = numbers.scaled.chosen(choice)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
-    return LeapGiven(scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=0.004)
+    return LeapGiven(
+        scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=0.004
+    )
 
 
 def test_the_rows_of_a_step_have_the_optimum_of_their_cvxpy_reference(leap: Leap, failed) -> None:
@@ -112,7 +135,9 @@ def test_steps_of_a_robot_in_boxes_ask_for_its_half_spaces() -> None:
     given = given_of(leap, np.zeros(8, dtype=int))
     program = LeapProgram(given.scaled.layout, leap.still)
     standing = len(given.scaled.layout.standing[0])
-    assert len(program.rows.groups["within"]) == len(program.rows.groups["reach_rows"]) == 6 * standing
+    assert (
+        len(program.rows.groups["within"]) == len(program.rows.groups["reach_rows"]) == 6 * standing
+    )
 
 
 def test_momentum_and_rotation_are_those_of_a_fine_integration(leap: Leap) -> None:
@@ -121,7 +146,9 @@ def test_momentum_and_rotation_are_those_of_a_fine_integration(leap: Leap) -> No
     com, velocity = numbers.ballistic(numbers.total(forces))
     toes, layout = rng.normal(size=(8, 3)), numbers.layout
     start = rng.normal(size=(numbers.intervals + 1, 3))
-    point = LeapPoint(com=com, rotation=0 * com, velocity=velocity, momentum=0 * start, toes=toes, forces=forces)
+    point = LeapPoint(
+        com=com, rotation=0 * com, velocity=velocity, momentum=0 * start, toes=toes, forces=forces
+    )
     change = numbers.turned(point)[0]
     momentum = np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
     turn = numbers.turned(replace(point, momentum=momentum))[1]
@@ -140,9 +167,15 @@ def test_momentum_and_rotation_are_those_of_a_fine_integration(leap: Leap) -> No
 
 def test_a_limb_that_is_lifted_stands_on_nothing_and_takes_no_step() -> None:
     layout = Layout(
-        holds=((0, 1), (0, LIFTED), (2, 3)), stances=((0, (0, 1)), (1, (0,))), corners=((3,), (3,), (3,), (3,))
+        holds=((0, 1), (0, LIFTED), (2, 3)),
+        stances=((0, (0, 1)), (1, (0,))),
+        corners=((3,), (3,), (3,), (3,)),
     )
-    assert [part.tolist() for part in layout.standing] == [[0, 0, 1, 2, 2], [0, 1, 0, 0, 1], [0, 1, 0, 2, 3]]
+    assert [part.tolist() for part in layout.standing] == [
+        [0, 0, 1, 2, 2],
+        [0, 1, 0, 0, 1],
+        [0, 1, 0, 2, 3],
+    ]
     assert layout.moves.tolist() == [[0, 2]]
 
 

@@ -1,4 +1,5 @@
-"""A plan over time: in balance at every sample, smooth, its feet clear of the terrain and its ends where toes are."""
+"""A plan over time: in balance at every sample, smooth, its feet clear of the terrain and its ends
+where toes are."""
 
 from dataclasses import replace
 
@@ -55,14 +56,20 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
             if foothold >= 0:
                 patch = course.patch(foothold, choice)
                 normal = float(force @ patch.normal)
-                assert np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
+                assert (
+                    np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
+                )
 
 
-def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_in_balance(motion: PlanMotion) -> None:
+def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_in_balance(
+    motion: PlanMotion,
+) -> None:
     first, weight = motion.at(0.0), motion.plan.problem.weight_n
     assert not first.forces_n.any(axis=1).all()  # some of them are about to lift
     share = np.linalg.lstsq(  # all feet push straight up, which balances level ground, too
-        np.vstack([np.ones(6), (first.feet_m - first.com_m)[:, :2].T]), [weight, 0.0, 0.0], rcond=None
+        np.vstack([np.ones(6), (first.feet_m - first.com_m)[:, :2].T]),
+        [weight, 0.0, 0.0],
+        rcond=None,
     )[0]
     stood = share[:, None] * [0.0, 0.0, 1.0]
     assert stood[:, 2].min() > 0.0
@@ -73,11 +80,15 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     for now in found:
         arms = first.feet_m - FOOT_RADIUS_M * first.normals - now.com_m
         np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, weight], atol=1e-3)
-        np.testing.assert_allclose(np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=0.02 * weight * FOOT_RADIUS_M)
+        np.testing.assert_allclose(
+            np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=0.02 * weight * FOOT_RADIUS_M
+        )
         np.testing.assert_array_equal(now.feet_m, first.feet_m)
     lifting = np.array([now.forces_n[~first.forces_n.any(axis=1), 2] for now in found])
     assert (np.diff(lifting, axis=0) <= 1e-12).all()
-    assert np.abs(np.diff(lifting, axis=0)).max() < 0.06 * stood[:, 2].max()  # 1.875 of an even pace
+    assert (
+        np.abs(np.diff(lifting, axis=0)).max() < 0.06 * stood[:, 2].max()
+    )  # 1.875 of an even pace
     for time_s in (rest_s, 0.5 * motion.duration_s, motion.duration_s):
         np.testing.assert_array_equal(resumption.at(time_s).forces_n, motion.at(time_s).forces_n)
     assert (resumption.duration_s, resumption.solids) == (motion.duration_s, motion.solids)
@@ -90,7 +101,9 @@ def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None
         for limb, foothold in enumerate(now.foothold):
             if foothold >= 0:
                 toe = motion.plan.toes_m[foothold]
-                np.testing.assert_allclose(now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[foothold], atol=1e-9)
+                np.testing.assert_allclose(
+                    now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[foothold], atol=1e-9
+                )
 
 
 def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion) -> None:
@@ -128,9 +141,17 @@ def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
 
 def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
     corners = np.array([[0.0, -0.2, 0.0], [0.2, -0.2, 0.0], [0.2, 0.2, 0.0], [0.0, 0.2, 0.0]])
-    low = Patch(vertices_m=corners - [0.2, 0.0, 0.0], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+    low = Patch(
+        vertices_m=corners - [0.2, 0.0, 0.0],
+        normal=[0, 0, 1],
+        shear_reference=[1, 0, 0],
+        friction=0.5,
+    )
     high = Patch(
-        vertices_m=corners + np.array([0.0, 0.0, 0.09]), normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
+        vertices_m=corners + np.array([0.0, 0.0, 0.09]),
+        normal=[0, 0, 1],
+        shear_reference=[1, 0, 0],
+        friction=0.5,
     )
     ends = (np.array([-0.02, 0.0, FOOT_RADIUS_M]), np.array([0.15, 0.0, 0.09 + FOOT_RADIUS_M]))
     up = np.array([0.0, 0.0, 1.0])
@@ -144,7 +165,9 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
 
 
 def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
-    assert PlanMotion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(PlanMotion(plan).duration_s / 2.0)
+    assert PlanMotion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(
+        PlanMotion(plan).duration_s / 2.0
+    )
 
 
 def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
@@ -152,14 +175,25 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
     names, first = course.robot.limb_names, [p for p in course.footholds if p.frame == 0]
     again = [replace(p, frame=1) for p in first]
     every = replace(
-        course, footholds=(*first, *again), lifts=((), names), next_lift=(), com_nominal_m=course.com_nominal_m[:2],
-        com_radius_m=course.com_radius_m[:2], modes=None,
-    )  # fmt: skip
+        course,
+        footholds=(*first, *again),
+        lifts=((), names),
+        next_lift=(),
+        com_nominal_m=course.com_nominal_m[:2],
+        com_radius_m=course.com_radius_m[:2],
+        modes=None,
+    )
     leap = Plan(
-        problem=every, com_m=plan.com_m[:2], rotation_rad=plan.rotation_rad[:2],
-        toes_m=np.tile(plan.toes_at(0), (2, 1)), choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
-    )  # fmt: skip
-    with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
+        problem=every,
+        com_m=plan.com_m[:2],
+        rotation_rad=plan.rotation_rad[:2],
+        toes_m=np.tile(plan.toes_at(0), (2, 1)),
+        choice=np.zeros(12),
+        forces_n=np.zeros((len(every.stances), 6, 3)),
+    )
+    with pytest.raises(
+        InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"
+    ):
         _ = PlanMotion(leap).duration_s
 
 
@@ -179,7 +213,9 @@ def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_c
     for sample in alone:
         assert min(sample.foothold) >= 0
         toes = sample.feet_m - kinematics.radii_m[:, None] * sample.normals
-        np.testing.assert_allclose(sample.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
+        np.testing.assert_allclose(
+            sample.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3
+        )
         moment = np.cross(toes - sample.com_m, sample.forces_n).sum(axis=0)
         np.testing.assert_allclose(moment, 0.0, atol=1e-3 * course.weight_n * course.length_scale_m)
         along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)

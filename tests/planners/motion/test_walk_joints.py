@@ -1,4 +1,5 @@
-"""Joint angles of walks, against pinocchio: feet are where the walk has them, on ground that is not level."""
+"""Joint angles of walks, against pinocchio: feet are where the walk has them, on ground that is not
+level."""
 
 from dataclasses import replace
 
@@ -25,23 +26,41 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
     terrain = HeightField(line, line, SLOPE * line[:, None] + 0.0 * line)
     toes = np.array([leg.nominal_m - model.body.com_m for leg in model.legs])
     feet = [
-        Foot(name=leg.name, nominal_m=toe, reach_min_m=toe - reach_m, reach_max_m=toe + reach_m, hip_m=leg.hip_m)
+        Foot(
+            name=leg.name,
+            nominal_m=toe,
+            reach_min_m=toe - reach_m,
+            reach_max_m=toe + reach_m,
+            hip_m=leg.hip_m,
+        )
         for leg, toe in zip(model.legs, toes, strict=True)
     ]
     robot = GaitRobot(
-        name="quadruped", mass_kg=model.body.mass_kg, inertia_kgm2=model.body.inertia_kgm2, feet=tuple(feet),
-        stand_height_m=model.stand_height_m, trunk_half_m=np.array([0.3, 0.1, 0.05]), model=model,
-    )  # fmt: skip
+        name="quadruped",
+        mass_kg=model.body.mass_kg,
+        inertia_kgm2=model.body.inertia_kgm2,
+        feet=tuple(feet),
+        stand_height_m=model.stand_height_m,
+        trunk_half_m=np.array([0.3, 0.1, 0.05]),
+        model=model,
+    )
     turns = 0.1 * np.sin(np.linspace(0.0, 6.0, 41))[:, None] * [1.0, -0.5, 2.0]
     rotation = np.array([pin.exp3(turn) for turn in turns])
     ground = np.column_stack([toes[:, :2], SLOPE * toes[:, 0]])
     return Trajectory(
-        times_s=0.005 * np.arange(41), torso_m=np.array([0.0, 0.0, 0.9 * model.stand_height_m]) + 0.1 * turns,
-        rotation=rotation, feet_m=np.broadcast_to(ground, (41, 4, 3)), forces_n=np.zeros((41, 4, 3)),
-        contact=np.ones((41, 4), dtype=bool), robot=robot, terrain=terrain, friction=0.7,
+        times_s=0.005 * np.arange(41),
+        torso_m=np.array([0.0, 0.0, 0.9 * model.stand_height_m]) + 0.1 * turns,
+        rotation=rotation,
+        feet_m=np.broadcast_to(ground, (41, 4, 3)),
+        forces_n=np.zeros((41, 4, 3)),
+        contact=np.ones((41, 4), dtype=bool),
+        robot=robot,
+        terrain=terrain,
+        friction=0.7,
         adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=np.zeros(2), goal_xy_m=np.zeros(2),
-    )  # fmt: skip
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.zeros(2),
+    )
 
 
 def test_every_foot_touches_the_slope_where_the_walk_has_it() -> None:
@@ -79,6 +98,7 @@ def test_feet_out_of_reach_are_told() -> None:
 def test_a_robot_of_boxes_has_no_joints() -> None:
     walk = leaning()
     with pytest.raises(
-        InvalidInput, match=r"^robot: expected one with legs of its own, got quadruped, which is but its limbs$"
+        InvalidInput,
+        match=r"^robot: expected one with legs of its own, got quadruped, which is but its limbs$",
     ):
         walk_joints(replace(walk, robot=replace(walk.robot, model=None)))

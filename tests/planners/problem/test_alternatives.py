@@ -15,7 +15,14 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, HIGHER, TABLE, Alternative, ordered
+from stancekit.planners.problem.alternatives import (
+    ALTERNATIVES,
+    AS_ASKED,
+    HIGHER,
+    TABLE,
+    Alternative,
+    ordered,
+)
 from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import is_scene, read_course, read_spec
@@ -40,8 +47,14 @@ def test_a_wider_and_lower_stance_scales_every_toe_about_the_centre_of_mass() ->
     changed = Alternative(spread=1.2, height=0.5).of(spec, robot)
     for limb in robot.limbs:
         out = limb.shoulder_m * [1, 1, 0]
-        before = limb.shoulder_m + spec.stance.outward_m * out / np.linalg.norm(out) - [0, 0, spec.stance.down_m]
-        np.testing.assert_allclose(limb.shoulder_m + changed.stance.limbs[limb.name], before * [1.2, 1.2, 0.5])
+        before = (
+            limb.shoulder_m
+            + spec.stance.outward_m * out / np.linalg.norm(out)
+            - [0, 0, spec.stance.down_m]
+        )
+        np.testing.assert_allclose(
+            limb.shoulder_m + changed.stance.limbs[limb.name], before * [1.2, 1.2, 0.5]
+        )
 
 
 def test_a_wave_goes_from_the_rear_to_the_front_on_one_side_and_then_the_other() -> None:
@@ -52,7 +65,9 @@ def test_a_wave_goes_from_the_rear_to_the_front_on_one_side_and_then_the_other()
 def test_further_candidates_are_offered() -> None:
     course = read_course("stairs", frames=3, alternative=Alternative(candidates=2))
     assert max(len(foothold.candidates) for foothold in course.footholds) > 1
-    assert all(len(foothold.candidates) == 1 for foothold in read_course("stairs", frames=3).footholds)
+    assert all(
+        len(foothold.candidates) == 1 for foothold in read_course("stairs", frames=3).footholds
+    )
 
 
 def test_a_level_body_has_no_tilt_in_a_file_and_over_a_terrain() -> None:
@@ -73,15 +88,18 @@ def test_the_table_of_successes_has_every_other_layout_for_all_that_may_be_missi
     assert ordered(ALTERNATIVES[1:], "contacts")[0] == Alternative(level=True)
     mine = Alternative(spread=2.0)
     assert [each.message for each in ordered([mine, *ALTERNATIVES[1:]], "body")] == [
-        *(row["layout"] for row in table["body"]), mine.message,
-    ]  # fmt: skip
+        *(row["layout"] for row in table["body"]),
+        mine.message,
+    ]
 
 
 def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_that_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wall_s, own_s = [0.0], [0.0]
-    monkeypatch.setattr("stancekit.planners.search.plan_course.time.perf_counter", lambda: wall_s[0])
+    monkeypatch.setattr(
+        "stancekit.planners.search.plan_course.time.perf_counter", lambda: wall_s[0]
+    )
     monkeypatch.setattr("stancekit.planners.search.plan_course.time.process_time", lambda: own_s[0])
     ends = list[float]()
 
@@ -99,10 +117,14 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
         return read_course("walls", frames=2)
 
     plan_course(question, Slow(reserve=False), limits=None, layouts=ALTERNATIVES[:4], deadline=60.0)
-    assert ends == pytest.approx([0.6 * 60.0, 60.0])  # 8 s of a quarter take 32 s, and 24 s are left
+    assert ends == pytest.approx(
+        [0.6 * 60.0, 60.0]
+    )  # 8 s of a quarter take 32 s, and 24 s are left
     wall_s[0], own_s[0] = 0.0, 0.0
     ends.clear()
-    plan_course(question, Slow(reserve=False), limits=None, layouts=ALTERNATIVES[:4], deadline=400.0)
+    plan_course(
+        question, Slow(reserve=False), limits=None, layouts=ALTERNATIVES[:4], deadline=400.0
+    )
     assert ends == pytest.approx([240.0, 336.0, 374.4, 400.0])
 
 
@@ -136,7 +158,9 @@ def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(wor
             answer = super().solve(course)
             assert answer.solution is not None
             report, figures = check_plan(answer.solution), {"worst": worst}
-            motion = Group("motion", unit="m", verdict="violated", message="a foot", figures=figures)
+            motion = Group(
+                "motion", unit="m", verdict="violated", message="a foot", figures=figures
+            )
             report = replace(report, groups=(*report.groups, motion))
             return replace(answer, status=Status.UNDECIDED, report=report)
 
@@ -144,7 +168,9 @@ def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(wor
         tried.append(alternative.message)
         return read_course("walls", frames=2)
 
-    outcome: Answer[Plan] = plan_course(question, Astray(reserve=False), limits=None, layouts=ALTERNATIVES)
+    outcome: Answer[Plan] = plan_course(
+        question, Astray(reserve=False), limits=None, layouts=ALTERNATIVES
+    )
     assert outcome.status is Status.UNDECIDED
     others = [each.message for each in ordered(ALTERNATIVES[1:], "body")]
     if worst is None:

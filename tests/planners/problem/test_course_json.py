@@ -1,4 +1,5 @@
-"""A course comes back from its JSON form to the last bit, and what is wrong with a file is named key by key."""
+"""A course comes back from its JSON form to the last bit, and what is wrong with a file is named
+key by key."""
 
 from __future__ import annotations
 
@@ -33,14 +34,22 @@ def patches(draw):
     vertices = np.array(draw(POINTS)) + corners * rng.uniform(0.05, 2.0, 2) @ axes[:, :2].T
     shear = axes[:, 0] + rng.normal() * axes[:, 2]
     normal = np.cross(axes[:, 0], axes[:, 1])
-    return Patch(vertices_m=vertices, normal=normal, shear_reference=shear, friction=draw(st.floats(0.0, 2.0)))
+    return Patch(
+        vertices_m=vertices,
+        normal=normal,
+        shear_reference=shear,
+        friction=draw(st.floats(0.0, 2.0)),
+    )
 
 
 @st.composite
 def courses(draw):
-    """Courses of any shape: 1 to 4 limbs, 1 to 4 frames, any limbs lifted, 1 to 3 candidates, some toes that stand."""
+    """Courses of any shape: 1 to 4 limbs, 1 to 4 frames, any limbs lifted, 1 to 3 candidates, some
+    toes that stand."""
     names = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
-    limbs = tuple(Limb(name=name, shoulder_m=np.array(draw(POINTS)), reach_m=draw(POSITIVE)) for name in names)
+    limbs = tuple(
+        Limb(name=name, shoulder_m=np.array(draw(POINTS)), reach_m=draw(POSITIVE)) for name in names
+    )
     frames = draw(st.integers(1, 4))
     sets = [tuple(name for name in names if draw(st.booleans())) for _ in range(frames)]
     lifts = ((), *sets[1:])
@@ -48,33 +57,52 @@ def courses(draw):
     footholds = [
         Foothold(limb=name, frame=k, candidates=(draw(patches()),), toe_m=np.array(draw(POINTS)))
         if draw(st.booleans())
-        else Foothold(limb=name, frame=k, candidates=tuple(draw(st.lists(patches(), min_size=1, max_size=3))))
+        else Foothold(
+            limb=name, frame=k, candidates=tuple(draw(st.lists(patches(), min_size=1, max_size=3)))
+        )
         for k, name in placed
     ]
     own = {"force_min": -np.abs(draw(POINTS)), "force_max": np.abs(draw(POINTS))}
     footholds = [replace(put, **own) if draw(st.booleans()) else put for put in footholds]
     most = draw(POSITIVE)
     return Problem(
-        name=draw(st.text(max_size=5)), robot=Robot(name=draw(NAMES), mass_kg=draw(POSITIVE), limbs=limbs),
-        terrain=tuple(draw(st.lists(patches(), max_size=3))), footholds=tuple(footholds), lifts=lifts,
-        next_lift=sets[0], com_nominal_m=np.array([draw(POINTS) for _ in range(frames)]),
-        com_radius_m=np.array([draw(POSITIVE) for _ in range(frames)]), goal_m=np.array(draw(POINTS)),
+        name=draw(st.text(max_size=5)),
+        robot=Robot(name=draw(NAMES), mass_kg=draw(POSITIVE), limbs=limbs),
+        terrain=tuple(draw(st.lists(patches(), max_size=3))),
+        footholds=tuple(footholds),
+        lifts=lifts,
+        next_lift=sets[0],
+        com_nominal_m=np.array([draw(POINTS) for _ in range(frames)]),
+        com_radius_m=np.array([draw(POSITIVE) for _ in range(frames)]),
+        goal_m=np.array(draw(POINTS)),
         steps=StepLimits(com_m=most, toe_m=draw(POSITIVE), rotation_rad=0.1, progress_m=0.3 * most),
         weights=Weights(goal=draw(POSITIVE), com_path=draw(st.sampled_from([0.0, 0.3])), tilt=0.0),
-        tilt_limit_rad=draw(st.floats(0.0, 0.5)), gravity_m_s2=draw(POSITIVE), length_scale_m=draw(POSITIVE),
-        force_min=-np.abs(draw(POINTS)), force_max=np.abs(draw(POINTS)), force_scale_n=draw(st.none() | POSITIVE),
-        modes=draw(st.none() | st.lists(st.integers(0, 3), min_size=frames, max_size=frames).map(tuple)),
-    )  # fmt: skip
+        tilt_limit_rad=draw(st.floats(0.0, 0.5)),
+        gravity_m_s2=draw(POSITIVE),
+        length_scale_m=draw(POSITIVE),
+        force_min=-np.abs(draw(POINTS)),
+        force_max=np.abs(draw(POINTS)),
+        force_scale_n=draw(st.none() | POSITIVE),
+        modes=draw(
+            st.none() | st.lists(st.integers(0, 3), min_size=frames, max_size=frames).map(tuple)
+        ),
+    )
 
 
 def same(one, other):
     """Equal to the last bit, whatever the class."""
     if is_dataclass(one):
-        return type(one) is type(other) and all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+        return type(one) is type(other) and all(
+            same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one)
+        )
     if isinstance(one, tuple):
         return isinstance(other, tuple) and len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+        return (
+            one.dtype == other.dtype
+            and one.shape == other.shape
+            and one.tobytes() == other.tobytes()
+        )
     return type(one) is type(other) and one == other
 
 
@@ -112,7 +140,9 @@ def test_every_field_of_a_course_is_in_the_file(data):
     written_as = {"footholds": "placements"}  # what files have called them since course/1
     optional = {"push_n", "standing_m", "wrench"}  # where asked for
     known = {written_as.get(f.name, f.name) for f in fields(Problem)} - optional
-    assert known - {"force_scale_n"} | {"format"} == set(data)  # it is the weight, where files say no other
+    assert known - {"force_scale_n"} | {"format"} == set(
+        data
+    )  # it is the weight, where files say no other
     scaled = replace(read_course("walls", frames=2), force_scale_n=50.0).to_json()
     assert known | {"format"} == set(scaled)
 
@@ -126,7 +156,10 @@ def test_a_course_file_is_read_by_its_name(written, tmp_path):
 def test_a_course_file_has_a_fixed_number_of_frames(written, tmp_path):
     path = tmp_path / "course.json"
     path.write_text(written)
-    with pytest.raises(InvalidInput, match="expected no other number of frames for a course whose footholds are fixed"):
+    with pytest.raises(
+        InvalidInput,
+        match="expected no other number of frames for a course whose footholds are fixed",
+    ):
         read_course(path, frames=3)
 
 
@@ -139,7 +172,9 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
     assert "limb LM: reach_m: expected a number above 0, got -1" in message
     assert "terrain[1].friction: expected a number in [0, 1e+06], got -0.5" in message
     assert "placements[2].candidates[0].normal: expected a unit vector, got length 2" in message
-    assert "steps.progress_m: expected at most steps.com_m = 0.12, the largest step, got 1" in message
+    assert (
+        "steps.progress_m: expected at most steps.com_m = 0.12, the largest step, got 1" in message
+    )
 
 
 @pytest.mark.parametrize(
@@ -149,14 +184,26 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
         (lambda d: d.update(colour="red"), "colour: unknown key"),
         (lambda d: d.update(format="stancekit/course/2"), "format: expected 'stancekit/course/1'"),
         (lambda d: d["com_nominal_m"].pop(), "com_nominal_m: expected shape (2, 3), got (1, 3)"),
-        (lambda d: d["placements"].pop(), "placements: frame 1, limb RR: expected a foothold, since it moves there"),
-        (lambda d: d["placements"][0].update(limb="XX"), "placements: frame 0, limb LF: expected a foothold"),
-        (lambda d: d["placements"][0].update(candidates=[]), "expected one or more candidate patches, got none within"),
+        (
+            lambda d: d["placements"].pop(),
+            "placements: frame 1, limb RR: expected a foothold, since it moves there",
+        ),
+        (
+            lambda d: d["placements"][0].update(limb="XX"),
+            "placements: frame 0, limb LF: expected a foothold",
+        ),
+        (
+            lambda d: d["placements"][0].update(candidates=[]),
+            "expected one or more candidate patches, got none within",
+        ),
         (
             lambda d: d["placements"][0].update(frame="0"),
             "placements[0].frame: expected a valid integer, got '0'",
         ),
-        (lambda d: d["lifts"][1].append("tail"), "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"),
+        (
+            lambda d: d["lifts"][1].append("tail"),
+            "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'",
+        ),
         (lambda d: d.update(goal_m=[0.0, float("nan"), 0.0]), "goal_m: expected finite numbers"),
         (lambda d: d.update(lifts=[]), "frames: expected 1 to 1000 key frames, got 0"),
     ],
@@ -168,4 +215,7 @@ def test_a_file_that_was_changed_is_refused_with_the_place(data, change, message
 
 
 def test_something_else_than_an_object_is_refused():
-    assert refusal([1]) == "expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got list"
+    assert (
+        refusal([1])
+        == "expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got list"
+    )

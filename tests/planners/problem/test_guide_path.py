@@ -21,14 +21,23 @@ SQUARE_M = HALF_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 def footprint() -> Footprint:
     """A square robot, 0.6 m wide."""
     return Footprint(
-        toes_m=TOES_M, hull_m=SQUARE_M, low_m=-0.4 * HEIGHT_M, high_m=0.1, names=("LR", "RR", "LF", "RF"),
+        toes_m=TOES_M,
+        hull_m=SQUARE_M,
+        low_m=-0.4 * HEIGHT_M,
+        high_m=0.1,
+        names=("LR", "RR", "LF", "RF"),
         reach_m=REACH_M,
-    )  # fmt: skip
+    )
 
 
 def patch(corners, normal, shear) -> Patch:
     """A surface of corners."""
-    return Patch(vertices_m=np.array(corners, dtype=float), normal=normal, shear_reference=shear, friction=0.7)
+    return Patch(
+        vertices_m=np.array(corners, dtype=float),
+        normal=normal,
+        shear_reference=shear,
+        friction=0.7,
+    )
 
 
 def floor(x0, x1, y0, y1, z=0.0) -> Patch:
@@ -37,7 +46,8 @@ def floor(x0, x1, y0, y1, z=0.0) -> Patch:
 
 
 def box(x0, x1, y0, y1, z0, z1) -> list[Patch]:
-    """The five surfaces of a box that are not its underside, and that where it is above the ground."""
+    """The five surfaces of a box that are not its underside, and that where it is above the
+    ground."""
     made = [
         floor(x0, x1, y0, y1, z1),
         patch([(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0)], (-1, 0, 0), (0, 0, 1)),
@@ -46,14 +56,18 @@ def box(x0, x1, y0, y1, z0, z1) -> list[Patch]:
         patch([(x0, y1, z0), (x0, y1, z1), (x1, y1, z1), (x1, y1, z0)], (0, 1, 0), (0, 0, 1)),
     ]
     if z0 > 0.0:
-        made.append(patch([(x0, y0, z0), (x0, y1, z0), (x1, y1, z0), (x1, y0, z0)], (0, 0, -1), (1, 0, 0)))
+        made.append(
+            patch([(x0, y0, z0), (x0, y1, z0), (x1, y1, z0), (x1, y0, z0)], (0, 0, -1), (1, 0, 0))
+        )
     return made
 
 
 def over(floors, *boxes) -> Terrain:
     """Floors, on which toes may stand, and boxes, on which none may."""
     solids = [each for one in boxes for each in box(*one)]
-    return Terrain(patches=(*floors, *solids), footing=(*(True for _ in floors), *(False for _ in solids)))
+    return Terrain(
+        patches=(*floors, *solids), footing=(*(True for _ in floors), *(False for _ in solids))
+    )
 
 
 def path(terrain, start, goal, avoid=()):
@@ -89,11 +103,15 @@ def test_the_way_round_a_block_is_no_shorter_than_the_taut_one_and_not_much_long
 @pytest.mark.parametrize("gap", [0.3, 0.5])
 def test_a_gap_that_is_narrower_than_the_robot_is_named_with_its_place_and_width(gap):
     left, right = (1.9, 2.1, -2.5, -0.5 * gap, 0.0, 1.2), (1.9, 2.1, 0.5 * gap, 2.5, 0.0, 1.2)
-    with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \(1.9, ") as refused:
+    with pytest.raises(
+        PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \(1.9, "
+    ) as refused:
         path(over([LEVEL], left, right), (0, 0), (4, 0))
     message = str(refused.value)
     assert "1.2 m high: no way round within" in message
-    width, widest = (float(part.split(" m")[0]) for part in message.split("the robot is ")[1].split("about "))
+    width, widest = (
+        float(part.split(" m")[0]) for part in message.split("the robot is ")[1].split("about ")
+    )
     assert width == pytest.approx(0.6, abs=0.01)
     assert widest == pytest.approx(gap, abs=2 * LATTICE_M)
 
@@ -112,9 +130,15 @@ def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
         path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.2, 0.3)), (0, 0), (4, 0))
 
 
-@pytest.mark.parametrize(("start", "goal", "name"), [((2, 0), (4, 0), "start"), ((0, 0), (2, 0), "goal")])
-def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest_place(start, goal, name):
-    wanted = rf"{name}: expected a place outside of solids, got \(2, 0\) in the solid that is 1 m high"
+@pytest.mark.parametrize(
+    ("start", "goal", "name"), [((2, 0), (4, 0), "start"), ((0, 0), (2, 0), "goal")]
+)
+def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest_place(
+    start, goal, name
+):
+    wanted = (
+        rf"{name}: expected a place outside of solids, got \(2, 0\) in the solid that is 1 m high"
+    )
     with pytest.raises(NoPlace, match=wanted) as refused:
         path(over([LEVEL], (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)), start, goal)
     away = float(str(refused.value).split("nearest place to stand is ")[1].split(" m")[0])
@@ -122,18 +146,24 @@ def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest
 
 
 def test_a_goal_off_the_terrain_says_how_far_it_is():
-    with pytest.raises(NoPlace, match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border"):
+    with pytest.raises(
+        NoPlace, match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border"
+    ):
         path(over([LEVEL]), (0, 0), (7, 0))
 
 
 def test_a_goal_at_the_start_is_refused():
-    with pytest.raises(InvalidInput, match=r"goal: expected a place .* or more from the start, got 0 m"):
+    with pytest.raises(
+        InvalidInput, match=r"goal: expected a place .* or more from the start, got 0 m"
+    ):
         path(over([LEVEL]), (1, 1), (1, 1))
 
 
 def test_a_trench_that_no_toe_crosses_is_named():
     banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5)]
-    with pytest.raises(PlanningFailed, match=r"hole or border: no footholds within .* m of \((1|2)\.\d+, "):
+    with pytest.raises(
+        PlanningFailed, match=r"hole or border: no footholds within .* m of \((1|2)\.\d+, "
+    ):
         path(over(banks), (0, 0), (4, 0))
 
 
@@ -179,7 +209,9 @@ def test_walks_go_round_what_is_high_in_heights_and_straight_where_nothing_is():
 
 def test_walks_are_refused_at_a_wall_across_heights():
     x, y = np.linspace(-1.0, 5.0, 121), np.linspace(-1.0, 1.0, 41)
-    wall = HeightField(x_m=x, y_m=y, heights_m=np.where(np.abs(x - 2.0) < 0.2, 1.0, 0.0)[:, None] + 0.0 * y)
+    wall = HeightField(
+        x_m=x, y_m=y, heights_m=np.where(np.abs(x - 2.0) < 0.2, 1.0, 0.0)[:, None] + 0.0 * y
+    )
     with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \("):
         guide_over(wall, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
 
@@ -188,7 +220,9 @@ def test_heights_say_how_wide_the_widest_gap_is_where_the_robot_is_wider():
     x, y = np.linspace(-1.0, 5.0, 241), np.linspace(-1.5, 1.5, 121)
     wall = (np.abs(x - 2.0) < 0.2)[:, None] & (np.abs(y) > 0.2)[None]
     field = HeightField(x_m=x, y_m=y, heights_m=np.where(wall, 1.0, 0.0))
-    with pytest.raises(PlanningFailed, match=r"wall at .* no way round within .*; the robot is") as refused:
+    with pytest.raises(
+        PlanningFailed, match=r"wall at .* no way round within .*; the robot is"
+    ) as refused:
         guide_over(field, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
     gap = float(str(refused.value).rpartition("about ")[2].removesuffix(" m"))
     assert 0.4 - 3.0 * LATTICE_M <= gap <= 0.4 + LATTICE_M

@@ -28,23 +28,37 @@ def leap() -> Leap:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"phases": ()}, "phases: expected contacts in the first and in the last phase, got a flight"),
-        ({"phases": (Phase(limbs=("LF",)), Phase(limbs=()))},
-         "phases: expected contacts in the first and in the last phase, got a flight"),
-        ({"phases": (Phase(limbs=()), Phase(limbs=("LF",)))},
-         "phases: expected contacts in the first and in the last phase, got a flight"),
-        ({"phases": (Phase(limbs=("XX",)),)}, "phases[0].limbs: expected some of LF, RF, LH, RH, each once, got XX"),
+        (
+            {"phases": ()},
+            "phases: expected contacts in the first and in the last phase, got a flight",
+        ),
+        (
+            {"phases": (Phase(limbs=("LF",)), Phase(limbs=()))},
+            "phases: expected contacts in the first and in the last phase, got a flight",
+        ),
+        (
+            {"phases": (Phase(limbs=()), Phase(limbs=("LF",)))},
+            "phases: expected contacts in the first and in the last phase, got a flight",
+        ),
+        (
+            {"phases": (Phase(limbs=("XX",)),)},
+            "phases[0].limbs: expected some of LF, RF, LH, RH, each once, got XX",
+        ),
         ({"timings_s": ()}, "timings_s: expected one or more timings, got none"),
         ({"timings_s": ((0.3, 0.3),)}, "timings_s[0]: expected 3 durations, one per phase, got 2"),
-        ({"timings_s": ((0.3, -0.1, 0.3),)},
-         "timings_s[0]: expected durations above 0 and below 60 s, got [0.3, -0.1, 0.3]"),
-        ({"duration_s": 1.0},
-         "timings_s[0]: expected durations that add up to duration_s, 1 s, got 0.96 s"),
+        (
+            {"timings_s": ((0.3, -0.1, 0.3),)},
+            "timings_s[0]: expected durations above 0 and below 60 s, got [0.3, -0.1, 0.3]",
+        ),
+        (
+            {"duration_s": 1.0},
+            "timings_s[0]: expected durations that add up to duration_s, 1 s, got 0.96 s",
+        ),
         ({"footholds": ()}, "footholds: expected one of LF in phase 0, where it begins to stand"),
         ({"robot": hexapod()}, "robot.inertia_kgm2: expected the inertia of hexapod, got none"),
         ({"goal_radius_m": 0.0}, "goal_radius_m: expected a number above 0, got 0"),
     ],
-)  # fmt: skip
+)
 def test_a_leap_that_makes_no_sense_says_why(leap: Leap, changes, message) -> None:
     with pytest.raises(InvalidInput) as said:
         replace(leap, **changes)
@@ -53,7 +67,9 @@ def test_a_leap_that_makes_no_sense_says_why(leap: Leap, changes, message) -> No
 
 def test_footholds_are_one_per_landing(leap: Leap) -> None:
     twice = (*leap.footholds, leap.footholds[0])
-    with pytest.raises(InvalidInput, match=r"footholds\[8\]: expected one per limb and phase .* LF in phase 0"):
+    with pytest.raises(
+        InvalidInput, match=r"footholds\[8\]: expected one per limb and phase .* LF in phase 0"
+    ):
         replace(leap, footholds=twice)
     with pytest.raises(InvalidInput, match="expected one or more candidate patches, got none"):
         Foothold(limb="LF", frame=0, candidates=())
@@ -63,7 +79,10 @@ def test_footholds_are_one_per_landing(leap: Leap) -> None:
     ("make", "message"),
     [
         (lambda: Phase(limbs=("LF",), intervals=0), "intervals: expected 1 to 64, got 0"),
-        (lambda: LeapLimits(tilt_rad=1.0), "tilt_rad: expected at most 0.5, where rotations are small, got 1"),
+        (
+            lambda: LeapLimits(tilt_rad=1.0),
+            "tilt_rad: expected at most 0.5, where rotations are small, got 1",
+        ),
         (lambda: LeapLimits(ramp=2.0), "ramp: expected a number in (0, 1], got 2"),
         (lambda: BodyState(com_m=np.array([np.nan, 0.0, 0.0])), "com_m: expected finite"),
         (lambda: leap_class("no"), "distribution: expected one of leap-base, "),
@@ -81,11 +100,15 @@ def test_limbs_that_stand_on_are_on_one_foothold() -> None:
     first, last = drawn.footholds[:4], drawn.footholds[4:]
     hop = replace(
         drawn,
-        phases=(Phase(limbs=robot.limb_names), Phase(limbs=("LH", "RH"), intervals=2), Phase(limbs=()),
-                Phase(limbs=robot.limb_names)),
+        phases=(
+            Phase(limbs=robot.limb_names),
+            Phase(limbs=("LH", "RH"), intervals=2),
+            Phase(limbs=()),
+            Phase(limbs=robot.limb_names),
+        ),
         timings_s=((0.2, 0.2, 0.32, 0.3),),
         footholds=(*first, *(replace(one, frame=3) for one in last)),
-    )  # fmt: skip
+    )
     assert hop.holds.tolist() == [[0, 1, 2, 3], [-1, -1, 2, 3], [-1] * 4, [4, 5, 6, 7]]
     assert hop.times_s(0).tolist() == pytest.approx([0.0, 0.2, 0.3, 0.4, 0.72, 1.02])
 
@@ -102,10 +125,15 @@ def test_a_file_gives_back_the_question_the_plan_and_the_proof(tmp_path) -> None
     box = leap_class("leap-anymal").draw(np.random.default_rng(0))
     assert leap_to_json(leap_from_keys(leap_to_json(box), "x")) == leap_to_json(box)
     refused = next(
-        outcome for seed in range(20)
-        if (outcome := find_leap(leap_class("leap-few").draw(np.random.default_rng(seed)), LeapFinder(solves=2)))
-        .certificate is not None
-    )  # fmt: skip
+        outcome
+        for seed in range(20)
+        if (
+            outcome := find_leap(
+                leap_class("leap-few").draw(np.random.default_rng(seed)), LeapFinder(solves=2)
+            )
+        ).certificate
+        is not None
+    )
     write_leap(tmp_path / "none.json", refused.problem, None, refused.certificate)
     again = read_leap(tmp_path / "none.json").certificate
     assert again is not None
@@ -118,13 +146,21 @@ def test_a_damaged_file_is_refused_in_one_line(leap: Leap, tmp_path) -> None:
     path = tmp_path / "leap.json"
     for change, message in (
         ({"phases": 3}, "phases: expected a list"),
-        ({"robot": {**good["robot"], "inertia_kgm2": None}}, "robot.inertia_kgm2: expected the inertia of nameless"),
-        ({"footholds": [{**good["footholds"][0], "candidates": []}]},
-         "footholds[0]: frame 0, limb LF: expected one or more candidate patches, got none"),
+        (
+            {"robot": {**good["robot"], "inertia_kgm2": None}},
+            "robot.inertia_kgm2: expected the inertia of nameless",
+        ),
+        (
+            {"footholds": [{**good["footholds"][0], "candidates": []}]},
+            "footholds[0]: frame 0, limb LF: expected one or more candidate patches, got none",
+        ),
         ({"plan": {}}, "plan: expected an object with the keys timing, choice"),
-        ({"certificate": {"tree": []}}, "certificate: expected an object with the keys tree and multipliers"),
+        (
+            {"certificate": {"tree": []}},
+            "certificate: expected an object with the keys tree and multipliers",
+        ),
         ({"moon": 1}, "moon"),
-    ):  # fmt: skip
+    ):
         path.write_text(json.dumps({**good, **change}))
         with pytest.raises(InvalidInput) as said:
             read_leap(path)
@@ -137,7 +173,9 @@ def test_every_class_draws_the_same_leap_for_the_same_seed() -> None:
     for name in leap_classes():
         if name == "leap-go1" and provider_folder("example-robot-data") is None:
             continue
-        first, second = (leap_to_json(leap_class(name).draw(np.random.default_rng(4))) for _ in range(2))
+        first, second = (
+            leap_to_json(leap_class(name).draw(np.random.default_rng(4))) for _ in range(2)
+        )
         assert first == second
 
 
@@ -152,7 +190,9 @@ def test_a_walkers_boxes_become_half_spaces_with_limits_of_its_file() -> None:
         leaping_robot(hexapod())
 
 
-@pytest.mark.skipif(provider_folder("example-robot-data") is None, reason="example-robot-data is not installed")
+@pytest.mark.skipif(
+    provider_folder("example-robot-data") is None, reason="example-robot-data is not installed"
+)
 def test_a_models_legs_have_the_speed_and_power_of_their_joints() -> None:
     robot = leaping_robot("go1")
     leg = robot.limbs[0].leg
@@ -171,9 +211,15 @@ def test_a_limb_without_limits_is_its_shoulder(leap: Leap) -> None:
 def test_a_class_of_ones_own_is_a_file_and_draws_what_its_keys_say(tmp_path):
     same = tmp_path / "leap-same.yaml"
     same.write_text("{jump_m: [0.85, 1.15], friction: [0.1, 0.7]}\n")
-    one, other = (leap_class(name).draw(np.random.default_rng(3)) for name in (str(same), "leap-hard"))
+    one, other = (
+        leap_class(name).draw(np.random.default_rng(3)) for name in (str(same), "leap-hard")
+    )
     assert leap_to_json(one) == leap_to_json(other)
-    for text, line in (("robott: 3", "robott: unknown key"), ("candidates: 0", "candidates: "), ("[1, 2]", "leap-")):
+    for text, line in (
+        ("robott: 3", "robott: unknown key"),
+        ("candidates: 0", "candidates: "),
+        ("[1, 2]", "leap-"),
+    ):
         same.write_text(text)
         with pytest.raises(InvalidInput, match=line) as caught:
             leap_class(str(same))

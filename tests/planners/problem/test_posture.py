@@ -1,4 +1,5 @@
-"""Robots, patches and posture problems: what goes in comes out to the last bit, and what is wrong is named."""
+"""Robots, patches and posture problems: what goes in comes out to the last bit, and what is wrong
+is named."""
 
 from __future__ import annotations
 
@@ -17,14 +18,20 @@ from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.terrain import Patch
 
 SEEDS = st.integers(0, 2**32 - 1)
-DIRECTIONS = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
+DIRECTIONS = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
+)
 TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 NOT_CONVEX = "vertices_m: expected a convex polygon, its vertices in order around the border"
 
 
-def flat(vertices=TRIANGLE, *, normal=(0.0, 0.0, 1.0), shear_reference=(1.0, 0.0, 0.0), friction=0.5):
-    return Patch(vertices_m=vertices, normal=normal, shear_reference=shear_reference, friction=friction)
+def flat(
+    vertices=TRIANGLE, *, normal=(0.0, 0.0, 1.0), shear_reference=(1.0, 0.0, 0.0), friction=0.5
+):
+    return Patch(
+        vertices_m=vertices, normal=normal, shear_reference=shear_reference, friction=friction
+    )
 
 
 def star(points, step):
@@ -60,7 +67,8 @@ def spoilt(record, *changes):
     return record
 
 
-# ------------------------------------------------------------------------------------------------------------- JSON
+# -------------------------------------------------------------------------------------------------------------
+# JSON
 
 
 @pytest.mark.parametrize("name", ["ground-3", "wall-3", "wall-5"])
@@ -83,18 +91,34 @@ def test_any_numbers_come_back_to_the_last_bit(seed):
     normal = rng.normal(size=3)
     normal /= np.linalg.norm(normal)
     first = np.cross(normal, rng.normal(size=3))
-    vertices = rng.normal(size=3) + 10.0 ** rng.uniform(-2, 2) * np.array([0 * first, first, np.cross(normal, first)])
-    patch = flat(vertices, normal=normal, shear_reference=first * rng.uniform(0.1, 9.0), friction=rng.exponential())
+    vertices = rng.normal(size=3) + 10.0 ** rng.uniform(-2, 2) * np.array(
+        [0 * first, first, np.cross(normal, first)]
+    )
+    patch = flat(
+        vertices,
+        normal=normal,
+        shear_reference=first * rng.uniform(0.1, 9.0),
+        friction=rng.exponential(),
+    )
     bound = np.sort(rng.normal(size=(2, 3)), axis=0)
     contact = Contact(
-        leg="LM", shoulder_m=rng.normal(size=3), reach_m=rng.exponential(), patch=patch, force_min=bound[0],
+        leg="LM",
+        shoulder_m=rng.normal(size=3),
+        reach_m=rng.exponential(),
+        patch=patch,
+        force_min=bound[0],
         force_max=bound[1],
-    )  # fmt: skip
+    )
     problem = Problem.posture(
-        contacts=(contact,), mass_kg=rng.exponential(), gravity_m_s2=rng.exponential(), com_radius_m=rng.exponential(),
-        force_scale_n=rng.exponential(), length_scale_m=rng.exponential(), tilt_limit_rad=rng.uniform(0.0, 1.5),
+        contacts=(contact,),
+        mass_kg=rng.exponential(),
+        gravity_m_s2=rng.exponential(),
+        com_radius_m=rng.exponential(),
+        force_scale_n=rng.exponential(),
+        length_scale_m=rng.exponential(),
+        tilt_limit_rad=rng.uniform(0.0, 1.5),
         com_nominal_m=rng.normal(size=3),
-    )  # fmt: skip
+    )
     text = json.dumps(problem.to_json())
     assert json.dumps(Problem.from_json(json.loads(text)).to_json()) == text
 
@@ -102,12 +126,27 @@ def test_any_numbers_come_back_to_the_last_bit(seed):
 def test_the_json_has_the_keys_of_the_format(record):
     assert record["format"] == "stancekit/posture/1"
     assert list(record) == [
-        "format", "mass_kg", "gravity_m_s2", "force_scale_n", "length_scale_m", "com_nominal_m", "com_radius_m",
-        "tilt_limit_rad", "contacts",
-    ]  # fmt: skip
+        "format",
+        "mass_kg",
+        "gravity_m_s2",
+        "force_scale_n",
+        "length_scale_m",
+        "com_nominal_m",
+        "com_radius_m",
+        "tilt_limit_rad",
+        "contacts",
+    ]
     assert list(record["contacts"][0]) == [
-        "leg", "shoulder_m", "reach_m", "vertices_m", "normal", "shear_reference", "friction", "force_min", "force_max",
-    ]  # fmt: skip
+        "leg",
+        "shoulder_m",
+        "reach_m",
+        "vertices_m",
+        "normal",
+        "shear_reference",
+        "friction",
+        "force_min",
+        "force_max",
+    ]
 
 
 def test_the_legs_may_be_those_of_another_robot(record):
@@ -127,7 +166,10 @@ HUGE = 10**400
 BAD = [
     ((("mass_kg",), ...), "mass_kg: expected this key, got nothing"),
     ((("weight",), 3.0), "weight: unknown key"),
-    ((("format",), "stancekit/posture/2"), "format: expected 'stancekit/posture/1', got 'stancekit/posture/2'"),
+    (
+        (("format",), "stancekit/posture/2"),
+        "format: expected 'stancekit/posture/1', got 'stancekit/posture/2'",
+    ),
     ((("format",), ...), "format: expected this key, got nothing"),
     ((("mass_kg",), -1.0), "mass_kg: expected a number above 0, got -1"),
     ((("mass_kg",), 0), "mass_kg: expected a number above 0, got 0"),
@@ -157,21 +199,48 @@ BAD = [
     (((*ONE, "reach_m"), 0.0), "contacts[1].reach_m: expected a number above 0, got 0"),
     (((*ONE, "friction"), -0.2), "contacts[1].friction: expected a number in [0, 1e+06], got -0.2"),
     (((*ONE, "friction"), float("nan")), "contacts[1].friction: expected finite numbers, got nan"),
-    (((*ONE, "friction"), HUGE), f"contacts[1].friction: expected a valid number, got {str(HUGE)[:60]}"),
+    (
+        ((*ONE, "friction"), HUGE),
+        f"contacts[1].friction: expected a valid number, got {str(HUGE)[:60]}",
+    ),
     (((*ONE, "friction"), False), "contacts[1].friction: expected a valid number, got False"),
-    (((*ONE, "shoulder_m"), [0.0, 1e300, 0.0]), "contacts[1].shoulder_m: expected magnitudes up to 1e+06, got 1e+300"),
-    (((*ONE, "normal"), [0.0, 0.0, 2.0]), "contacts[1].normal: expected a unit vector, got length 2"),
-    (((*ONE, "normal"), [0.0, 0.0, 0.0]), "contacts[1].normal: expected a unit vector, got length 0"),
+    (
+        ((*ONE, "shoulder_m"), [0.0, 1e300, 0.0]),
+        "contacts[1].shoulder_m: expected magnitudes up to 1e+06, got 1e+300",
+    ),
+    (
+        ((*ONE, "normal"), [0.0, 0.0, 2.0]),
+        "contacts[1].normal: expected a unit vector, got length 2",
+    ),
+    (
+        ((*ONE, "normal"), [0.0, 0.0, 0.0]),
+        "contacts[1].normal: expected a unit vector, got length 0",
+    ),
     (((*ONE, "vertices_m", 2), ...), "contacts[1].vertices_m: expected 3 or more vertices, got 2"),
-    (((*ONE, "vertices_m", 0), [0.0, 1.0]), "contacts[1].vertices_m: expected numbers of shape (any, 3), got "),
-    (((*ONE, "vertices_m", 0, 2), "1"), "contacts[1].vertices_m[0][2]: expected a valid number, got '1'"),
-    (((*ONE, "vertices_m", 0, 2), float("inf")), "contacts[1].vertices_m: expected finite numbers, got [["),
-    (((*ONE, "shear_reference"), [0, 0, 0]), "contacts[1].shear_reference: expected a non-zero vector, got length 0"),
+    (
+        ((*ONE, "vertices_m", 0), [0.0, 1.0]),
+        "contacts[1].vertices_m: expected numbers of shape (any, 3), got ",
+    ),
+    (
+        ((*ONE, "vertices_m", 0, 2), "1"),
+        "contacts[1].vertices_m[0][2]: expected a valid number, got '1'",
+    ),
+    (
+        ((*ONE, "vertices_m", 0, 2), float("inf")),
+        "contacts[1].vertices_m: expected finite numbers, got [[",
+    ),
+    (
+        ((*ONE, "shear_reference"), [0, 0, 0]),
+        "contacts[1].shear_reference: expected a non-zero vector, got length 0",
+    ),
     (
         ((*ONE, "force_min"), [2, 0, 0]),
         "contacts[1].force_min: expected at most force_max [1.0, 1.0, 1.0], got [2.0, 0.0, 0.0]",
     ),
-    (((*ONE, "force_max"), [1.0, 1.0, 1.0, 1.0]), "contacts[1].force_max: expected shape (3,), got (4,)"),
+    (
+        ((*ONE, "force_max"), [1.0, 1.0, 1.0, 1.0]),
+        "contacts[1].force_max: expected shape (3,), got (4,)",
+    ),
 ]
 
 
@@ -191,9 +260,12 @@ def test_what_is_no_object_is_named(what):
 
 def test_all_keys_of_the_wrong_kind_are_reported_at_once(record):
     changes = [
-        (("mass_kg",), "heavy"), (("com_radius_m",), ...), (("wind",), 1.0), ((*ONE, "friction"), None),
+        (("mass_kg",), "heavy"),
+        (("com_radius_m",), ...),
+        (("wind",), 1.0),
+        ((*ONE, "friction"), None),
         (("contacts", 2, "normal"), 5),
-    ]  # fmt: skip
+    ]
     said = refusal(Problem.from_json, spoilt(record, *changes)).split("; ")
     assert sorted(said) == [
         "com_radius_m: expected this key, got nothing",
@@ -212,9 +284,16 @@ def test_all_contacts_out_of_range_are_reported_at_once(record):
 
 
 def test_all_values_out_of_range_are_reported_at_once(record):
-    changes = [(("mass_kg",), -1.0), (("com_radius_m",), -1.0), ((*ONE, "friction"), -1.0), ((*ONE, "reach_m"), -1.0)]
+    changes = [
+        (("mass_kg",), -1.0),
+        (("com_radius_m",), -1.0),
+        ((*ONE, "friction"), -1.0),
+        ((*ONE, "reach_m"), -1.0),
+    ]
     said = refusal(Problem.from_json, spoilt(record, *changes))
-    assert [key for key in ("mass_kg", "com_radius_m", "[1].friction", "[1].reach_m") if key not in said] == []
+    assert [
+        key for key in ("mass_kg", "com_radius_m", "[1].friction", "[1].reach_m") if key not in said
+    ] == []
 
 
 def test_the_body_is_reported_also_where_every_contact_is_wrong(record):
@@ -223,12 +302,21 @@ def test_the_body_is_reported_also_where_every_contact_is_wrong(record):
 
 
 def test_everything_wrong_with_a_patch_is_reported_at_once(record):
-    changes = [((*ONE, "friction"), -1.0), ((*ONE, "shear_reference"), [0, 0, 0]), ((*ONE, "normal"), [0, 0, 9])]
+    changes = [
+        ((*ONE, "friction"), -1.0),
+        ((*ONE, "shear_reference"), [0, 0, 0]),
+        ((*ONE, "normal"), [0, 0, 9]),
+    ]
     said = refusal(Problem.from_json, spoilt(record, *changes))
-    assert [key for key in ("friction", "shear_reference", "normal") if f"contacts[1].{key}: " not in said] == []
+    assert [
+        key
+        for key in ("friction", "shear_reference", "normal")
+        if f"contacts[1].{key}: " not in said
+    ] == []
 
 
-# ------------------------------------------------------------------------------------------------------------ patch
+# ------------------------------------------------------------------------------------------------------------
+# patch
 
 
 @given(DIRECTIONS, DIRECTIONS)
@@ -250,7 +338,9 @@ def test_the_contact_frame_is_right_handed_with_z_along_the_projected_reference(
 
 
 def test_the_frame_of_a_wall_is_the_one_of_the_format():
-    wall = flat([[0, 0.4, 0], [0.1, 0.4, 0], [0, 0.4, 0.1]], normal=(0, -1, 0), shear_reference=(0, 0, 7))
+    wall = flat(
+        [[0, 0.4, 0], [0.1, 0.4, 0], [0, 0.4, 0.1]], normal=(0, -1, 0), shear_reference=(0, 0, 7)
+    )
     np.testing.assert_array_equal(wall.frame.T, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(wall.centre_m, [0.1 / 3, 0.4, 0.1 / 3])
 
@@ -269,7 +359,9 @@ def test_what_a_patch_keeps_is_its_own_and_read_only():
 
 @given(SEEDS, st.integers(3, 9))
 @settings(max_examples=60)
-def test_a_convex_border_is_accepted_from_any_corner_either_way_round_and_no_other_order_is(seed, count):
+def test_a_convex_border_is_accepted_from_any_corner_either_way_round_and_no_other_order_is(
+    seed, count
+):
     rng = np.random.default_rng(seed)
     angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     border = np.column_stack([rng.uniform(0.5, 2.0) * np.cos(angle), np.sin(angle), 0.0 * angle])
@@ -292,8 +384,14 @@ def test_a_corner_on_a_straight_edge_is_allowed():
         ([], "vertices_m: expected shape (any, 3), got (0,)"),
         ([[0, 0], [1, 0], [0, 1]], "vertices_m: expected shape (any, 3), got (3, 2)"),
         ([[0, 0, 0]] * 3, "vertices_m: expected a patch with an area, got one of diameter 0 m"),
-        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], "vertices_m: expected a patch with an area, got 0 m² on 2 m"),
-        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "vertices_m: expected a patch with an area, got 0 m² on 1.41 m"),
+        (
+            [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
+            "vertices_m: expected a patch with an area, got 0 m² on 2 m",
+        ),
+        (
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]],
+            "vertices_m: expected a patch with an area, got 0 m² on 1.41 m",
+        ),
         ([[0, 0, 0], [2, 0, 0], [0, 1, 0], [1, 1, 0]], NOT_CONVEX),
         ([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]], NOT_CONVEX),
         ([[0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0]], NOT_CONVEX),
@@ -319,14 +417,20 @@ def test_a_corner_given_twice_is_one_corner(doubled):
 @pytest.mark.parametrize(
     ("rest", "message"),
     [
-        ({"normal": (0, 0.6, 0.8)}, "vertices_m: expected a plane with the given normal, got vertices 400 mm off it"),
+        (
+            {"normal": (0, 0.6, 0.8)},
+            "vertices_m: expected a plane with the given normal, got vertices 400 mm off it",
+        ),
         ({"normal": (0, 0, 1.1)}, "normal: expected a unit vector, got length 1.1"),
         ({"normal": (0, 0, np.nan)}, "normal: expected finite numbers, got [0.0, 0.0, nan]"),
         (
             {"shear_reference": (0, 0, -3)},
             "shear_reference: expected a direction not along the normal, got [0.0, 0.0, -1.0]",
         ),
-        ({"shear_reference": (1e-10, 0, 0)}, "shear_reference: expected a non-zero vector, got length 1e-10"),
+        (
+            {"shear_reference": (1e-10, 0, 0)},
+            "shear_reference: expected a non-zero vector, got length 1e-10",
+        ),
         ({"friction": -0.5}, "friction: expected a number in [0, 1e+06], got -0.5"),
         ({"friction": np.inf}, "friction: expected finite numbers, got inf"),
         ({"friction": [0.5]}, "friction: expected shape (), got (1,)"),
@@ -348,7 +452,8 @@ def test_a_slightly_long_normal_is_normalised_once_and_for_all():
     assert again.normal.tobytes() == patch.normal.tobytes()
 
 
-# --------------------------------------------------------------------------------------------- robot, contact, body
+# ---------------------------------------------------------------------------------------------
+# robot, contact, body
 
 
 def test_the_hexapod_is_that_of_the_paper():
@@ -359,12 +464,17 @@ def test_the_hexapod_is_that_of_the_paper():
         x, y, z = limb.shoulder_m
         assert (np.hypot(x, y), z, limb.reach_m) == (pytest.approx(0.18), 0.0, 0.35)
         assert np.sign(y) == (1.0 if limb.name[0] == "L" else -1.0)
-        assert np.rad2deg(np.arctan2(abs(y), x)) == pytest.approx({"F": 30.0, "M": 90.0, "R": 150.0}[limb.name[1]])
+        assert np.rad2deg(np.arctan2(abs(y), x)) == pytest.approx(
+            {"F": 30.0, "M": 90.0, "R": 150.0}[limb.name[1]]
+        )
 
 
 def test_limbs_are_selected_in_the_order_asked_for():
     assert [limb.name for limb in hexapod().select(["RR", "LF"])] == ["RR", "LF"]
-    assert refusal(hexapod().select, ["LF", "tail"]) == "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"
+    assert (
+        refusal(hexapod().select, ["LF", "tail"])
+        == "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"
+    )
 
 
 def test_bad_robots_are_refused():
@@ -372,12 +482,16 @@ def test_bad_robots_are_refused():
     none = "robot r: expected one or more limbs of different names, got "
     assert refusal(Robot, name="r", mass_kg=1.0, limbs=()) == none + "[]"
     assert refusal(Robot, name="r", mass_kg=1.0, limbs=(limb, limb)) == none + "['a', 'a']"
-    assert refusal(Robot, name="r", mass_kg=0.0, limbs=(limb,)) == "robot r: mass_kg: expected a number above 0, got 0"
+    assert (
+        refusal(Robot, name="r", mass_kg=0.0, limbs=(limb,))
+        == "robot r: mass_kg: expected a number above 0, got 0"
+    )
     assert refusal(Limb, name="a", shoulder_m=[0, 0, 0], reach_m=-1.0) == (
         "limb a: reach_m: expected a number above 0, got -1"
     )
     assert (
-        refusal(Limb, name="a", shoulder_m=[0, 0], reach_m=1.0) == "limb a: shoulder_m: expected shape (3,), got (2,)"
+        refusal(Limb, name="a", shoulder_m=[0, 0], reach_m=1.0)
+        == "limb a: shoulder_m: expected shape (3,), got (2,)"
     )
 
 

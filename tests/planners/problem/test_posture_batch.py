@@ -16,7 +16,12 @@ NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
 
 def changed(batch, **parts):
-    fields = {"like": batch.like, "vertices_m": batch.vertices_m, "normals": batch.normals, "friction": batch.friction}
+    fields = {
+        "like": batch.like,
+        "vertices_m": batch.vertices_m,
+        "normals": batch.normals,
+        "friction": batch.friction,
+    }
     return PostureBatch(**{**fields, **parts})
 
 
@@ -39,8 +44,13 @@ def test_batches_of_any_size_draw_the_same_problems(name, size):
     rng = np.random.default_rng(2)
     parts = [distribution(name).batch(rng, size) for _ in range(14 // size)]
     for part in ("vertices_m", "normals", "friction", "frames"):
-        assert np.concatenate([getattr(batch, part) for batch in parts]).tobytes() == getattr(whole, part).tobytes()
-    assert [p.to_json() for p in whole.problems] == [p.to_json() for batch in parts for p in batch.problems]
+        assert (
+            np.concatenate([getattr(batch, part) for batch in parts]).tobytes()
+            == getattr(whole, part).tobytes()
+        )
+    assert [p.to_json() for p in whole.problems] == [
+        p.to_json() for batch in parts for p in batch.problems
+    ]
 
 
 def test_the_stream_of_samples_is_the_one_it_always_was():
@@ -51,7 +61,9 @@ def test_the_stream_of_samples_is_the_one_it_always_was():
         x, y, z = rng.uniform([-0.15, -0.06, -0.15], [0.15, 0.06, 0.15])
         centre = [contact.shoulder_m[0] + x, side * (0.40 + y), contact.shoulder_m[2] + z]
         np.testing.assert_allclose(contact.patch.centre_m, centre, atol=1e-15)
-        assert contact.patch.normal @ [0.0, -side, 0.0] == pytest.approx(np.cos(rng.uniform(0.0, np.deg2rad(30.0))))
+        assert contact.patch.normal @ [0.0, -side, 0.0] == pytest.approx(
+            np.cos(rng.uniform(0.0, np.deg2rad(30.0)))
+        )
         rng.uniform(0.0, 2.0 * np.pi)
         radius = np.linalg.norm(contact.patch.vertices_m[0] - contact.patch.centre_m)
         assert radius == pytest.approx(rng.uniform(0.03, 0.08), abs=1e-15)
@@ -84,15 +96,20 @@ def test_what_a_patch_refuses_a_batch_refuses_and_says_where():
         k, i = where
         with pytest.raises(InvalidInput) as alone:
             Patch(
-                vertices_m=parts["vertices_m"][k, i], normal=batch.normals[k, i],
-                shear_reference=batch.shear_references[i], friction=0.5,
-            )  # fmt: skip
+                vertices_m=parts["vertices_m"][k, i],
+                normal=batch.normals[k, i],
+                shear_reference=batch.shear_references[i],
+                friction=0.5,
+            )
         assert str(error.value) == f"problems[{k}].contacts[{i}].{alone.value}"
     for parts, message in (
         ({"friction": slippery}, "problems[4].contacts[2].friction: expected 0 or more"),
         ({"normals": long}, "problems[0].contacts[0].normal: expected a unit vector"),
         ({"normals": batch.normals[:, :2]}, "normals: expected shape (5, 3, 3), got (5, 2, 3)"),
-        ({"vertices_m": batch.vertices_m[:, :, :2]}, "vertices_m: expected 3 or more vertices a patch, got 2"),
+        (
+            {"vertices_m": batch.vertices_m[:, :, :2]},
+            "vertices_m: expected 3 or more vertices a patch, got 2",
+        ),
     ):
         with pytest.raises(InvalidInput) as error:
             changed(batch, **parts)

@@ -1,4 +1,5 @@
-"""A problem of one frame and a course are one type: what is made as one is read, scaled and judged as the other."""
+"""A problem of one frame and a course are one type: what is made as one is read, scaled and judged
+as the other."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ def problem(drawn) -> Problem:
 
 
 def rebuilt(problem: Problem) -> Problem:
-    """The same by the constructor, which looks at everything, as one that nothing was worked out of."""
+    """The same by the constructor, which looks at everything, as one that nothing was worked out
+    of."""
     return replace(problem)
 
 
@@ -82,10 +84,14 @@ def test_forces_are_bounded_foothold_by_foothold(drawn):
     ]
     held = ExactPlanner().solve(problem.posture_with(contacts=tuple(weak)))
     assert held.solution is not None
-    share = float(held.solution.forces_n[0, 0] @ problem.contacts[0].patch.normal) / problem.weight_n
+    share = (
+        float(held.solution.forces_n[0, 0] @ problem.contacts[0].patch.normal) / problem.weight_n
+    )
     assert share <= 0.05 + 1e-6
     free = ExactPlanner().solve(problem)
-    assert not check_plan(replace(free.solution, problem=problem.posture_with(contacts=tuple(weak)))).accepted
+    assert not check_plan(
+        replace(free.solution, problem=problem.posture_with(contacts=tuple(weak)))
+    ).accepted
 
 
 def test_bounds_of_footholds_count_in_plans_and_in_files():
@@ -120,8 +126,12 @@ def test_bounds_of_footholds_count_in_plans_and_in_files():
 
 def test_another_force_scale_changes_no_plan():
     course = read_course("walls", frames=2)
-    scaled = replace(course, force_scale_n=40.0, force_min=course.force_min * course.weight_n / 40.0,
-                     force_max=course.force_max * course.weight_n / 40.0)  # fmt: skip
+    scaled = replace(
+        course,
+        force_scale_n=40.0,
+        force_min=course.force_min * course.weight_n / 40.0,
+        force_max=course.force_max * course.weight_n / 40.0,
+    )
     one, other = (TwoStageCoursePlanner().solve(each) for each in (course, scaled))
     assert one.status is other.status
     assert one.objective == pytest.approx(other.objective, rel=1e-3)
@@ -215,7 +225,9 @@ def test_the_names_of_before_are_taken_for_a_release(problem):
 def test_the_names_of_before_make_plans_of_one_frame(drawn):
     problem = drawn("ground-3", 3)
     plan = ExactPlanner().solve(problem).solution
-    with pytest.warns(DeprecationWarning, match=r"stancekit\.Posture is old: Plan\.of_posture\(problem, \.\.\.\)"):
+    with pytest.warns(
+        DeprecationWarning, match=r"stancekit\.Posture is old: Plan\.of_posture\(problem, \.\.\.\)"
+    ):
         posture = stancekit.Posture
     made = posture(**{name: np.array(value) for name, value in plan.to_json().items()})
     assert isinstance(made, posture)

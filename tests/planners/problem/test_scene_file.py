@@ -1,4 +1,5 @@
-"""Published scenes as courses: every one is laid out as its phases say, and what contradicts itself is refused."""
+"""Published scenes as courses: every one is laid out as its phases say, and what contradicts itself
+is refused."""
 
 from __future__ import annotations
 
@@ -19,14 +20,24 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 SCENES = {  # steps, as published
-    "anymal-complex": 5, "anymal-flat-ground": 9, "anymal-inclined-surfaces": 17, "anymal-palet": 44,
-    "anymal-plinth": 44, "anymal-race-slopes": 12, "anymal-stairs": 24, "anymal-stairs-free-gait": 6,
-    "anymal-trot": 40, "talos-ramp": 22, "talos-rubble-stairs": 19,
-}  # fmt: skip
+    "anymal-complex": 5,
+    "anymal-flat-ground": 9,
+    "anymal-inclined-surfaces": 17,
+    "anymal-palet": 44,
+    "anymal-plinth": 44,
+    "anymal-race-slopes": 12,
+    "anymal-stairs": 24,
+    "anymal-stairs-free-gait": 6,
+    "anymal-trot": 40,
+    "talos-ramp": 22,
+    "talos-rubble-stairs": 19,
+}
 
 
 def keys_of(name: str) -> dict:
-    return yaml.safe_load((Path(str(resources.files("stancekit.configs.scenes"))) / f"{name}.yaml").read_text())
+    return yaml.safe_load(
+        (Path(str(resources.files("stancekit.configs.scenes"))) / f"{name}.yaml").read_text()
+    )
 
 
 def test_the_eleven_scenes_come_with_the_package_each_with_source_and_licence():
@@ -54,7 +65,9 @@ def test_a_scene_is_laid_out_as_its_phases_say(name):
             phase = keys["phases"][(put.frame - 1) // 2]
             allowed = phase["allowed"][phase["moving"].index(put.limb)]
             offered = {tuple(patch.vertices_m.ravel()) for patch in put.candidates}
-            assert offered == {tuple(course.terrain[number].vertices_m.ravel()) for number in allowed}
+            assert offered == {
+                tuple(course.terrain[number].vertices_m.ravel()) for number in allowed
+            }
     assert Problem.from_json(course.to_json()).to_json() == course.to_json()
 
 
@@ -63,11 +76,19 @@ def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
     course = read_course(name)
     plan = TwoStageCoursePlanner(programs=programs).solve(course).solution
     assert check_plan(plan).accepted
-    feet = {put.limb: toe for put, toe in zip(course.footholds, plan.toes_m, strict=True) if put.frame == 0}
+    feet = {
+        put.limb: toe
+        for put, toe in zip(course.footholds, plan.toes_m, strict=True)
+        if put.frame == 0
+    }
     for put, toe in zip(course.footholds, plan.toes_m, strict=True):
         feet[put.limb] = toe
         for pair in course.robot.relative_reach:
-            if put.frame > 0 and pair.limb == put.limb and pair.other not in course.lifts[put.frame]:
+            if (
+                put.frame > 0
+                and pair.limb == put.limb
+                and pair.other not in course.lifts[put.frame]
+            ):
                 apart = pair.rows.normals @ (feet[pair.other] - toe) - pair.rows.bounds_m
                 assert apart.max() < 1e-6
 
@@ -81,12 +102,15 @@ def test_a_scene_whose_first_stance_is_out_of_reach_is_refuted(programs):
 
 
 def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
-    """Feet are 0.192 m apart sideways at least, soles 0.12 m wide, the bridge 0.30 m: a proof, whatever the yaws.
+    """Feet are 0.192 m apart sideways at least, soles 0.12 m wide, the bridge 0.30 m: a proof,
+    whatever the yaws.
 
     So one foot at most is on it, and the two platforms are 3 m apart.
     """
     phases = [{"moving": [limb], "allowed": [[2]]} for limb in ("LF", "RF")]
-    path = written(tmp_path, "talos-ramp", initial_contacts=None, phases=phases, ours={"start": "free"})
+    path = written(
+        tmp_path, "talos-ramp", initial_contacts=None, phases=phases, ours={"start": "free"}
+    )
     course = read_course(path)
     assert {len(put.candidates) for put in course.footholds} == {4}  # yaws
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
@@ -94,7 +118,11 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
     assert check_certificate(outcome.certificate.of(course)).accepted
     narrow = [[x, 0.8 * y] for x, y in keys_of("talos-ramp")["ours"]["sole_m"]]
     path = written(
-        tmp_path, "talos-ramp", initial_contacts=None, phases=phases, ours={"start": "free", "sole_m": narrow}
+        tmp_path,
+        "talos-ramp",
+        initial_contacts=None,
+        phases=phases,
+        ours={"start": "free", "sole_m": narrow},
     )
     found = KinematicPlanner("mip").place(read_course(path), Clock.start())[0]
     assert found is not None
@@ -111,17 +139,45 @@ def written(tmp_path: Path, name: str, **changed: object) -> Path:
 @pytest.mark.parametrize(
     ("name", "changed", "message"),
     [
-        ("anymal-palet", {"ours": {"start": "published"}}, r"initial_contacts\.LHleg: .* got one 37\.9 mm off"),
-        ("anymal-race-slopes", {"ours": {"start": "published"}}, r"initial_contacts\.RHleg: .* mm off the nearest"),
-        ("anymal-trot", {"surfaces": [[[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]]]}, r"surfaces\[0\]: .* plane"),
-        ("anymal-trot", {"phases": [{"moving": ["LFleg"], "allowed": [[1]]}]}, r"phases\[0\]\.allowed: .* 1 surfaces"),
-        ("anymal-trot", {"phases": [{"moving": ["tail"], "allowed": [[0]]}]}, r"phases\[0\]: expected limbs"),
+        (
+            "anymal-palet",
+            {"ours": {"start": "published"}},
+            r"initial_contacts\.LHleg: .* got one 37\.9 mm off",
+        ),
+        (
+            "anymal-race-slopes",
+            {"ours": {"start": "published"}},
+            r"initial_contacts\.RHleg: .* mm off the nearest",
+        ),
+        (
+            "anymal-trot",
+            {"surfaces": [[[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]]]},
+            r"surfaces\[0\]: .* plane",
+        ),
+        (
+            "anymal-trot",
+            {"phases": [{"moving": ["LFleg"], "allowed": [[1]]}]},
+            r"phases\[0\]\.allowed: .* 1 surfaces",
+        ),
+        (
+            "anymal-trot",
+            {"phases": [{"moving": ["tail"], "allowed": [[0]]}]},
+            r"phases\[0\]: expected limbs",
+        ),
         ("anymal-flat-ground", {"ours": {"order": []}}, r"phases\[0\]: expected ours\.order"),
         ("anymal-flat-ground", {"ours": {"order": ["tail"]}}, r"ours\.order: expected limbs among"),
         ("anymal-flat-ground", {"initial_contacts": None}, r"ours\.start: expected free"),
-        ("anymal-trot", {"reach": {"folder": "nowhere"}}, r"expected a folder of reach polytopes, found none"),
+        (
+            "anymal-trot",
+            {"reach": {"folder": "nowhere"}},
+            r"expected a folder of reach polytopes, found none",
+        ),
         ("anymal-trot", {"wrong": 1}, r"wrong"),
-        ("talos-ramp", {"ours": {"sole_m": [[0.6, 0.4], [0.6, -0.4], [-0.6, -0.4]]}}, r"room for its sole"),
+        (
+            "talos-ramp",
+            {"ours": {"sole_m": [[0.6, 0.4], [0.6, -0.4], [-0.6, -0.4]]}},
+            r"room for its sole",
+        ),
     ],
 )
 def test_what_makes_no_scene_is_refused_in_one_line(tmp_path, name, changed, message):
@@ -133,7 +189,12 @@ def test_what_makes_no_scene_is_refused_in_one_line(tmp_path, name, changed, mes
 
 
 def test_options_that_a_scene_has_no_use_for():
-    with pytest.raises(InvalidInput, match=r"^anymal-trot: expected no number of frames for a scene"):
+    with pytest.raises(
+        InvalidInput, match=r"^anymal-trot: expected no number of frames for a scene"
+    ):
         read_course("anymal-trot", frames=3)
-    with pytest.raises(InvalidInput, match=r"^anymal-trot: expected a robot or a folder of reach polytopes, got both"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^anymal-trot: expected a robot or a folder of reach polytopes, got both",
+    ):
         read_course("anymal-trot", robot="hexapod", reach="anywhere")

@@ -22,9 +22,12 @@ from stancekit.planners.search.plan_window import course_window, one_at_a_time, 
 
 ROPE = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])
 COURSE: dict[str, object] = {
-    "name": "level", "frames": 4, "start_m": [0.0, 0.0, 0.2], "goal_m": [0.3, 0.0, 0.2],
+    "name": "level",
+    "frames": 4,
+    "start_m": [0.0, 0.0, 0.2],
+    "goal_m": [0.3, 0.0, 0.2],
     "terrain": {"kind": "flat"},
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -41,8 +44,12 @@ def with_wrench(tmp_path: Path, *entries: dict[str, object]) -> Problem:
 
 
 def test_a_force_at_a_point_turns_about_the_centre_of_mass() -> None:
-    np.testing.assert_allclose(at_point((0, 0, -10.0), (0, 0, 0), (0.2, 0.1, 0.5)), [0, 0, -10, -1, 2, 0])
-    np.testing.assert_allclose(at_point((5.0, 0, 0), (0, 1.0, 0), (0, 0, 0.3)), [5, 0, 0, 0, 2.5, 0])
+    np.testing.assert_allclose(
+        at_point((0, 0, -10.0), (0, 0, 0), (0.2, 0.1, 0.5)), [0, 0, -10, -1, 2, 0]
+    )
+    np.testing.assert_allclose(
+        at_point((5.0, 0, 0), (0, 1.0, 0), (0, 0, 0.3)), [5, 0, 0, 0, 2.5, 0]
+    )
 
 
 def test_entries_of_a_file_add_up_on_their_frames(tmp_path: Path) -> None:
@@ -59,15 +66,26 @@ def test_entries_of_a_file_add_up_on_their_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ({"force_n": [0, 0, -1], "frames": [4]}, r"wrench\[0\].frames: expected key frames from 0 to 3, got 4"),
-        ({"force_n": [0, 0, -1], "frames": []}, r"wrench\[0\]\.frames: List should have at least 1 item"),
+        (
+            {"force_n": [0, 0, -1], "frames": [4]},
+            r"wrench\[0\].frames: expected key frames from 0 to 3, got 4",
+        ),
+        (
+            {"force_n": [0, 0, -1], "frames": []},
+            r"wrench\[0\]\.frames: List should have at least 1 item",
+        ),
         ({"force_n": [0, -1]}, r"wrench\[0\]\.force_n\[2\]: expected this key, got nothing"),
         ({"force_n": [0, ".nan", 1]}, r"wrench\[0\]\.force_n\[1\]: expected a valid number"),
         ({"weight_n": 3}, "weight_n"),
-        ({"force_n": [0, 0, -1e5]}, "wrench: expected a force of at most 9810 N, 100 times the weight"),
+        (
+            {"force_n": [0, 0, -1e5]},
+            "wrench: expected a force of at most 9810 N, 100 times the weight",
+        ),
     ],
 )
-def test_entries_that_make_no_sense_are_one_line(tmp_path: Path, entry: dict[str, object], said: str) -> None:
+def test_entries_that_make_no_sense_are_one_line(
+    tmp_path: Path, entry: dict[str, object], said: str
+) -> None:
     with pytest.raises(InvalidInput, match=said) as refusal:
         with_wrench(tmp_path, entry)
     assert "\n" not in str(refusal.value)
@@ -79,7 +97,10 @@ def test_entries_that_make_no_sense_are_one_line(tmp_path: Path, entry: dict[str
         (np.zeros((5, 3)), r"wrench: expected shape \(5, 6\), got \(5, 3\)"),
         (np.full((5, 6), np.nan), "wrench: expected finite numbers"),
         ([["a"] * 6] * 5, "wrench: expected numbers of shape"),
-        (np.full((5, 6), [0, 0, -9811.0, 0, 0, 0]), "wrench: expected a force of at most 9810 N, 100 times the weight"),
+        (
+            np.full((5, 6), [0, 0, -9811.0, 0, 0, 0]),
+            "wrench: expected a force of at most 9810 N, 100 times the weight",
+        ),
         (np.full((5, 6), [0, 0, 0, 5887.0, 0, 0]), "wrench: expected a moment of at most 5886 Nm"),
     ],
 )
@@ -98,7 +119,9 @@ def test_a_posture_problem_refuses_what_is_no_wrench(drawn: Callable[[str, int],
         problem.posture_with(wrench=[0, 0, -1e5, 0, 0, 0])
 
 
-@pytest.mark.parametrize("wrench", [3.0, (1.0, 2.0), (1.0,) * 7, "123", ("a", "b", "c"), (np.nan, 0.0, 0.0), None])
+@pytest.mark.parametrize(
+    "wrench", [3.0, (1.0, 2.0), (1.0,) * 7, "123", ("a", "b", "c"), (np.nan, 0.0, 0.0), None]
+)
 def test_a_wrench_is_three_or_six_numbers(wrench: object) -> None:
     with pytest.raises(InvalidInput, match="wrench: expected"):
         wrench_of(wrench)  # type: ignore[arg-type]
@@ -109,7 +132,9 @@ def test_three_numbers_are_a_force() -> None:
     np.testing.assert_array_equal(wrench_of(np.arange(6.0)), np.arange(6.0))
 
 
-def test_files_have_a_wrench_where_there_is_one(course: Problem, drawn: Callable[[str, int], Problem]) -> None:
+def test_files_have_a_wrench_where_there_is_one(
+    course: Problem, drawn: Callable[[str, int], Problem]
+) -> None:
     rope = np.outer([0.0, 1.0, 2.0, 0.5, -1.0], ROPE)
     for plain, pulled in (
         (course, replace(course, wrench=rope)),
@@ -125,7 +150,9 @@ def test_files_have_a_wrench_where_there_is_one(course: Problem, drawn: Callable
         assert {**data, "wrench": None} == {**plain.to_json(), "wrench": None}
 
 
-@pytest.mark.parametrize("wrench", [[[0.0] * 6], [[0.0] * 5] * 5, [["x"] * 6] * 5, 3, [[1e7] * 6] * 5])
+@pytest.mark.parametrize(
+    "wrench", [[[0.0] * 6], [[0.0] * 5] * 5, [["x"] * 6] * 5, 3, [[1e7] * 6] * 5]
+)
 def test_a_broken_wrench_in_a_file_is_refused(course: Problem, wrench: object) -> None:
     with pytest.raises(InvalidInput, match="wrench"):
         Problem.from_json({**course.to_json(), "wrench": wrench})
@@ -144,14 +171,20 @@ def test_a_wrench_is_added_to_what_a_course_has(course: Problem) -> None:
 def test_parts_of_a_course_keep_their_wrench(course: Problem) -> None:
     pulled = replace(course, wrench=np.outer(np.arange(5.0), ROPE))
     assert pulled.wrench is not None
-    window, paused, apart = course_window(pulled, 0, 2), with_pause(pulled, 1), one_at_a_time(pulled, 2, 2)
+    window, paused, apart = (
+        course_window(pulled, 0, 2),
+        with_pause(pulled, 1),
+        one_at_a_time(pulled, 2, 2),
+    )
     assert window.wrench is not None
     assert paused.wrench is not None
     assert apart.wrench is not None
     np.testing.assert_array_equal(window.wrench, pulled.wrench[:3])
     np.testing.assert_array_equal(paused.wrench, pulled.wrench[[0, 1, 1, 2, 3, 4]])
     np.testing.assert_array_equal(apart.wrench, pulled.wrench[[0, 1, 2, 2, 2, 3, 4]])
-    of_stance = pulled.posture_problem(pulled.stances[2], np.zeros(len(pulled.footholds), dtype=int))
+    of_stance = pulled.posture_problem(
+        pulled.stances[2], np.zeros(len(pulled.footholds), dtype=int)
+    )
     assert of_stance.wrench is not None
     np.testing.assert_array_equal(of_stance.wrench[0], pulled.wrench[pulled.stances[2].frame])
     np.testing.assert_array_equal(of_stance.posture_with(mass_kg=11.0).wrench, of_stance.wrench)

@@ -1,4 +1,5 @@
-"""What the tests of projections share: points off the bilinear surface to start from, and the plan of a quadruped."""
+"""What the tests of projections share: points off the bilinear surface to start from, and the plan
+of a quadruped."""
 
 from __future__ import annotations
 
@@ -32,9 +33,11 @@ Start = tuple[Problem, Scaled, Point]
 
 @pytest.fixture(scope="session")
 def starts(programs: Programs, drawn, mixed) -> list[Start]:
-    """(problem, scaled, a point of P̄) of scenes that P̄ admits; the point is off the bilinear surface.
+    """(problem, scaled, a point of P̄) of scenes that P̄ admits; the point is off the bilinear
+    surface.
 
-    It lies half-way between two of the lift's, one of which has random toes, where these can be reached.
+    It lies half-way between two of the lift's, one of which has random toes, where these can be
+    reached.
     """
     found, rng = list[Start](), np.random.default_rng(0)
     scenes = [drawn(name, seed) for name in ("wall-3", "ground-3") for seed in range(30)]

@@ -1,4 +1,5 @@
-"""The middle of what held toes leave: on the balances, inside, stationary, the same from anywhere and as cvxpy's."""
+"""The middle of what held toes leave: on the balances, inside, stationary, the same from anywhere
+and as cvxpy's."""
 
 from __future__ import annotations
 
@@ -29,9 +30,16 @@ def drawn(name, count=60, *, moments=True):
 def as_in_the_docstring(scaled, k, points, *, moments):
     """The program in cvxpy, a problem at a time."""
     like, toes, count = scaled.like, points.toes[k], points.toes.shape[1]
-    com, turn, forces, rest = cp.Variable(3), cp.Variable(3), cp.Variable((count, 3)), cp.Variable(count)
+    com, turn, forces, rest = (
+        cp.Variable(3),
+        cp.Variable(3),
+        cp.Variable((count, 3)),
+        cp.Variable(count),
+    )
     rows: list[cp.Constraint] = []
-    legs = [toes[i] - com - like.shoulders[i] + skew(like.shoulders[i]) @ turn for i in range(count)]
+    legs = [
+        toes[i] - com - like.shoulders[i] + skew(like.shoulders[i]) @ turn for i in range(count)
+    ]
     room = cp.Variable(count + 1)
     rows += [cp.sum_squares(legs[i]) <= like.reach[i] ** 2 - room[i] for i in range(count)]
     rows += [cp.sum_squares(com - like.com[0]) <= float(like.com_radius[0]) ** 2 - room[count]]
@@ -39,14 +47,21 @@ def as_in_the_docstring(scaled, k, points, *, moments):
     logs += [cp.log(like.tilt - turn[i]) + cp.log(like.tilt + turn[i]) for i in range(3)]
     for i in range(count):
         grip, shear = float(scaled.friction[k, i]) * forces[i, 0], forces[i, 1:]
-        rows += [cp.quad_over_lin(shear, grip) <= grip - rest[i]]  # log(g² − ‖s‖²) = log g + log(g − ‖s‖²/g)
+        rows += [
+            cp.quad_over_lin(shear, grip) <= grip - rest[i]
+        ]  # log(g² − ‖s‖²) = log g + log(g − ‖s‖²/g)
         logs += [cp.log(grip) + cp.log(rest[i])]
-        logs += [cp.sum(cp.log(forces[i] - like.force_min[i]) + cp.log(like.force_max[i] - forces[i]))]
+        logs += [
+            cp.sum(cp.log(forces[i] - like.force_min[i]) + cp.log(like.force_max[i] - forces[i]))
+        ]
     world = [scaled.frames[k, i] @ forces[i] for i in range(count)]
     rows += [sum(world) == np.array([0.0, 0.0, like.weight])]
     if moments:
         net = sum(skew(toes[i]) @ world[i] for i in range(count))
-        rows += [net == like.weight * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ com]
+        rows += [
+            net
+            == like.weight * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ com
+        ]
     problem = cp.Problem(cp.Maximize(sum(cp.sum(log) for log in logs)), rows)
     problem.solve(solver=cp.CLARABEL)
     return com.value, turn.value, forces.value

@@ -1,4 +1,5 @@
-"""Distances along a plan's path against finite differences, and a beam over the path that plans go under."""
+"""Distances along a plan's path against finite differences, and a beam over the path that plans go
+under."""
 
 from __future__ import annotations
 
@@ -30,19 +31,32 @@ from stancekit.planners.robot.leg import Leg
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 
 BEAM = {
-    "name": "beam", "frames": 6, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.25, 0.0, 0.2],
-    "stance": {"outward_m": 0.13, "down_m": 0.2}, "body": {"com_radius_m": 0.09, "first_radius_m": 0.02},
+    "name": "beam",
+    "frames": 6,
+    "gait": "tripod",
+    "start_m": [0.0, 0.0, 0.2],
+    "goal_m": [0.25, 0.0, 0.2],
+    "stance": {"outward_m": 0.13, "down_m": 0.2},
+    "body": {"com_radius_m": 0.09, "first_radius_m": 0.02},
     "steps": {"com_m": 0.14, "toe_m": 0.35, "rotation_rad": 0.15},
     "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
     "terrain": {
-        "kind": "polygons", "friction": 0.7,
+        "kind": "polygons",
+        "friction": 0.7,
         "polygons": [
             {"vertices_m": [[-1, -1, 0], [2, -1, 0], [2, 1, 0], [-1, 1, 0]]},
-            {"vertices_m": [[0.24, -0.5, 0.215], [0.24, 0.5, 0.215], [0.3, 0.5, 0.215], [0.3, -0.5, 0.215]],
-             "footing": False},
+            {
+                "vertices_m": [
+                    [0.24, -0.5, 0.215],
+                    [0.24, 0.5, 0.215],
+                    [0.3, 0.5, 0.215],
+                    [0.3, -0.5, 0.215],
+                ],
+                "footing": False,
+            },
         ],
     },
-}  # fmt: skip
+}
 """A beam 6 cm wide across the path, whose under side is where the robot's back is."""
 
 
@@ -60,26 +74,43 @@ class Weightless(Kinematics):
         return self.robot.origin_m
 
 
-def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the path alone, whose joints follow body and toes. What the centre of mass moves by with the legs, and what
-    feet roll, is left out of the slopes, and out of this."""
+def test_slopes_are_those_of_finite_differences(
+    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the path alone, whose joints follow body and toes. What the centre of mass moves by with
+    the legs, and what feet roll, is left out of the slopes, and out of this."""
     plan = with_joints(walk(3))
-    monkeypatch.setattr(clearance, "_with_keys", lambda path, moments, postures: (moments, postures))
+    monkeypatch.setattr(
+        clearance, "_with_keys", lambda path, moments, postures: (moments, postures)
+    )
     monkeypatch.setattr(clearance, "_nearest", lambda near, clearance_m: near)
-    monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
+    monkeypatch.setattr(
+        joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals
+    )
     looks = PathClearance(plan, Weightless(plan.problem.robot))
     start, rng, step = looks.nearness(plan, 0.02, 0.023), np.random.default_rng(0), 1e-5
     assert len(start.distance_m) > 100
 
     def moved(names: tuple[str, ...]) -> tuple[np.ndarray, Nearness]:
-        parts = {name: np.zeros_like(getattr(plan, name)) for name in ("com_m", "rotation_rad", "joints_rad", "toes_m")}
+        parts = {
+            name: np.zeros_like(getattr(plan, name))
+            for name in ("com_m", "rotation_rad", "joints_rad", "toes_m")
+        }
         for name in names:
             parts[name] = step * rng.standard_normal(parts[name].shape)
         parts["toes_m"][:, 2] = 0.0  # toes stay on the ground
         other = replace(plan, **{name: getattr(plan, name) + part for name, part in parts.items()})
-        return np.concatenate([part.ravel() for part in parts.values()]), looks.nearness(other, 0.02, 0.023)
+        return np.concatenate([part.ravel() for part in parts.values()]), looks.nearness(
+            other, 0.02, 0.023
+        )
 
-    for names in (("com_m",), ("rotation_rad",), ("joints_rad",), ("toes_m",), ("com_m", "rotation_rad", "toes_m")):
+    for names in (
+        ("com_m",),
+        ("rotation_rad",),
+        ("joints_rad",),
+        ("toes_m",),
+        ("com_m", "rotation_rad", "toes_m"),
+    ):
         change, other = moved(names)
         assert len(other.distance_m) == len(start.distance_m)
         found, expected = start.slopes @ change, other.distance_m - start.distance_m
@@ -91,11 +122,14 @@ def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monke
 def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_differences(
     walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the same left out."""
+    """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the
+    same left out."""
 
     def stretched(leg: Leg, feet: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         away = feet - leg.hip_m
-        near = leg.hip_m + away * np.minimum(1.0, 0.33 / np.linalg.norm(away, axis=1, keepdims=True))
+        near = leg.hip_m + away * np.minimum(
+            1.0, 0.33 / np.linalg.norm(away, axis=1, keepdims=True)
+        )
         angles, missed = descend(leg, near, start)
         assert missed.max() < 1e-6
         return angles, np.linalg.norm(feet - near, axis=1)
@@ -103,7 +137,9 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     plan = with_joints(walk(3))
     plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.0, 0.2]))
     monkeypatch.setattr(joints, "descend", stretched)
-    monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
+    monkeypatch.setattr(
+        joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals
+    )
     looks = PathClearance(plan, Weightless(plan.problem.robot))
 
     def astray(one: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +156,9 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
         for name in moved:
             parts[name] = step * rng.standard_normal(parts[name].shape)
         parts["toes_m"][:, 2] = 0.0
-        other, _ = astray(replace(plan, **{name: getattr(plan, name) + part for name, part in parts.items()}))
+        other, _ = astray(
+            replace(plan, **{name: getattr(plan, name) + part for name, part in parts.items()})
+        )
         expected = slopes @ np.concatenate([part.ravel() for part in parts.values()])
         assert len(other) == len(start)
         assert np.abs(expected).max() > 0.1 * step
@@ -165,7 +203,9 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
         polygons.append({"vertices_m": corners[:: 1 if side else -1].tolist(), "footing": False})
     terrain = {**BEAM["terrain"], "polygons": polygons}  # type: ignore[dict-item]
     course = build_course(spec_from({**BEAM, "frames": 5, "terrain": terrain}))
-    outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), course), WholeBodyLimits(steps=2))
+    outcome = with_whole_body(
+        plan_with_reserve(TwoStageCoursePlanner(), course), WholeBodyLimits(steps=2)
+    )
     assert outcome.status.value == "undecided"
     assert outcome.certificate is None
     assert "body is " in outcome.message
@@ -178,9 +218,11 @@ def looks(plan: Plan) -> list[Mapping[str, Any]]:
     return [report.group(name).figures for name in ("bodies", "motion")]
 
 
-def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the nearest, and .5
-    mm more. Hips, always 25 mm from it, are left out."""
+def test_links_that_come_too_near_to_each_other_are_bent_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the
+    nearest, and .5 mm more. Hips, always 25 mm from it, are left out."""
     outcome = TwoStageCoursePlanner().solve(read_course("walls"))
     assert outcome.solution is not None
     plan = with_joints(outcome.solution)

@@ -1,4 +1,5 @@
-"""Descent over plans: it ends on better plans, never on worse ones, and where it ends there is no way down."""
+"""Descent over plans: it ends on better plans, never on worse ones, and where it ends there is no
+way down."""
 
 from __future__ import annotations
 
@@ -46,10 +47,15 @@ def test_descent_ends_on_a_better_plan_and_never_on_a_worse_one(points, programs
     assert max(gains) > 0.01
 
 
-def test_of_more_steps_none_is_worse_and_from_its_end_no_step_to_other_toes_nearby_is_better(points, programs):
+def test_of_more_steps_none_is_worse_and_from_its_end_no_step_to_other_toes_nearby_is_better(
+    points, programs
+):
     rng, looked_at = np.random.default_rng(0), 0
     for _, scaled, point in points:
-        costs = [cost(scaled, improved(programs, scaled, point, Clock.start(), steps=steps)) for steps in (0, 1, 4, 40)]
+        costs = [
+            cost(scaled, improved(programs, scaled, point, Clock.start(), steps=steps))
+            for steps in (0, 1, 4, 40)
+        ]
         assert costs[0] == cost(scaled, point)
         assert (np.diff(costs) <= 0.0).all()
         end = improved(programs, scaled, point, Clock.start(), steps=40)
@@ -69,8 +75,13 @@ def test_cost_is_the_objective_of_the_finished_plan(climb, programs):
         outcome = planner.solve(course)
         found, length = outcome.solution, course.length_scale_m
         point = Point(
-            com=found.com_m / length, rotation=found.rotation_rad, toes=found.toes_m / length,
-            forces=np.zeros((1, 3)), residual=0.0,
-        )  # fmt: skip
-        assert cost(Scaled.of(course), point) * length**2 == pytest.approx(outcome.objective, rel=1e-12)
+            com=found.com_m / length,
+            rotation=found.rotation_rad,
+            toes=found.toes_m / length,
+            forces=np.zeros((1, 3)),
+            residual=0.0,
+        )
+        assert cost(Scaled.of(course), point) * length**2 == pytest.approx(
+            outcome.objective, rel=1e-12
+        )
         assert objective_of(found) == outcome.objective

@@ -1,4 +1,5 @@
-"""Forces distributed with a reserve of friction: balance, cones, and the least of all, by a model written again."""
+"""Forces distributed with a reserve of friction: balance, cones, and the least of all, by a model
+written again."""
 
 from dataclasses import replace
 
@@ -8,7 +9,12 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.force_distribution import LEAST, RESERVES, ForceDistribution, distribute_forces
+from stancekit.planners.projection.force_distribution import (
+    LEAST,
+    RESERVES,
+    ForceDistribution,
+    distribute_forces,
+)
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
@@ -35,7 +41,10 @@ def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(cli
             patch = course.patch(int(course.holds[of.frame, limb]), climb.choice)
             normal = float(stance[limb] @ patch.normal)
             assert normal >= LEAST * course.weight_n - 1e-4
-            assert np.linalg.norm(stance[limb] - normal * patch.normal) <= RESERVES[-1] * patch.friction * normal + 1e-4
+            assert (
+                np.linalg.norm(stance[limb] - normal * patch.normal)
+                <= RESERVES[-1] * patch.friction * normal + 1e-4
+            )
 
 
 def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
@@ -55,13 +64,18 @@ def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
     for i, limb in enumerate(of.limbs):
         patch = course.patch(int(course.holds[of.frame, limb]), climb.choice)
         n = patch.normal
-        rows.append(cp.norm((np.eye(3) - np.outer(n, n)) @ forces[i]) <= RESERVES[0] * patch.friction * (n @ forces[i]))
+        rows.append(
+            cp.norm((np.eye(3) - np.outer(n, n)) @ forces[i])
+            <= RESERVES[0] * patch.friction * (n @ forces[i])
+        )
         rows += [n @ forces[i] >= LEAST * course.weight_n, n @ forces[i] <= course.weight_n]
     best = cp.Problem(cp.Minimize(cp.sum_squares(forces)), rows).solve(solver=cp.CLARABEL)
     assert float(np.sum(found**2)) == pytest.approx(float(best), rel=1e-5)
 
 
-def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(climb: Plan) -> None:
+def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(
+    climb: Plan,
+) -> None:
     icy = replace(climb, problem=slippery(climb.problem, 0.01))
     assert ForceDistribution(6).solve(icy, 0) is None
     np.testing.assert_array_equal(distribute_forces(icy), climb.forces_n)
@@ -79,4 +93,7 @@ def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -
     np.testing.assert_allclose(np.cross(arms, forces).sum(axis=0), 0.0, atol=1e-4)
     for force, patch in zip(forces[:5], patches, strict=False):
         normal = float(force @ patch.normal)
-        assert np.linalg.norm(force - normal * patch.normal) <= RESERVES[0] * patch.friction * normal + 1e-4
+        assert (
+            np.linalg.norm(force - normal * patch.normal)
+            <= RESERVES[0] * patch.friction * normal + 1e-4
+        )

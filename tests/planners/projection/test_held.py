@@ -1,4 +1,5 @@
-"""The programs that hold a part of a point: each is the one written again from the problem, and what it says it is."""
+"""The programs that hold a part of a point: each is the one written again from the problem, and
+what it says it is."""
 
 from __future__ import annotations
 
@@ -47,7 +48,9 @@ def test_fix_f_is_the_program_written_again(programs, starts, written, index):
     problem, scaled, start = starts[index % len(starts)]
     model, slack = written(problem), cp.Variable()
     world = np.einsum("nij,nj->ni", scaled.frames, start.forces)
-    arms = sum(-np.cross(force, np.eye(3)).T @ (model.toes[i] - model.com) for i, force in enumerate(world))
+    arms = sum(
+        -np.cross(force, np.eye(3)).T @ (model.toes[i] - model.com) for i, force in enumerate(world)
+    )
     rows = [*model.body, *model.on_patches, *model.in_reach, cp.abs(arms) <= slack]
     residual = cp.Problem(cp.Minimize(slack), rows).solve(solver=cp.CLARABEL)
     assert project(programs, "fix-f", scaled, start).residual == pytest.approx(residual, abs=3e-7)
@@ -55,7 +58,8 @@ def test_fix_f_is_the_program_written_again(programs, starts, written, index):
 
 @given(SEEDS)
 def test_the_linear_model_of_scp_is_the_tangent_of_the_moment(programs, starts, seed):
-    """About a posture on the surface the step's residual is 0, and its linearisation is exact in each factor."""
+    """About a posture on the surface the step's residual is 0, and its linearisation is exact in
+    each factor."""
     rng = np.random.default_rng(seed)
     _, scaled, start = starts[int(rng.integers(len(starts)))]
     step = programs.get(Linearised, scaled.layout, True).solve(scaled, start)
@@ -65,18 +69,30 @@ def test_the_linear_model_of_scp_is_the_tangent_of_the_moment(programs, starts, 
     tangent = np.cross(start.toes, world) + np.cross(step.toes - start.toes, about)
     linear = tangent.sum(axis=0) - np.cross(step.com[0], [0.0, 0.0, scaled.weight])
     assert np.max(np.abs(linear)) == pytest.approx(step.residual, abs=1e-6)
-    second = np.cross(step.toes - start.toes, world - about).sum(axis=0)  # what the tangent leaves out
+    second = np.cross(step.toes - start.toes, world - about).sum(
+        axis=0
+    )  # what the tangent leaves out
     np.testing.assert_allclose(moment(scaled, step) - linear, second, atol=1e-6)
 
 
 def test_three_feet_on_level_ground_share_the_weight_by_the_lever_rule(drawn):
-    """A closed form: vertical forces f_i with Σ f_i = w and Σ f_i (q_i − c) = 0 are the barycentric shares of c."""
+    """A closed form: vertical forces f_i with Σ f_i = w and Σ f_i (q_i − c) = 0 are the barycentric
+    shares of c."""
     toes = np.array([[0.5, 0.0, -0.3], [-0.2, 0.4, -0.3], [-0.3, -0.5, -0.3]])
-    com, upright = np.array([[0.05, -0.02, 0.0]]), np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    com, upright = (
+        np.array([[0.05, -0.02, 0.0]]),
+        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    )
     scaled = replace(
-        Scaled.of(drawn("ground-3", 0)), friction=np.zeros(3), com=com, com_radius=np.zeros(1), reach=np.full(3, 2.0),
-        frames=np.tile(upright, (3, 1, 1)), shoulders=np.zeros((3, 3)), force_max=np.ones((3, 3)),
-    )  # fmt: skip
+        Scaled.of(drawn("ground-3", 0)),
+        friction=np.zeros(3),
+        com=com,
+        com_radius=np.zeros(1),
+        reach=np.full(3, 2.0),
+        frames=np.tile(upright, (3, 1, 1)),
+        shoulders=np.zeros((3, 3)),
+        force_max=np.ones((3, 3)),
+    )
     held = Point(com=0.0 * com, rotation=0.0 * com, toes=toes, forces=0.0 * toes, residual=np.inf)
     point = FixToes(scaled.layout, False, True).solve(scaled, held)
     shares = np.linalg.solve(np.vstack([toes[:, :2].T, np.ones(3)]), [*com[0, :2], 1.0])
@@ -84,11 +100,15 @@ def test_three_feet_on_level_ground_share_the_weight_by_the_lever_rule(drawn):
     assert point.residual < 1e-7
 
 
-# ------------------------------------------------------------------------------------------------- over key frames
+# -------------------------------------------------------------------------------------------------
+# over key frames
 
 
-def test_fix_toes_finds_what_a_second_writing_finds_with_these_toes(climb, written_course, programs):
-    # Held to points, the second writing's forces may still differ by vertex, but their moments cannot: it is the same.
+def test_fix_toes_finds_what_a_second_writing_finds_with_these_toes(
+    climb, written_course, programs
+):
+    # Held to points, the second writing's forces may still differ by vertex, but their moments
+    # cannot: it is the same.
     for seed in (1, 2):
         course = climb(seed)
         scaled = Scaled.of(course)
@@ -97,15 +117,23 @@ def test_fix_toes_finds_what_a_second_writing_finds_with_these_toes(climb, writt
         problem, _ = written_course(standing(course, point.toes * course.length_scale_m))
         problem.solve(cp.CLARABEL)
         assert problem.status == cp.OPTIMAL
-        plan = plan_of(course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={})
+        plan = plan_of(
+            course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={}
+        )
         assert problem.value == pytest.approx(objective_of(plan), rel=1e-5, abs=1e-8)
-        assert problem.value == pytest.approx(point.objective * course.length_scale_m**2 + toe_cost(plan), rel=1e-5)
+        assert problem.value == pytest.approx(
+            point.objective * course.length_scale_m**2 + toe_cost(plan), rel=1e-5
+        )
 
 
 def standing(course, toes):
     """The course with every toe where it is."""
-    footholds = tuple(replace(put, toe_m=toe) for put, toe in zip(course.footholds, toes, strict=True))
-    again = object.__new__(type(course))  # toes that stand are for the first frame alone, which nobody checks here
+    footholds = tuple(
+        replace(put, toe_m=toe) for put, toe in zip(course.footholds, toes, strict=True)
+    )
+    again = object.__new__(
+        type(course)
+    )  # toes that stand are for the first frame alone, which nobody checks here
     again.__dict__.update(course.__dict__ | {"footholds": footholds})
     return again
 
@@ -116,7 +144,9 @@ def toe_cost(plan):
     return plan.problem.weights.toe_step * float(np.sum(np.square(steps)))
 
 
-def test_a_linearised_step_that_leaves_no_moment_and_does_not_move_the_toes_is_a_point_of_fix_toes(climb, programs):
+def test_a_linearised_step_that_leaves_no_moment_and_does_not_move_the_toes_is_a_point_of_fix_toes(
+    climb, programs
+):
     seen = 0
     for seed in (1, 2, 4):
         scaled = Scaled.of(climb(seed))
@@ -127,7 +157,9 @@ def test_a_linearised_step_that_leaves_no_moment_and_does_not_move_the_toes_is_a
         layout, world = scaled.layout, scaled.in_world(step.forces)
         foothold, stance = layout.contacts[2], layout.contacts[0]
         about = scaled.in_world(point.forces)
-        tangent = np.cross(point.toes[foothold], world) + np.cross((step.toes - point.toes)[foothold], about)
+        tangent = np.cross(point.toes[foothold], world) + np.cross(
+            (step.toes - point.toes)[foothold], about
+        )
         left = np.zeros((len(layout.stances), 3))
         np.add.at(left, stance, tangent)
         left -= np.cross(step.com[layout.stance_frames], [0.0, 0.0, scaled.weight])
@@ -140,9 +172,15 @@ def test_one_frame_keeps_its_solver_and_answers_as_a_new_one_does_whatever_it_so
     kept = Programs()
     for seed in (2, 0, 3, 2, 1, 2):
         course = climb(seed, frames=1)
-        for shape in ({}, {"length_scale_m": 0.4}, {"weights": replace(course.weights, goal=0.1, tilt=2.0)}):
+        for shape in (
+            {},
+            {"length_scale_m": 0.4},
+            {"weights": replace(course.weights, goal=0.1, tilt=2.0)},
+        ):
             scaled = Scaled.of(replace(course, **shape))
-            ours, theirs = (solve_lift(some, scaled, least_moment=False) for some in (kept, Programs()))
+            ours, theirs = (
+                solve_lift(some, scaled, least_moment=False) for some in (kept, Programs())
+            )
             assert ours.status is theirs.status
             if np.isfinite(ours.bound):
                 assert ours.bound == theirs.bound

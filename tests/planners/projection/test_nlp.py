@@ -43,7 +43,11 @@ def walked(walk):
 def test_the_rows_vanish_at_a_walk_in_closed_form_and_say_how_far_off_another_point_is(walk):
     scaled, point = walked(walk)
     assert scaled.weights is not None
-    scaled = replace(scaled, weights=replace(scaled.weights, com_path=0.3), com=scaled.com + np.array([0.0, 0.01, 0.0]))
+    scaled = replace(
+        scaled,
+        weights=replace(scaled.weights, com_path=0.3),
+        com=scaled.com + np.array([0.0, 0.01, 0.0]),
+    )
     program, equal = written(scaled.layout, False)
     rows = cs.Function("rows", [program["x"], program["p"]], [program["f"], program["g"]])
     x = vector(scaled, point)
@@ -53,7 +57,11 @@ def test_the_rows_vanish_at_a_walk_in_closed_form_and_say_how_far_off_another_po
     steps = np.sum(np.diff(point.com, axis=0) ** 2)
     moved = np.sum(np.diff(point.toes[scaled.layout.moves], axis=1) ** 2)
     aim = scaled.aim
-    expected = aim.goal * np.sum((point.com[-1] - scaled.goal) ** 2) + aim.com_step * steps + aim.toe_step * moved
+    expected = (
+        aim.goal * np.sum((point.com[-1] - scaled.goal) ** 2)
+        + aim.com_step * steps
+        + aim.toe_step * moved
+    )
     expected += aim.com_path * np.sum((point.com - scaled.com) ** 2)
     assert f[0] == pytest.approx(expected, rel=1e-9)
     off = replace(point, com=point.com + np.array([0.1, 0.0, 0.0]))
@@ -66,7 +74,9 @@ def test_the_rows_vanish_at_a_walk_in_closed_form_and_say_how_far_off_another_po
 
 
 @pytest.mark.parametrize("which", ["posture", "course"])
-def test_derivatives_match_finite_differences_and_the_objectives_gradient_is_dense(mixed, ragged, which):
+def test_derivatives_match_finite_differences_and_the_objectives_gradient_is_dense(
+    mixed, ragged, which
+):
     if which == "posture":
         scaled = Scaled.of(mixed(0, (3, 4)))
     else:
@@ -75,11 +85,19 @@ def test_derivatives_match_finite_differences_and_the_objectives_gradient_is_den
     program, _ = written(scaled.layout, scaled.weights is None)
     x, p = program["x"], program["p"]
     both = cs.vertcat(program["f"], program["g"])
-    value, slope = cs.Function("v", [x, p], [both]), cs.Function("s", [x, p], [cs.jacobian(both, x)])
+    value, slope = (
+        cs.Function("v", [x, p], [both]),
+        cs.Function("s", [x, p], [cs.jacobian(both, x)]),
+    )
     start = vector(scaled, starting_points(scaled, 1, seed=0)[0])
-    at, data = start + 0.1 * np.random.default_rng(0).normal(size=len(start)), parameters(scaled, start)
+    at, data = (
+        start + 0.1 * np.random.default_rng(0).normal(size=len(start)),
+        parameters(scaled, start),
+    )
     steps = 1e-6 * np.eye(x.numel())
-    measured = np.column_stack([np.asarray(value(at + h, data) - value(at - h, data)).ravel() / 2e-6 for h in steps])
+    measured = np.column_stack(
+        [np.asarray(value(at + h, data) - value(at - h, data)).ravel() / 2e-6 for h in steps]
+    )
     np.testing.assert_allclose(np.asarray(slope(at, data)), measured, atol=1e-7)
     assert cs.gradient(program["f"], x).nnz() == x.numel()
 
@@ -111,7 +129,8 @@ def test_as_a_projection_it_lands_on_the_bilinear_surface_where_scp_does(program
 
 
 def test_a_point_on_the_surface_keeps_every_other_constraint_too(programs, drawn):
-    # A limb that hardly pushes: (μ f_n)² forgives 1e-4 of shear for a tolerance of 1e-8, so a point is polished.
+    # A limb that hardly pushes: (μ f_n)² forgives 1e-4 of shear for a tolerance of 1e-8, so a point
+    # is polished.
     looked_at = 0
     for seed in range(9):
         problem = drawn("wall-5", seed)
@@ -127,7 +146,9 @@ def test_a_point_on_the_surface_keeps_every_other_constraint_too(programs, drawn
 
 def test_a_solve_does_not_depend_on_the_solves_before_it(programs, drawn):
     scaled = [Scaled.of(drawn("wall-3", seed)) for seed in (1, 2, 1)]
-    one, _, again = (project(programs, "nlp", some, starting_points(some, 1, seed=0)[0]) for some in scaled)
+    one, _, again = (
+        project(programs, "nlp", some, starting_points(some, 1, seed=0)[0]) for some in scaled
+    )
     np.testing.assert_array_equal(one.toes, again.toes)
     np.testing.assert_array_equal(one.forces, again.forces)
 
@@ -135,7 +156,10 @@ def test_a_solve_does_not_depend_on_the_solves_before_it(programs, drawn):
 def test_iterations_and_time_end_a_solve(programs, drawn):
     scaled = Scaled.of(drawn("wall-3", 1))
     start = starting_points(scaled, 1, seed=0)[0]
-    for limits, status in (((1, 5.0), "Maximum_Iterations_Exceeded"), ((200, 1e-6), "Maximum_WallTime_Exceeded")):
+    for limits, status in (
+        ((1, 5.0), "Maximum_Iterations_Exceeded"),
+        ((200, 1e-6), "Maximum_WallTime_Exceeded"),
+    ):
         point, said = NlpProgram(scaled.layout, True, *limits).attempt(programs, scaled, start)
         assert (point.residual, said) == (np.inf, status)
 
@@ -143,5 +167,7 @@ def test_iterations_and_time_end_a_solve(programs, drawn):
 def test_another_projection_is_named(programs, drawn):
     from stancekit.planners.search.micp import MicpPlanner
 
-    with pytest.raises(InvalidInput, match=r"^projection: expected one of fix-p, .*, or FILE.py:NAME, got 'up'$"):
+    with pytest.raises(
+        InvalidInput, match=r"^projection: expected one of fix-p, .*, or FILE.py:NAME, got 'up'$"
+    ):
         MicpPlanner(projection="up")

@@ -32,7 +32,9 @@ def worst_but_moment(problem, scaled, point):
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS.names())
-def test_what_comes_back_meets_all_other_constraints_and_its_residual_is_its_moment(programs, starts, projection):
+def test_what_comes_back_meets_all_other_constraints_and_its_residual_is_its_moment(
+    programs, starts, projection
+):
     finite = 0
     for problem, scaled, start in starts:
         point = project(programs, projection, scaled, start)
@@ -82,10 +84,13 @@ def test_fix_toes_keeps_the_toes_in_the_world(programs, starts):
 
 
 def test_each_has_at_most_the_residual_of_what_it_starts_with(programs, starts):
-    """Each frees more than nothing: the start itself is among its choices, and fix-toes frees all that fix-p does."""
+    """Each frees more than nothing: the start itself is among its choices, and fix-toes frees all
+    that fix-p does."""
     for _, scaled, start in starts:
         here = np.max(np.abs(moment(scaled, start)))
-        found = {name: project(programs, name, scaled, start).residual for name in PROJECTIONS.names()}
+        found = {
+            name: project(programs, name, scaled, start).residual for name in PROJECTIONS.names()
+        }
         assert found["fix-p"] <= here + 1e-6
         assert found["fix-f"] <= here + 1e-6
         assert found["fix-toes"] <= found["fix-p"] + 1e-6
@@ -129,7 +134,9 @@ def test_a_step_that_makes_things_worse_is_not_kept(programs, starts):
             corners = np.array([piece[0] for piece in scaled.pieces])
             corner = project(programs, "fix-toes", scaled, replace(start, toes=corners))
             worse += fixed.residual < corner.residual < np.inf
-            assert scp(Misled(corners), scaled, start).residual == min(corner.residual, fixed.residual)
+            assert scp(Misled(corners), scaled, start).residual == min(
+                corner.residual, fixed.residual
+            )
     assert worse >= 3
 
 
@@ -138,21 +145,29 @@ def test_no_step_is_taken_where_the_first_toes_leave_more_than_it_is_worth(progr
     for _, scaled, start in starts:
         fixed = project(programs, "fix-toes", scaled, start)
         if 1e-3 < fixed.residual < np.inf:
-            same, more = (scp(programs, scaled, start, worth=share * fixed.residual) for share in (0.9, 1.1))
+            same, more = (
+                scp(programs, scaled, start, worth=share * fixed.residual) for share in (0.9, 1.1)
+            )
             assert (same.solves, same.residual) == (1, fixed.residual)
             assert more.solves > 1
             spared += 1
     assert spared >= 5
 
 
-def test_the_first_step_is_not_begun_either_where_the_time_would_end_in_it(programs, starts, monkeypatch):
+def test_the_first_step_is_not_begun_either_where_the_time_would_end_in_it(
+    programs, starts, monkeypatch
+):
     now, solve = [0.0], FixToes.solve
 
     def slow(self, scaled, start):
         now[0] += 1.0
         return solve(self, scaled, start)
 
-    loose = [(s, start) for _, s, start in starts if SURFACE < project(programs, "fix-toes", s, start).residual < 1.0]
+    loose = [
+        (s, start)
+        for _, s, start in starts
+        if SURFACE < project(programs, "fix-toes", s, start).residual < 1.0
+    ]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(FixToes, "solve", slow)
     for scaled, start in loose[:3]:
@@ -182,7 +197,8 @@ def test_an_scp_that_has_stalled_ends_and_one_that_gets_to_the_surface_is_the_sa
     assert reached >= 5
 
 
-# ------------------------------------------------------------------------------------------------- where there is none
+# -------------------------------------------------------------------------------------------------
+# where there is none
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS.names())
@@ -190,7 +206,9 @@ def test_out_of_reach_there_is_no_answer(programs, starts, projection):
     problem, _, start = starts[0]
     short = problem.posture_with(contacts=tuple(replace(c, reach_m=0.01) for c in problem.contacts))
     point = project(programs, projection, Scaled.of(short), start)
-    if projection.endswith("fix-p"):  # keeps the body and the toes, and so their distance: it asks for forces only
+    if projection.endswith(
+        "fix-p"
+    ):  # keeps the body and the toes, and so their distance: it asks for forces only
         assert np.isfinite(point.residual)
     else:
         assert point.residual == np.inf
@@ -200,13 +218,16 @@ def test_out_of_reach_there_is_no_answer(programs, starts, projection):
 @pytest.mark.parametrize("projection", ["fix-p", "fix-toes", "scp"])
 def test_without_friction_on_a_wall_there_is_no_answer(programs, drawn, projection):
     scaled = Scaled.of(drawn("wall-3", 0))
-    slippery = replace(scaled, friction=np.zeros(3), frames=np.tile([[0, 0, 1], [1, 0, 0], [0, 1, 0]], (3, 1, 1)))
+    slippery = replace(
+        scaled, friction=np.zeros(3), frames=np.tile([[0, 0, 1], [1, 0, 0], [0, 1, 0]], (3, 1, 1))
+    )
     middle, nothing = np.array([piece.mean(axis=0) for piece in scaled.pieces]), np.zeros((1, 3))
     start = Point(com=nothing, rotation=nothing, toes=middle, forces=np.zeros((3, 3)), residual=1.0)
     assert project(programs, projection, slippery, start).residual == np.inf
 
 
-# ------------------------------------------------------------------------------------------------- over key frames
+# -------------------------------------------------------------------------------------------------
+# over key frames
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +236,9 @@ def climbs(climb, programs):
     found = []
     for seed in CLIMBS:
         scaled = Scaled.of(climb(seed))
-        found.append((climb(seed), scaled, solve_lift(programs, scaled, least_moment=False).rounded()[1]))
+        found.append(
+            (climb(seed), scaled, solve_lift(programs, scaled, least_moment=False).rounded()[1])
+        )
     return found
 
 
@@ -223,7 +246,9 @@ def plan(course, scaled, point):
     return plan_of(course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={})
 
 
-def test_scp_ends_on_a_plan_that_the_verifier_accepts_whose_objective_is_no_less_than_the_lifts(climbs, programs):
+def test_scp_ends_on_a_plan_that_the_verifier_accepts_whose_objective_is_no_less_than_the_lifts(
+    climbs, programs
+):
     stepped = 0
     for course, scaled, start in climbs:
         lifted = solve_lift(programs, scaled, least_moment=False)

@@ -1,4 +1,5 @@
-"""Quadrupeds that do not balance on an edge: their feet press, and their bodies are inside of what carries them."""
+"""Quadrupeds that do not balance on an edge: their feet press, and their bodies are inside of what
+carries them."""
 
 from __future__ import annotations
 
@@ -43,14 +44,17 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 def shares(plan: Plan, stance: int) -> Array:
-    """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates, shape (3,)."""
+    """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates,
+    shape (3,)."""
     of = plan.problem.stances[stance]
     corners = plan.toes_at(of.frame)[list(of.limbs), :2]
     rows = np.vstack([corners.T, np.ones(3)])
     return np.asarray(np.linalg.solve(rows, [*plan.com_m[of.frame, :2], 1.0]))
 
 
-def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(plan: Plan) -> None:
+def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(
+    plan: Plan,
+) -> None:
     threes = [index for index, stance in enumerate(plan.problem.stances) if len(stance.limbs) == 3]
     assert len(threes) >= 8
     assert plan.provenance["push_share"] == 0.05
@@ -72,7 +76,9 @@ def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) ->
 def test_a_plan_that_is_bent_for_its_torques_still_bears_its_push(plan: Plan) -> None:
     bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5)).plan
     assert not np.array_equal(bent.com_m, plan.com_m)
-    assert min(margin.push_n for margin in stance_margins(bent)) >= 0.05 * bent.problem.weight_n - 1e-3
+    assert (
+        min(margin.push_n for margin in stance_margins(bent)) >= 0.05 * bent.problem.weight_n - 1e-3
+    )
 
 
 def test_pressing_changes_the_least_normal_force_alone(plan: Plan) -> None:

@@ -1,5 +1,5 @@
-"""Joints and spared joints: angles that reach, forces that are the best for the weakest joint by another model; whole
-plans that are bent to torque limits, and never to worse ones."""
+"""Joints and spared joints: angles that reach, forces that are the best for the weakest joint by
+another model; whole plans that are bent to torque limits, and never to worse ones."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -59,7 +59,9 @@ def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], 
     assert report.accepted
 
 
-def test_other_forces_spare_a_joint_that_has_too_little(plan: Plan, with_effort: Callable[[float], Plan]) -> None:
+def test_other_forces_spare_a_joint_that_has_too_little(
+    plan: Plan, with_effort: Callable[[float], Plan]
+) -> None:
     weak = with_effort(0.9 * joint_report(plan).torque_nm.max())
     own = replace(weak, joints_rad=with_joints(weak).joints_rad)
     refused = check_plan(own, joints=True)
@@ -93,30 +95,50 @@ def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> Non
     patches = [course.patch(int(p), plan.choice) for p in course.holds[of.frame]]
     arms = plan.toes_at(of.frame) - plan.com_m[of.frame]
     found = ForceDistribution(4, solver.legs.tolist()).forces(
-        course, arms, patches, np.isin(np.arange(4), of.limbs), reserves=(0.8,), least=0.0,
+        course,
+        arms,
+        patches,
+        np.isin(np.arange(4), of.limbs),
+        reserves=(0.8,),
+        least=0.0,
         loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=solver.torque_nm),
-    )  # fmt: skip
+    )
     assert found is not None
-    mine = np.abs(solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), found)).max()
+    mine = np.abs(
+        solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), found)
+    ).max()
 
     forces, most = cp.Variable((4, 3)), cp.Variable()
     rows = [cp.sum(forces, axis=0) == [0.0, 0.0, course.weight_n]]
     rows.append(sum(np.cross(np.eye(3), arm) @ forces[i] for i, arm in enumerate(arms)) == 0)
     for i, patch in enumerate(patches):
         n = patch.normal
-        rows.append(cp.norm((np.eye(3) - np.outer(n, n)) @ forces[i]) <= 0.8 * patch.friction * (n @ forces[i]))
+        rows.append(
+            cp.norm((np.eye(3) - np.outer(n, n)) @ forces[i])
+            <= 0.8 * patch.friction * (n @ forces[i])
+        )
         rows.append(forces[i] == 0 if i not in of.limbs else n @ forces[i] >= 0)
     for j, leg in enumerate(solver.legs):
         rows.append(cp.abs(weight[j] - levers[j] @ forces[leg]) <= most)
     best = float(cp.Problem(cp.Minimize(most), rows).solve(solver=cp.CLARABEL))
     assert mine == pytest.approx(best, rel=2e-3)
-    assert mine < np.abs(solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]),
-                                        plan.forces_n[stance])).max()  # fmt: skip
+    assert (
+        mine
+        < np.abs(
+            solver.torques(
+                angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), plan.forces_n[stance]
+            )
+        ).max()
+    )
 
 
 def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
     solver, rng = Kinematics(plan.problem.robot), np.random.default_rng(0)
-    angles, turn, forces = rng.uniform(-0.5, 0.5, 12), rotation_of([0.1, -0.2, 0.3]), rng.normal(size=(4, 3))
+    angles, turn, forces = (
+        rng.uniform(-0.5, 0.5, 12),
+        rotation_of([0.1, -0.2, 0.3]),
+        rng.normal(size=(4, 3)),
+    )
     weight, levers = solver.loads(angles, turn)
     by_hand = [weight[j] - levers[j] @ forces[j // 3] for j in range(12)]
     np.testing.assert_allclose(solver.torques(angles, turn, forces), by_hand, atol=1e-12)
@@ -149,7 +171,9 @@ def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
     assert report.group("torque").figures["torque_nm"] <= 9.0 + 1e-9  # the default share
     assert bent.before.torque_nm == pytest.approx(joint_report(climb).torque_nm.max(), rel=1e-6)
     assert bent.after.share == pytest.approx(report.group("torque").figures["share"], rel=1e-9)
-    assert bent.after.torque_nm == pytest.approx(report.group("torque").figures["torque_nm"], rel=1e-9)
+    assert bent.after.torque_nm == pytest.approx(
+        report.group("torque").figures["torque_nm"], rel=1e-9
+    )
     assert bent.after.depth_m <= TOUCH_M
     assert 1 <= bent.steps <= 6
     assert bent.plan.provenance["friction_share"] == climb.provenance["friction_share"]
@@ -179,9 +203,13 @@ def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -
         np.testing.assert_array_equal(bent.plan.forces_n, climb.forces_n)
 
 
-def test_a_result_that_the_verifier_refuses_is_none(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_that_the_verifier_refuses_is_none(
+    climb: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing = staticmethod(lambda name: Group(name))
-    refused = type("Refused", (), {"accepted": False, "contacts": False, "late": False, "group": nothing})()
+    refused = type(
+        "Refused", (), {"accepted": False, "contacts": False, "late": False, "group": nothing}
+    )()
     asked = list[Plan]()
 
     def check(plan: Plan, **options: Any) -> Any:

@@ -1,4 +1,5 @@
-"""A step's rows to first order: feet and torques against differences of pinocchio's own; restored plans are exact."""
+"""A step's rows to first order: feet and torques against differences of pinocchio's own; restored
+plans are exact."""
 
 from __future__ import annotations
 
@@ -49,15 +50,19 @@ def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
 
 @pytest.fixture
 def about(plan: Plan) -> WholeBodyGiven:
-    """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order anywhere."""
+    """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order
+    anywhere."""
     restoration, solver = restoration_of(plan)
     rng, point = np.random.default_rng(0), restoration.point()
     tilted = replace(point, rotation=rng.uniform(-0.3, 0.3, point.rotation.shape))
     angles = np.asarray(plan.joints_rad)
     return WholeBodyGiven(
-        scaled_of(plan), tilted, solver=solver, angles=angles + rng.uniform(-0.2, 0.2, angles.shape),
+        scaled_of(plan),
+        tilted,
+        solver=solver,
+        angles=angles + rng.uniform(-0.2, 0.2, angles.shape),
         limit_nm=solver.torque_nm,
-    )  # fmt: skip
+    )
 
 
 def torques(at: WholeBodyGiven, point: Point, angles: Array) -> Array:
@@ -73,18 +78,24 @@ def torques(at: WholeBodyGiven, point: Point, angles: Array) -> Array:
     return np.array(each)[stance[rows.contact], rows.joint]
 
 
-def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: WholeBodyGiven) -> None:
+def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(
+    about: WholeBodyGiven,
+) -> None:
     rows = TorqueRows.of(about.scaled.layout, tuple(about.solver.legs.tolist()))
     point, angles, rng = about.held, about.angles, np.random.default_rng(1)
     now = torques(about, point, angles)
     sign = np.where(now < 0.0, -1.0, 1.0) / about.limit_nm[rows.joint]
     np.testing.assert_allclose(about.torque.value, sign * now, atol=1e-12)
     for _ in range(3):
-        by_q, by_turn, by_force = (rng.normal(size=a.shape) for a in (angles, point.rotation, point.forces))
+        by_q, by_turn, by_force = (
+            rng.normal(size=a.shape) for a in (angles, point.rotation, point.forces)
+        )
 
         def moved(h: float, steps: tuple[Array, Array, Array] = (by_q, by_turn, by_force)) -> Array:
             q, turn, force = steps
-            there = replace(point, rotation=point.rotation + h * turn, forces=point.forces + h * force)
+            there = replace(
+                point, rotation=point.rotation + h * turn, forces=point.forces + h * force
+            )
             return torques(about, there, angles + h * q)
 
         slope = sign * (moved(SMALL) - moved(-SMALL)) / (2.0 * SMALL)
@@ -97,7 +108,9 @@ def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: 
     np.testing.assert_allclose(linear - at_rest, about.torque.value, atol=1e-12)
 
 
-def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(about: WholeBodyGiven) -> None:
+def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(
+    about: WholeBodyGiven,
+) -> None:
     length_m, rng = about.scaled.length_m, np.random.default_rng(2)
     by_q, by_turn = rng.normal(size=about.angles.shape), rng.normal(size=about.held.rotation.shape)
 
@@ -118,9 +131,14 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
     assert start is not None
     at = WholeBodyGiven(
-        scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
-        wanted=0.5 * start.share, radius=0.1,
-    )  # fmt: skip
+        scaled_of(plan),
+        start.point,
+        solver=solver,
+        angles=start.angles,
+        limit_nm=solver.torque_nm,
+        wanted=0.5 * start.share,
+        radius=0.1,
+    )
     step = WholeBodyStep(at.scaled.layout, tuple(solver.legs.tolist()), False)
 
     def stepped(radius: float) -> tuple[Point, Array, float]:
@@ -128,17 +146,25 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
         found = step.solve(replace(at, radius=radius))
         assert found is not None
         point, angles = found
-        there = WholeBodyGiven(at.scaled, point, solver=solver, angles=angles, limit_nm=solver.torque_nm)
+        there = WholeBodyGiven(
+            at.scaled, point, solver=solver, angles=angles, limit_nm=solver.torque_nm
+        )
         gap = point.com[:, None] + there.arms - point.toes[np.array(at.scaled.layout.holds)]
         normals = at.scaled.frames[:, :, 0][np.array(at.scaled.layout.holds)]
         gap -= (solver.radii_m / at.scaled.length_m)[:, None] * normals
         return point, angles, float(np.abs(gap).max())
 
     point, angles, gap = stepped(at.radius)
-    moved = {"com": point.com - start.point.com, "rotation": point.rotation - start.point.rotation,
-             "toes": point.toes - start.point.toes, "joints": angles - start.angles}  # fmt: skip
+    moved = {
+        "com": point.com - start.point.com,
+        "rotation": point.rotation - start.point.rotation,
+        "toes": point.toes - start.point.toes,
+        "joints": angles - start.angles,
+    }
     assert all(np.abs(each).max() <= at.room(name) + 1e-7 for name, each in moved.items())
-    assert max(np.abs(each).max() / at.room(name) for name, each in moved.items()) > 0.99  # it is used
+    assert (
+        max(np.abs(each).max() / at.room(name) for name, each in moved.items()) > 0.99
+    )  # it is used
     assert gap < 5e-4
     assert stepped(0.5 * at.radius)[2] < 0.3 * gap  # of second order in the step
     held = WholeBodyStep(at.scaled.layout, tuple(solver.legs.tolist()), True).solve(at)
@@ -156,9 +182,14 @@ def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they
     assert start is not None
     legs = tuple(solver.legs.tolist())
     at = WholeBodyGiven(
-        scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
-        wanted=0.5 * start.share, radius=1.0,
-    )  # fmt: skip
+        scaled_of(plan),
+        start.point,
+        solver=solver,
+        angles=start.angles,
+        limit_nm=solver.torque_nm,
+        wanted=0.5 * start.share,
+        radius=1.0,
+    )
     found = WholeBodyStep(at.scaled.layout, legs, False).solve(at)
     assert found is not None
     holds = np.array(plan.problem.holds)
@@ -183,12 +214,17 @@ def test_what_is_restored_is_exact(plan: Plan) -> None:
     course = plan.problem
     for s, of in enumerate(course.stances):
         toes, com, k = plan.toes_at(of.frame), plan.com_m[of.frame], of.frame
-        assert np.abs(forces[s].sum(axis=0) - [0.0, 0.0, course.weight_n]).max() < 1e-9 * course.weight_n
+        assert (
+            np.abs(forces[s].sum(axis=0) - [0.0, 0.0, course.weight_n]).max()
+            < 1e-9 * course.weight_n
+        )
         assert np.abs(np.cross(toes - com, forces[s]).sum(axis=0)).max() < 2e-9 * course.weight_n
         normals = np.array([course.patch(int(p), plan.choice).normal for p in course.holds[k]])
         feet = solver.targets(com, rotation_of(plan.rotation_rad[k]), toes, normals)
         assert np.linalg.norm(solver.feet(restored.angles[k]) - feet, axis=1).max() <= REACHED_M
-        torque = np.abs(solver.torques(restored.angles[k], rotation_of(plan.rotation_rad[k]), forces[s]))
+        torque = np.abs(
+            solver.torques(restored.angles[k], rotation_of(plan.rotation_rad[k]), forces[s])
+        )
         assert restored.shares[s] == pytest.approx((torque / solver.torque_nm).max(), rel=1e-9)
 
 
@@ -199,7 +235,9 @@ def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
     assert restoration.restore(far, np.asarray(plan.joints_rad)) is None
 
 
-def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_farther(walls: Plan) -> None:
+def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_farther(
+    walls: Plan,
+) -> None:
     solver = Kinematics(walls.problem.robot)
     angles = np.zeros((2, 24))
     angles[0, 1], angles[1, 5] = 1.6, -1.7
@@ -222,7 +260,8 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
 
 @pytest.mark.parametrize("each", [False, True])
 def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, each: bool) -> None:
-    """The body of a quadruped on level ground is held beside its feet, at the last key frame alone."""
+    """The body of a quadruped on level ground is held beside its feet, at the last key frame
+    alone."""
     restoration, _ = restoration_of(with_joints(dog_plan))
     point, scaled = restoration.point(), scaled_of(dog_plan)
     beside = point.com + np.outer(np.arange(len(point.com)) == len(point.com) - 1, [1.0, 1.0, 0.0])

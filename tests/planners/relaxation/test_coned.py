@@ -1,4 +1,5 @@
-"""P1 with friction cones times the box: it admits what is true, cuts off more, and moves with its box as it says."""
+"""P1 with friction cones times the box: it admits what is true, cuts off more, and moves with its
+box as it says."""
 
 import numpy as np
 import pytest
@@ -25,8 +26,17 @@ def held(programs):
         if posture is not None:
             scaled = Scaled.of(problem)
             frames = [contact.patch.frame for contact in problem.contacts]
-            force = np.array([f @ each for f, each in zip(posture.forces_n[0], frames, strict=True)]) / scaled.force_n
-            found.append((problem, scaled, np.hstack([(posture.toes_m - posture.com_m) / scaled.length_m, force])))
+            force = (
+                np.array([f @ each for f, each in zip(posture.forces_n[0], frames, strict=True)])
+                / scaled.force_n
+            )
+            found.append(
+                (
+                    problem,
+                    scaled,
+                    np.hstack([(posture.toes_m - posture.com_m) / scaled.length_m, force]),
+                )
+            )
     return found
 
 
@@ -46,7 +56,9 @@ def test_what_is_true_is_admitted_and_boxes_are_never_looser_than_mccormicks(hel
     for _, scaled, at in held:
         for width in (0.02, 0.1, 0.3):
             box = around(at, width, rng)
-            coned, plain = (kind.margin(programs, scaled, box).margin for kind in (Coned, McCormick))
+            coned, plain = (
+                kind.margin(programs, scaled, box).margin for kind in (Coned, McCormick)
+            )
             assert coned <= 1e-6
             assert coned >= plain - 1e-6
             tighter += coned > plain + 1e-4
@@ -71,10 +83,14 @@ def test_its_margin_moves_with_the_box_as_its_gradient_says(held, programs):
             turn = rng.normal(size=at.shape)
             sides = {"low": box.low, "high": box.high}
             moved = [
-                Coned.margin(programs, scaled, Envelope(**{**sides, name: sides[name] + step * turn})).margin
+                Coned.margin(
+                    programs, scaled, Envelope(**{**sides, name: sides[name] + step * turn})
+                ).margin
                 for step in (1e-4, -1e-4)
             ]
-            assert (moved[0] - moved[1]) / 2e-4 == pytest.approx(np.sum(gradient[side] * turn), abs=5e-3)
+            assert (moved[0] - moved[1]) / 2e-4 == pytest.approx(
+                np.sum(gradient[side] * turn), abs=5e-3
+            )
             steps += 1
     assert steps == 12
 

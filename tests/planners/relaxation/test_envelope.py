@@ -36,7 +36,8 @@ def refusal(call, *values, **named):
     return str(error.value)
 
 
-# -------------------------------------------------------------------------------------------------------------- boxes
+# --------------------------------------------------------------------------------------------------------------
+# boxes
 
 
 @given(SEEDS)
@@ -45,8 +46,12 @@ def test_the_flat_form_gives_the_box_back_and_puts_pairs_in_order(seed):
     box = Envelope.from_vector(bounds)
     assert box.contacts == 2
     pairs = bounds.reshape(2, 12)
-    np.testing.assert_array_equal(box.to_vector(), np.concatenate([pairs.min(axis=0), pairs.max(axis=0)]))
-    np.testing.assert_array_equal(Envelope.from_vector(box.to_vector()).to_vector(), box.to_vector())
+    np.testing.assert_array_equal(
+        box.to_vector(), np.concatenate([pairs.min(axis=0), pairs.max(axis=0)])
+    )
+    np.testing.assert_array_equal(
+        Envelope.from_vector(box.to_vector()).to_vector(), box.to_vector()
+    )
     np.testing.assert_array_equal(np.hstack([box.position[0], box.force[0]]), box.low)
     np.testing.assert_array_equal(np.hstack([box.position[1], box.force[1]]), box.high)
 
@@ -73,7 +78,9 @@ def test_containment_has_a_margin_and_counts_the_border():
 
 def test_the_log_volume_is_the_sum_of_the_logarithms_of_the_widths():
     widths = np.arange(1.0, 13.0).reshape(2, 6)
-    assert Envelope(low=-widths, high=0.0 * widths).log_volume() == pytest.approx(np.log(479001600.0))
+    assert Envelope(low=-widths, high=0.0 * widths).log_volume() == pytest.approx(
+        np.log(479001600.0)
+    )
     assert Envelope(low=widths, high=widths).log_volume() == -np.inf
 
 
@@ -86,15 +93,23 @@ def test_bounds_are_copied_read_only_and_in_order():
         box.low[0, 0] = 1.0
     high = np.ones((2, 6))
     high[1, 2] = -0.5
-    assert refusal(Envelope, low=box.low, high=high) == "low[1][2]: expected at most high, got 0 > -0.5"
-    assert refusal(Envelope, low=box.low, high=high[:1]) == "high: expected shape (2, 6), got (1, 6)"
-    assert refusal(Envelope, low=low[:, :5], high=high) == "low: expected shape (any, 6), got (2, 5)"
+    assert (
+        refusal(Envelope, low=box.low, high=high)
+        == "low[1][2]: expected at most high, got 0 > -0.5"
+    )
+    assert (
+        refusal(Envelope, low=box.low, high=high[:1]) == "high: expected shape (2, 6), got (1, 6)"
+    )
+    assert (
+        refusal(Envelope, low=low[:, :5], high=high) == "low: expected shape (any, 6), got (2, 5)"
+    )
     assert refusal(Envelope, low=np.full((1, 6), np.nan), high=np.ones((1, 6))).startswith(
         "low: expected finite numbers, got [[nan, "
     )
 
 
-# --------------------------------------------------------------------------------------------------------------- sets
+# ---------------------------------------------------------------------------------------------------------------
+# sets
 
 
 def test_a_set_describes_the_problems_it_was_learned_from(learned, problems):
@@ -121,7 +136,9 @@ def test_a_set_fits_what_it_was_learned_from_and_patches_a_little_further_over(l
         side = np.cross(normal, [1.0, 0.0, 0.0])
         vertices = contact.patch.centre_m + 0.05 * np.array([side, np.cross(normal, side), -side])
         patch = replace(contact.patch, vertices_m=vertices, normal=normal)
-        return problems[0].posture_with(contacts=(replace(contact, patch=patch), *problems[0].contacts[1:]))
+        return problems[0].posture_with(
+            contacts=(replace(contact, patch=patch), *problems[0].contacts[1:])
+        )
 
     most = learned.tilt_rad[0] + TILT_ROOM_RAD
     learned.check_fits(leaning(most - 1e-3))
@@ -140,8 +157,13 @@ def test_a_set_fits_its_legs_in_its_own_order_only(learned, problems):
 def test_a_set_is_never_empty_and_has_a_row_a_leg(learned):
     assert refusal(replace, learned, envelopes=()) == "envelopes: expected one or more, got none"
     two = Envelope(low=np.zeros((2, 6)), high=np.ones((2, 6)))
-    assert refusal(replace, learned, envelopes=(*learned.envelopes, two)) == "envelopes[2]: expected 3 contacts, got 2"
-    assert refusal(replace, learned, legs=("RF", "RR")) == "normals: expected shape (2, 3), got (3, 3)"
+    assert (
+        refusal(replace, learned, envelopes=(*learned.envelopes, two))
+        == "envelopes[2]: expected 3 contacts, got 2"
+    )
+    assert (
+        refusal(replace, learned, legs=("RF", "RR")) == "normals: expected shape (2, 3), got (3, 3)"
+    )
     assert refusal(replace, learned, tilt_rad=[0.1]) == "tilt_rad: expected shape (3,), got (1,)"
 
 
@@ -159,7 +181,8 @@ def test_what_describes_no_class_of_problems_is_refused(learned, key, value):
     assert refusal(replace, learned, **{key: value}).startswith(f"{key}: expected ")
 
 
-# --------------------------------------------------------------------------------------------------------------- file
+# ---------------------------------------------------------------------------------------------------------------
+# file
 
 
 def test_a_set_comes_back_from_its_file_to_the_last_bit(learned, tmp_path):
@@ -177,7 +200,11 @@ def test_a_set_comes_back_from_its_file_to_the_last_bit(learned, tmp_path):
 
 BOX = ("envelopes", 1)
 BAD = [
-    (("format",), "stancekit/envelope/2", "format: expected 'stancekit/envelope/1', got 'stancekit/envelope/2'"),
+    (
+        ("format",),
+        "stancekit/envelope/2",
+        "format: expected 'stancekit/envelope/1', got 'stancekit/envelope/2'",
+    ),
     (("legs",), ..., "legs: expected this key, got nothing"),
     (("legs",), [], "legs: expected one or more different ones, got []"),
     (("legs",), ["RF", "RR"], "normals: expected shape (2, 3), got (3, 3)"),
@@ -192,7 +219,7 @@ BAD = [
     ((*BOX, "mid"), [], "envelopes[1].mid: unknown key"),
     ((*BOX, "high"), ..., "envelopes[1].high: expected this key, got nothing"),
     (("provenance",), None, "provenance: expected a valid dictionary, got None"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("path", "value", "message"), BAD, ids=lambda _: "")

@@ -1,4 +1,5 @@
-"""The grid of cells: two neighbours at most, planes around and inside cones, tangents below squares, domains."""
+"""The grid of cells: two neighbours at most, planes around and inside cones, tangents below
+squares, domains."""
 
 from __future__ import annotations
 
@@ -28,11 +29,14 @@ from stancekit.planners.relaxation.grid import (
 )
 
 
-@pytest.mark.parametrize(("encoding", "count"), [("log", 4), ("log", 8), ("unary", 4), ("unary", 5)])
+@pytest.mark.parametrize(
+    ("encoding", "count"), [("log", 4), ("log", 8), ("unary", 4), ("unary", 5)]
+)
 def test_weight_goes_to_two_neighbours_only(encoding, count):
     weights, wanted = cp.Variable((1, count + 1), nonneg=True), cp.Parameter(count + 1)
     most = cp.Problem(
-        cp.Maximize(cp.min(weights[0] - wanted)), [cp.sum(weights) == 1, *neighbouring(weights, encoding)]
+        cp.Maximize(cp.min(weights[0] - wanted)),
+        [cp.sum(weights) == 1, *neighbouring(weights, encoding)],
     )
     for a, b in combinations_with_replacement(range(count + 1), 2):
         wanted.value = 0.5 * (np.eye(count + 1)[a] + np.eye(count + 1)[b])
@@ -42,7 +46,9 @@ def test_weight_goes_to_two_neighbours_only(encoding, count):
 
 @pytest.mark.parametrize("encoding", ["log", "unary"])
 def test_over_a_cell_the_products_reach_as_far_as_the_four_planes_of_mccormick(encoding):
-    domain = Envelope(low=[[-1.0, 0.0, 0.2, -0.5, 0.1, -1.0]], high=[[1.0, 0.8, 0.6, 0.7, 0.9, 1.0]])
+    domain = Envelope(
+        low=[[-1.0, 0.0, 0.2, -0.5, 0.1, -1.0]], high=[[1.0, 0.8, 0.6, 0.7, 0.9, 1.0]]
+    )
     cells = Cells(Breaks.of(domain, (2, 2)), (2, 2), encoding)
     parts = cp.Variable((1, 3)), cp.Variable((1, 3)), cp.Variable((1, 9))
     rng, terms = np.random.default_rng(0), cells.terms(*parts)
@@ -56,7 +62,9 @@ def test_over_a_cell_the_products_reach_as_far_as_the_four_planes_of_mccormick(e
             cell = int(np.clip(np.searchsorted(cuts, at[index]) - 1, 0, 1))
             ends.append((cuts[cell], cuts[cell + 1], at[index]))
         (p_low, p_high, p), (f_low, f_high, f) = ends
-        least = max(p_low * f + f_low * p - p_low * f_low, p_high * f + f_high * p - p_high * f_high)
+        least = max(
+            p_low * f + f_low * p - p_low * f_low, p_high * f + f_high * p - p_high * f_high
+        )
         most = min(p_low * f + f_high * p - p_low * f_high, p_high * f + f_low * p - p_high * f_low)
         for goal, expected in ((cp.Minimize, least), (cp.Maximize, most)):
             problem = cp.Problem(goal(parts[2][0, 3 * j + k]), [*terms, *held])
@@ -68,7 +76,9 @@ def test_over_a_cell_the_products_reach_as_far_as_the_four_planes_of_mccormick(e
 def test_tangent_planes_lie_around_the_cones_and_close_to_them(drawn):
     rng = np.random.default_rng(0)
     ball, direction = cp.Variable(3), cp.Parameter(3)
-    reach = cp.Problem(cp.Maximize(direction @ ball), planes(cp.SOC(cp.Constant(2.0), ball), "outer"))
+    reach = cp.Problem(
+        cp.Maximize(direction @ ball), planes(cp.SOC(cp.Constant(2.0), ball), "outer")
+    )
     scaled = Scaled.of(drawn("wall-3", 0))
     forces = ContactForces.of_candidates(PlanVariables(scaled))
     rows = [*planes(forces.in_cones()["cone"], "outer"), forces.forces[:, 0] <= 1.0]
@@ -76,7 +86,11 @@ def test_tangent_planes_lie_around_the_cones_and_close_to_them(drawn):
     friction = cp.Problem(cp.Maximize(forces.forces[0, 1:] @ push), rows)
     for _ in range(30):
         direction.value = rng.normal(size=3)
-        assert 1.0 - 1e-7 <= reach.solve(solver=cp.HIGHS) / (2.0 * np.linalg.norm(direction.value)) <= 1.041
+        assert (
+            1.0 - 1e-7
+            <= reach.solve(solver=cp.HIGHS) / (2.0 * np.linalg.norm(direction.value))
+            <= 1.041
+        )
         push.value = rng.normal(size=2)
         most = scaled.friction[0] * np.linalg.norm(push.value)
         assert 1.0 - 1e-7 <= friction.solve(solver=cp.HIGHS) / most <= 1.02
@@ -87,11 +101,17 @@ def test_planes_stand_around_or_inside_cones(axis):
     rng = np.random.default_rng(0)
     for size in (2, 3):
         radius, vectors = cp.Variable(40), cp.Variable((size, 40) if axis == 0 else (40, size))
-        rows = {kind: planes(cp.SOC(radius, vectors, axis=axis), kind) for kind in ("outer", "inner")}
+        rows = {
+            kind: planes(cp.SOC(radius, vectors, axis=axis), kind) for kind in ("outer", "inner")
+        }
         vectors_at = rng.normal(size=vectors.shape)
         norm = np.linalg.norm(vectors_at, axis=axis)
-        for kind, share, inside in (("outer", 1.0, True), ("inner", 1.0 / np.cos(np.pi / 16) ** 2 + 1e-6, True),
-                                    ("outer", 0.96, False), ("inner", 0.999, False)):  # fmt: skip
+        for kind, share, inside in (
+            ("outer", 1.0, True),
+            ("inner", 1.0 / np.cos(np.pi / 16) ** 2 + 1e-6, True),
+            ("outer", 0.96, False),
+            ("inner", 0.999, False),
+        ):
             held = [radius == share * norm, vectors == vectors_at]
             problem = cp.Problem(cp.Minimize(0), [*held, *rows[kind]])
             problem.solve(solver=cp.CLARABEL)
@@ -128,7 +148,9 @@ def test_candidates_of_one_frame_are_measured_in_it_and_others_in_the_world(ragg
 
 
 def test_of_two_boxes_the_common_part_is_left_or_the_gap():
-    first, second = (Envelope(low=np.full((1, 6), low), high=np.full((1, 6), low + 1.0)) for low in (0.0, 0.5))
+    first, second = (
+        Envelope(low=np.full((1, 6), low), high=np.full((1, 6), low + 1.0)) for low in (0.0, 0.5)
+    )
     np.testing.assert_array_equal(meet(first, second).low, np.full((1, 6), 0.5))
     np.testing.assert_array_equal(meet(first, second).high, np.ones((1, 6)))
     apart = Envelope(low=np.full((1, 6), 2.0), high=np.full((1, 6), 3.0))

@@ -1,5 +1,5 @@
-"""The lift: a bound that is never too high, tight where it must be, and proved by its own multipliers; for a posture,
-and over key frames against the same model written a second time."""
+"""The lift: a bound that is never too high, tight where it must be, and proved by its own
+multipliers; for a posture, and over key frames against the same model written a second time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ SEEDS_OF = {
     "wall-5": (0, 1, 7, 19, 45),
 }
 NATURAL = [(name, seed) for name, seeds in SEEDS_OF.items() for seed in seeds]
-MIXED = [(seed, corners) for seed in range(4) for corners in ((3, 4, 5), (4,), (5, 3), (6, 3, 4, 3))]
+MIXED = [
+    (seed, corners) for seed in range(4) for corners in ((3, 4, 5), (4,), (5, 3), (6, 3, 4, 3))
+]
 
 
 def least(programs, scaled):
@@ -53,7 +55,8 @@ def forms(scaled):
 
 
 def lift_again(model):
-    """The lift in its own words: per vertex a share λ and a force λ f in the cone and in λ times the box."""
+    """The lift in its own words: per vertex a share λ and a force λ f in the cone and in λ times
+    the box."""
     problem = model.problem
     slack = cp.Variable()
     moment, rows = 0.0, [model.balance, *model.body, *model.on_patches, *model.in_reach]
@@ -85,7 +88,8 @@ def test_the_scenes_above_are_of_all_sorts(programs, drawn, mixed):
 
 
 def around_a_posture(seed):
-    """A random posture in balance of forces, and a problem whose every other constraint it meets."""
+    """A random posture in balance of forces, and a problem whose every other constraint it
+    meets."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 4))
     com, rotation = rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.2, 0.2, 3)
@@ -108,18 +112,27 @@ def around_a_posture(seed):
         shoulder = rng.uniform(-0.2, 0.2, 3)
         leg_vector = toe - com - shoulder - np.cross(rotation, shoulder)
         patch = Patch(
-            vertices_m=toe + border, normal=normal, shear_reference=reference,
+            vertices_m=toe + border,
+            normal=normal,
+            shear_reference=reference,
             friction=np.linalg.norm(f[1:]) / f[0] + rng.choice([1e-6, 0.2]),
-        )  # fmt: skip
+        )
         room = rng.choice([1e-6, 0.3], size=(2, 3))
         contacts.append(
             Contact(
-                leg=leg, shoulder_m=shoulder, reach_m=np.linalg.norm(leg_vector) + rng.choice([1e-6, 0.1]),
-                patch=patch, force_min=f - room[0], force_max=f + room[1],
+                leg=leg,
+                shoulder_m=shoulder,
+                reach_m=np.linalg.norm(leg_vector) + rng.choice([1e-6, 0.1]),
+                patch=patch,
+                force_min=f - room[0],
+                force_max=f + room[1],
             )
-        )  # fmt: skip
+        )
     problem = Problem.posture(
-        contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=com + rng.uniform(-0.01, 0.01, 3), com_radius_m=0.02
+        contacts=tuple(contacts),
+        mass_kg=10.0,
+        com_nominal_m=com + rng.uniform(-0.01, 0.01, 3),
+        com_radius_m=0.02,
     )
     return Plan.of_posture(problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
 
@@ -130,7 +143,9 @@ def test_the_bound_is_never_above_the_moment_of_a_posture_that_is_otherwise_righ
     posture = around_a_posture(seed)
     groups = {g.name: g.worst for g in check_plan(posture).groups}
     assert max(worst for group, worst in groups.items() if group != "moment_balance") < 1e-12
-    moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0) / (98.1 * 0.6)
+    moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0) / (
+        98.1 * 0.6
+    )
     answer = least(programs, Scaled.of(posture.problem))
     assert answer.solved
     assert answer.bound <= np.max(np.abs(moment)) + 1e-7
@@ -138,16 +153,24 @@ def test_the_bound_is_never_above_the_moment_of_a_posture_that_is_otherwise_righ
 
 @given(SEEDS)
 @settings(max_examples=40)
-def test_on_patches_without_size_the_bound_is_the_least_residual_of_those_toes(programs, drawn, mixed, seed):
+def test_on_patches_without_size_the_bound_is_the_least_residual_of_those_toes(
+    programs, drawn, mixed, seed
+):
     rng = np.random.default_rng(seed)
-    problem = mixed(int(rng.integers(20)), (3, 4, 5)) if rng.random() < 0.5 else drawn("wall-3", int(rng.integers(60)))
+    problem = (
+        mixed(int(rng.integers(20)), (3, 4, 5))
+        if rng.random() < 0.5
+        else drawn("wall-3", int(rng.integers(60)))
+    )
     scaled = Scaled.of(problem)
     toes = np.array([rng.dirichlet(np.ones(len(piece))) @ piece for piece in scaled.pieces])
     for i, toe in enumerate(toes):
         scaled = scaled.with_piece(i, np.repeat(toe[None], int(rng.choice([1, 3])), axis=0))
     answer, nothing = least(programs, scaled), np.zeros((1, 3))
     held = Point(com=nothing, rotation=nothing, toes=toes, forces=0.0 * toes, residual=np.inf)
-    assert answer.bound == pytest.approx(project(programs, "fix-toes", scaled, held).residual, abs=2e-7)
+    assert answer.bound == pytest.approx(
+        project(programs, "fix-toes", scaled, held).residual, abs=2e-7
+    )
     if np.isfinite(answer.bound):
         np.testing.assert_allclose(answer.toes, toes, atol=1e-8)
 
@@ -180,7 +203,10 @@ def test_the_form_that_is_chosen_says_what_the_whole_one_says_on_ice(programs, d
 def test_the_box_is_implied_exactly_where_cone_and_normal_limit_reach_no_other_side(drawn):
     three = Scaled.of(drawn("wall-3", 0))
     plain = replace(
-        three, friction=np.full(3, 0.5), force_min=np.tile([0.0, -1.0, -1.0], (3, 1)), force_max=np.ones((3, 3))
+        three,
+        friction=np.full(3, 0.5),
+        force_min=np.tile([0.0, -1.0, -1.0], (3, 1)),
+        force_max=np.ones((3, 3)),
     )
     assert plain.box_implied
 
@@ -202,11 +228,15 @@ def test_the_box_is_implied_exactly_where_cone_and_normal_limit_reach_no_other_s
 def test_the_multipliers_prove_the_bound(programs, drawn, mixed, scene):
     problem = drawn(*scene) if isinstance(scene[0], str) else mixed(*scene)
     answer = least(programs, Scaled.of(problem))
-    report = check_certificate(Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(problem))
+    report = check_certificate(
+        Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(problem)
+    )
     if np.isinf(answer.bound):
         assert report.figures["lower_bound"] == np.inf
     else:
-        assert report.figures["lower_bound"] == pytest.approx(answer.bound, rel=3e-5, abs=2e-7)  # single precision
+        assert report.figures["lower_bound"] == pytest.approx(
+            answer.bound, rel=3e-5, abs=2e-7
+        )  # single precision
     assert report.accepted == (report.figures["lower_bound"] > 1e-4)
 
 
@@ -214,7 +244,11 @@ def test_the_multipliers_prove_the_bound(programs, drawn, mixed, scene):
 @settings(max_examples=60)
 def test_a_smaller_patch_or_force_box_never_lowers_the_bound(programs, drawn, mixed, seed):
     rng = np.random.default_rng(seed)
-    problem = mixed(int(rng.integers(20)), (3, 4, 5)) if rng.random() < 0.5 else drawn("wall-3", int(rng.integers(60)))
+    problem = (
+        mixed(int(rng.integers(20)), (3, 4, 5))
+        if rng.random() < 0.5
+        else drawn("wall-3", int(rng.integers(60)))
+    )
     scaled = Scaled.of(problem)
     before = least(programs, scaled).bound
     for _ in range(3):
@@ -225,7 +259,9 @@ def test_a_smaller_patch_or_force_box_never_lowers_the_bound(programs, drawn, mi
         low, high = scaled.force_min[i], scaled.force_max[i]
         ends = low + (high - low) * np.sort(rng.uniform(0.0, 1.0, (2, 3)), axis=0)
         keep = rng.random(3) < 0.7
-        scaled = narrowed(scaled, i, corners, np.where(keep, low, ends[0]), np.where(keep, high, ends[1]))
+        scaled = narrowed(
+            scaled, i, corners, np.where(keep, low, ends[0]), np.where(keep, high, ends[1])
+        )
         after = least(programs, scaled).bound
         assert after >= before - 2e-7
         before = after
@@ -244,7 +280,8 @@ def test_repeated_corners_change_nothing(drawn, implied, seed):
 
 
 def test_a_limb_that_may_not_push_must_stand_on_its_patch_all_the_same(programs, drawn):
-    """A force box without size leaves the shares free unless λ ≥ 0 is asked for: the patch would be its whole plane."""
+    """A force box without size leaves the shares free unless λ ≥ 0 is asked for: the patch would be
+    its whole plane."""
     scaled = Scaled.of(drawn("wall-3", 0))
     nothing = np.zeros(3)
     corners = scaled.pieces[0]
@@ -255,7 +292,9 @@ def test_a_limb_that_may_not_push_must_stand_on_its_patch_all_the_same(programs,
 
 def test_where_the_solver_gives_up_nothing_is_proved(drawn, climb, monkeypatch):
     solve = Rows.solve
-    monkeypatch.setattr(Rows, "solve", lambda rows, data: replace(solve(rows, data), status=ConicStatus.FAILED))
+    monkeypatch.setattr(
+        Rows, "solve", lambda rows, data: replace(solve(rows, data), status=ConicStatus.FAILED)
+    )
     answer = least(Programs(), Scaled.of(drawn("wall-3", 5)))
     assert (answer.solved, answer.bound) == (False, 0.0)
     answer = solve_lift(Programs(), Scaled.of(climb(0)), least_moment=False)
@@ -270,7 +309,9 @@ def test_a_mixed_scene_has_the_corners_that_it_has(mixed):
     for piece, padded, contact in zip(scaled.pieces, scaled.patches, problem.contacts, strict=True):
         own = contact.patch.vertices_m / 0.6
         np.testing.assert_array_equal(piece, own)
-        np.testing.assert_array_equal(padded, np.vstack([own, np.repeat(own[-1:], 5 - len(own), axis=0)]))
+        np.testing.assert_array_equal(
+            padded, np.vstack([own, np.repeat(own[-1:], 5 - len(own), axis=0)])
+        )
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
@@ -296,10 +337,13 @@ def test_the_answer_meets_what_the_lift_demands_of_it(programs, mixed, seed):
     np.testing.assert_array_equal(choice, 0)
     np.testing.assert_array_equal(point.com, answer.com)
     for i in range(3):
-        np.testing.assert_allclose(point.forces[i], answer.by_vertex[own == i].sum(axis=0), atol=1e-12)
+        np.testing.assert_allclose(
+            point.forces[i], answer.by_vertex[own == i].sum(axis=0), atol=1e-12
+        )
 
 
-# ------------------------------------------------------------------------------------------------- over key frames
+# -------------------------------------------------------------------------------------------------
+# over key frames
 
 
 def lifted(programs, course):
@@ -312,7 +356,9 @@ def lifted(programs, course):
     [((1, 3, 4), {}), ((0, 5), {"regions": 2, "ice": 0.4}), ((4, 5), {"frames": 3})],
     ids=["two frames", "two regions", "three frames"],
 )
-def test_its_least_objective_is_that_of_the_model_written_a_second_time(programs, climb, written_course, seeds, shape):
+def test_its_least_objective_is_that_of_the_model_written_a_second_time(
+    programs, climb, written_course, seeds, shape
+):
     answers = {agreed(programs, climb(seed, **shape), written_course) for seed in seeds}
     assert answers == {ConicStatus.SOLVED, ConicStatus.INFEASIBLE}
 
@@ -323,18 +369,24 @@ def agreed(programs, course, written_course):
     problem.solve(cp.CLARABEL)
     assert (ours.status is ConicStatus.INFEASIBLE) == (problem.status == cp.INFEASIBLE)
     if ours.status is ConicStatus.SOLVED:
-        assert ours.bound * course.length_scale_m**2 == pytest.approx(problem.value, rel=1e-5, abs=1e-8)
+        assert ours.bound * course.length_scale_m**2 == pytest.approx(
+            problem.value, rel=1e-5, abs=1e-8
+        )
     return ours.status
 
 
-def test_so_it_is_on_other_polygons_some_of_ice_with_one_toe_that_stands(programs, rough, written_course):
+def test_so_it_is_on_other_polygons_some_of_ice_with_one_toe_that_stands(
+    programs, rough, written_course
+):
     courses = [rough(seed, regions=2, ice=0.2) for seed in (0, 1, 2, 4)]
     assert all(course.footholds[0].toe_m is not None for course in courses)
     answers = {agreed(programs, course, written_course) for course in courses}
     assert answers == {ConicStatus.SOLVED, ConicStatus.INFEASIBLE}
 
 
-def test_with_one_frame_and_one_stance_it_leaves_the_moments_that_one_postures_lift_leaves(programs, climb):
+def test_with_one_frame_and_one_stance_it_leaves_the_moments_that_one_postures_lift_leaves(
+    programs, climb
+):
     seen = []
     for seed in range(8):
         course = climb(seed, frames=1)
@@ -352,7 +404,9 @@ def test_with_one_frame_and_one_stance_it_leaves_the_moments_that_one_postures_l
 def test_shares_of_a_toe_sum_to_one_and_toes_are_on_their_patches(programs, climb):
     course = climb(0, regions=2, ice=0.4)
     answer = lifted(programs, course)
-    np.testing.assert_allclose(answer.scaled.by_candidate(answer.shares, 0.0).sum(axis=1), 1.0, atol=1e-6)
+    np.testing.assert_allclose(
+        answer.scaled.by_candidate(answer.shares, 0.0).sum(axis=1), 1.0, atol=1e-6
+    )
     choice, point = answer.rounded()
     for p, put in enumerate(course.footholds):
         patch = put.candidates[choice[p]]
@@ -381,7 +435,11 @@ def test_rounding_takes_the_largest_share_and_the_net_force_on_the_robot_stays(p
 
 def test_closing_candidates_never_lowers_the_objective_and_what_is_closed_is_gone(programs, climb):
     scaled = Scaled.of(climb(4, regions=2, ice=0.4))
-    whole, rng, looked_at = solve_lift(programs, scaled, least_moment=False), np.random.default_rng(0), 0
+    whole, rng, looked_at = (
+        solve_lift(programs, scaled, least_moment=False),
+        np.random.default_rng(0),
+        0,
+    )
     for _ in range(6):
         opened = scaled.opened()
         p, r = int(rng.integers(len(opened))), int(rng.integers(2))
@@ -394,12 +452,20 @@ def test_closing_candidates_never_lowers_the_objective_and_what_is_closed_is_gon
     assert looked_at > 2
 
 
-def test_the_multipliers_of_a_course_prove_its_bound_and_those_of_its_ray_that_it_has_no_plan(programs, climb, rough):
+def test_the_multipliers_of_a_course_prove_its_bound_and_those_of_its_ray_that_it_has_no_plan(
+    programs, climb, rough
+):
     proved = positive = 0
-    courses = [climb(seed, **shape) for seed in range(4) for shape in ({}, {"regions": 2, "ice": 0.5}, {"frames": 3})]
+    courses = [
+        climb(seed, **shape)
+        for seed in range(4)
+        for shape in ({}, {"regions": 2, "ice": 0.5}, {"frames": 3})
+    ]
     for course in [*courses, *(rough(seed, regions=2, ice=0.5) for seed in range(6))]:
         for answer in (lifted(programs, course), least(programs, Scaled.of(course))):
-            report = check_certificate(Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(course))
+            report = check_certificate(
+                Certificate(tree=LEAF, multipliers=answer.multipliers[None]).of(course)
+            )
             if answer.status is ConicStatus.INFEASIBLE:
                 unbounded = report.figures["lower_bound"] == np.inf
                 assert unbounded or lifted(programs, course).status is ConicStatus.INFEASIBLE
@@ -412,7 +478,9 @@ def test_the_multipliers_of_a_course_prove_its_bound_and_those_of_its_ray_that_i
     assert positive >= 3
 
 
-def test_a_stance_alone_leaves_no_more_than_the_course_does_and_has_the_numbers_of_its_own(programs, climb, rough):
+def test_a_stance_alone_leaves_no_more_than_the_course_does_and_has_the_numbers_of_its_own(
+    programs, climb, rough
+):
     several, courses = 0, [climb(seed, frames=3) for seed in range(4)]
     for course in [*courses, *(rough(seed, regions=3, ice=0.3) for seed in range(6))]:
         scaled = Scaled.of(course)
@@ -420,10 +488,15 @@ def test_a_stance_alone_leaves_no_more_than_the_course_does_and_has_the_numbers_
         for index, stance in enumerate(course.stances):
             part, footholds, contacts = alone(scaled, index)
             np.testing.assert_array_equal(footholds, course.holds[stance.frame])
-            assert [scaled.layout.contacts[2][b] for b in contacts] == [footholds[i] for i in stance.limbs]
+            assert [scaled.layout.contacts[2][b] for b in contacts] == [
+                footholds[i] for i in stance.limbs
+            ]
             np.testing.assert_array_equal(part.com[0], scaled.com[stance.frame])
             for own, p in enumerate(footholds):
-                mine, theirs = part.layout.candidate_footholds == own, scaled.layout.candidate_footholds == p
+                mine, theirs = (
+                    part.layout.candidate_footholds == own,
+                    scaled.layout.candidate_footholds == p,
+                )
                 assert part.which[own] == scaled.which[p]
                 np.testing.assert_array_equal(part.friction[mine], scaled.friction[theirs])
                 for piece, other in zip(np.flatnonzero(mine), np.flatnonzero(theirs), strict=True):

@@ -49,7 +49,8 @@ def around(point, width):
 
 
 def p1_again(model, boxes):
-    """Least t over boxes, one binary each: McCormick rows relaxed by t, and off for a box that is not chosen."""
+    """Least t over boxes, one binary each: McCormick rows relaxed by t, and off for a box that is
+    not chosen."""
     count = len(model.problem.contacts)
     t = cp.Variable()
     products = [cp.Variable((3, 3)) for _ in range(count)]  # m_jk, rows j of p, columns k of f
@@ -84,7 +85,9 @@ def test_the_margin_is_that_of_p1_written_again(programs, drawn, written, box, s
     problem = drawn("wall-3", seed)
     scaled = Scaled.of(problem)
     answer = programs.get(McCormick, scaled.layout).solve(scaled, box)
-    assert answer.margin == pytest.approx(p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7)
+    assert answer.margin == pytest.approx(
+        p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7
+    )
     assert answer.feasible == (answer.margin <= FEASIBLE_MARGIN)
     assert answer.known
 
@@ -96,10 +99,13 @@ def test_the_margin_of_mixed_polygons_is_that_of_p1_written_again(programs, mixe
     rng = np.random.default_rng(seed)
     box = Envelope.from_vector(rng.uniform(-0.6, 0.6, 48))
     answer = programs.get(McCormick, scaled.layout).solve(scaled, box)
-    assert answer.margin == pytest.approx(p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7)
+    assert answer.margin == pytest.approx(
+        p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7
+    )
 
 
-# ---------------------------------------------------------------------------------------------------------- gradient
+# ----------------------------------------------------------------------------------------------------------
+# gradient
 
 
 def margin_at(programs, scaled, vector):
@@ -113,28 +119,39 @@ def test_the_gradient_is_that_of_central_differences_in_every_bound(programs, dr
     gradient = np.concatenate([part.ravel() for part in answer.gradient])
     steps = STEP * np.eye(len(bounds))
     slopes = [
-        (margin_at(programs, scaled, bounds + e) - margin_at(programs, scaled, bounds - e)) / (2 * STEP) for e in steps
+        (margin_at(programs, scaled, bounds + e) - margin_at(programs, scaled, bounds - e))
+        / (2 * STEP)
+        for e in steps
     ]
     np.testing.assert_allclose(gradient, slopes, atol=1e-5)
     assert np.max(np.abs(gradient)) > 0.02
 
 
 @given(SEEDS)
-def test_the_gradient_is_that_of_central_differences_in_any_direction(programs, drawn, mixed, box, seed):
+def test_the_gradient_is_that_of_central_differences_in_any_direction(
+    programs, drawn, mixed, box, seed
+):
     rng = np.random.default_rng(seed)
     if rng.random() < 0.5:
-        scaled, low = Scaled.of(mixed(int(rng.integers(10)), (4, 3, 3))), rng.uniform(-0.9, -0.1, (3, 6))
+        scaled, low = (
+            Scaled.of(mixed(int(rng.integers(10)), (4, 3, 3))),
+            rng.uniform(-0.9, -0.1, (3, 6)),
+        )
         bounds = np.concatenate([low.ravel(), (low + rng.uniform(0.2, 1.2, (3, 6))).ravel()])
     else:
         scaled = Scaled.of(drawn("wall-3", int(rng.integers(40))))
         bounds = box.to_vector() + rng.uniform(-0.01, 0.01, 36)
     direction = rng.normal(size=36)
-    answer = programs.get(McCormick, scaled.layout).solve(scaled, Envelope.from_vector(bounds), gradient=True)
+    answer = programs.get(McCormick, scaled.layout).solve(
+        scaled, Envelope.from_vector(bounds), gradient=True
+    )
     if np.isinf(answer.margin):
         assert answer.gradient is None
         return
     gradient = np.concatenate([part.ravel() for part in answer.gradient])
-    ahead, behind = (margin_at(programs, scaled, bounds + sign * STEP * direction) for sign in (1.0, -1.0))
+    ahead, behind = (
+        margin_at(programs, scaled, bounds + sign * STEP * direction) for sign in (1.0, -1.0)
+    )
     one_sided = np.sort([(ahead - answer.margin) / STEP, (answer.margin - behind) / STEP])
     assert one_sided[0] - 2e-3 <= gradient @ direction <= one_sided[1] + 2e-3
     if one_sided[1] - one_sided[0] < 2e-4:  # no kink in between
@@ -150,7 +167,8 @@ def test_the_gradient_comes_only_when_asked_for(programs, drawn, box):
     assert np.max(high) <= 1e-6
 
 
-# --------------------------------------------------------------------------------------------------------- promises
+# ---------------------------------------------------------------------------------------------------------
+# promises
 
 
 @given(SEEDS)
@@ -158,15 +176,20 @@ def test_a_box_that_holds_a_witness_admits_the_problem(programs, witnesses, seed
     rng = np.random.default_rng(seed)
     scaled, point = witnesses[int(rng.integers(len(witnesses)))]
     low, high = rng.exponential(0.2, (2, 3, 6)) * (rng.random((2, 3, 6)) < 0.8)
-    answer = programs.get(McCormick, scaled.layout).solve(scaled, Envelope(low=point - low, high=point + high))
+    answer = programs.get(McCormick, scaled.layout).solve(
+        scaled, Envelope(low=point - low, high=point + high)
+    )
     assert answer.margin <= 2e-7
     if low.min() > 1e-3 and high.min() > 1e-3:
         assert answer.feasible
 
 
 @given(SEEDS)
-def test_a_larger_box_admits_what_a_smaller_one_admits_with_no_larger_margin(programs, witnesses, seed):
-    """Only where t ≤ 0: outside a box its rows are no bounds on p f, so that a positive margin may even grow."""
+def test_a_larger_box_admits_what_a_smaller_one_admits_with_no_larger_margin(
+    programs, witnesses, seed
+):
+    """Only where t ≤ 0: outside a box its rows are no bounds on p f, so that a positive margin may
+    even grow."""
     rng = np.random.default_rng(seed)
     scaled, point = witnesses[int(rng.integers(len(witnesses)))]
     box = around(point, rng.exponential(0.02, (3, 6)))
@@ -183,11 +206,15 @@ def test_a_larger_box_admits_what_a_smaller_one_admits_with_no_larger_margin(pro
 def test_a_box_within_one_that_refuses_the_problem_refuses_it_too(programs, drawn, mixed, seed):
     rng = np.random.default_rng(seed)
     scaled = Scaled.of(
-        drawn("wall-3", int(rng.integers(40))) if rng.random() < 0.5 else mixed(int(rng.integers(10)), (4, 3, 3))
+        drawn("wall-3", int(rng.integers(40)))
+        if rng.random() < 0.5
+        else mixed(int(rng.integers(10)), (4, 3, 3))
     )
     low, width = rng.uniform(-0.9, 0.2, (3, 6)), rng.exponential(0.5, (3, 6))
     ends = np.sort(rng.uniform(0.0, 1.0, (2, 3, 6)), axis=0)
-    large = programs.get(McCormick, scaled.layout).solve(scaled, Envelope(low=low, high=low + width))
+    large = programs.get(McCormick, scaled.layout).solve(
+        scaled, Envelope(low=low, high=low + width)
+    )
     small = programs.get(McCormick, scaled.layout).solve(
         scaled, Envelope(low=low + ends[0] * width, high=low + ends[1] * width)
     )
@@ -202,8 +229,12 @@ def test_as_the_box_shrinks_to_a_witness_so_does_the_answer(programs, witnesses)
             com, toes, forces = answer.point.com, answer.point.toes, answer.point.forces
             assert -width <= answer.margin <= 2e-7
             np.testing.assert_allclose(np.hstack([toes - com, forces]), point, atol=width + 1e-6)
-            assert answer.gap <= width**2 + 1e-6  # McCormick's largest gap over a square of side 2 width
-            moment = np.cross(toes - com, np.einsum("nij,nj->ni", scaled.frames, forces)).sum(axis=0)
+            assert (
+                answer.gap <= width**2 + 1e-6
+            )  # McCormick's largest gap over a square of side 2 width
+            moment = np.cross(toes - com, np.einsum("nij,nj->ni", scaled.frames, forces)).sum(
+                axis=0
+            )
             assert np.max(np.abs(moment)) <= 18.0 * width**2 + 1e-5
 
 
@@ -246,11 +277,14 @@ def test_p_bar_answers_with_a_point_of_its_set(programs, drawn, written, seed):
     model.com.value, model.rotation.value = point.com[0], point.rotation[0]
     model.toes.value, model.forces.value = point.toes, point.forces
     for share, vertices, toe in zip(model.shares, model.vertices, point.toes, strict=True):
-        share.value = np.linalg.lstsq(np.vstack([vertices.T, np.ones(3)]), np.append(toe, 1.0), rcond=None)[0]
+        share.value = np.linalg.lstsq(
+            np.vstack([vertices.T, np.ones(3)]), np.append(toe, 1.0), rcond=None
+        )[0]
     assert max(np.max(constraint.violation()) for constraint in model.convex) < 1e-7
 
 
-# ------------------------------------------------------------------------------------------------------ sets and gap
+# ------------------------------------------------------------------------------------------------------
+# sets and gap
 
 
 def some_boxes(box, seed):
@@ -269,7 +303,10 @@ def test_of_a_set_the_box_of_least_margin_is_chosen(programs, drawn, box, seed):
     assert best.chosen == int(np.argmin(margins))
     assert best.gap == answers[best.chosen].gap
     np.testing.assert_array_equal(best.point.forces, answers[best.chosen].point.forces)
-    assert programs.get(McCormick, scaled.layout).solve_any(scaled, boxes[::-1]).chosen == 2 - best.chosen
+    assert (
+        programs.get(McCormick, scaled.layout).solve_any(scaled, boxes[::-1]).chosen
+        == 2 - best.chosen
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 5])
@@ -284,7 +321,11 @@ def test_a_box_that_the_solver_gave_up_on_hides_no_other_that_admits_the_problem
     solve = p1.rows.solve
 
     def gives_up(data):
-        return replace(solve(data), status=ConicStatus.FAILED) if data.boxes[0] is boxes[place] else solve(data)
+        return (
+            replace(solve(data), status=ConicStatus.FAILED)
+            if data.boxes[0] is boxes[place]
+            else solve(data)
+        )
 
     monkeypatch.setattr(p1.rows, "solve", gives_up)
     answer = p1.solve_any(scaled, boxes)
@@ -299,16 +340,30 @@ def test_a_box_that_the_solver_gave_up_on_hides_no_other_that_admits_the_problem
 
 def test_where_the_solver_gives_up_nothing_is_known(drawn, box, monkeypatch):
     solve = Rows.solve
-    monkeypatch.setattr(Rows, "solve", lambda rows, data: replace(solve(rows, data), status=ConicStatus.FAILED))
+    monkeypatch.setattr(
+        Rows, "solve", lambda rows, data: replace(solve(rows, data), status=ConicStatus.FAILED)
+    )
     scaled = Scaled.of(drawn("wall-3", 5))
     answer = McCormick(scaled.layout).solve(scaled, box, gradient=True)
     assert np.isnan([answer.margin, answer.gap]).all()
-    assert (answer.known, answer.feasible, answer.point, answer.gradient) == (False, False, None, None)
+    assert (answer.known, answer.feasible, answer.point, answer.gradient) == (
+        False,
+        False,
+        None,
+        None,
+    )
     assert WithoutMoment(scaled.layout).solve(scaled) is None
 
 
 def test_a_margin_is_feasible_up_to_the_tolerance_of_the_solver():
-    for margin, feasible in ((-1.0, True), (0.0, True), (1e-8, True), (1e-6, False), (np.inf, False), (np.nan, False)):
+    for margin, feasible in (
+        (-1.0, True),
+        (0.0, True),
+        (1e-8, True),
+        (1e-6, False),
+        (np.inf, False),
+        (np.nan, False),
+    ):
         assert RelaxationAnswer(margin=margin).feasible == feasible
 
 
@@ -336,7 +391,9 @@ def test_the_gap_is_the_largest_miss_of_a_product(programs, drawn, box, seed):
         for k in range(3)
     ]
     assert answer.gap == max(misses)
-    np.testing.assert_allclose(answer.at[:, :3], answer.point.toes - answer.point.com, atol=1e-7)  # E2
+    np.testing.assert_allclose(
+        answer.at[:, :3], answer.point.toes - answer.point.com, atol=1e-7
+    )  # E2
     world = np.einsum("njk,nak->nja", m, scaled.frames)  # Σ_k m_jk F_k
     moment = np.cross(np.eye(3)[None], world).sum(axis=(0, 1))
     np.testing.assert_allclose(moment, 0.0, atol=1e-7)  # E9 holds for m, though not for p f

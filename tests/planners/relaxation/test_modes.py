@@ -1,4 +1,5 @@
-"""Mode switching: z from boxes in world axes, against enumeration and against what the terrain is."""
+"""Mode switching: z from boxes in world axes, against enumeration and against what the terrain
+is."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
 
-SHORT = read_spec("ground-to-wall").model_copy(update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6})
+SHORT = read_spec("ground-to-wall").model_copy(
+    update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6}
+)
 """The part about the switch."""
 
 
@@ -41,25 +44,35 @@ def planner(modes):
 
 @pytest.fixture(scope="module")
 def small():
-    """A small climb, two boxes over it that cost something, and P1 with each of their eight choices."""
+    """A small climb, two boxes over it that cost something, and P1 with each of their eight
+    choices."""
     course = read_course("walls", frames=2)
     scaled = Scaled.of(course)
     domain = domain_of(scaled, "world")
     boxes = []
-    for axis, room in ((0, 0.08), (2, 0.08)):  # the body kept back, or kept down: off the goal either way
+    for axis, room in (
+        (0, 0.08),
+        (2, 0.08),
+    ):  # the body kept back, or kept down: off the goal either way
         low = domain.low.copy()
         low[:, axis] = domain.high[:, axis] - room
         boxes.append(Envelope(low=low, high=domain.high))
     single = McCormick(scaled.layout, "world", False)
     assert len(scaled.layout.stances) == 3
-    choices = {z: single.solve(scaled, composed(scaled.layout, boxes, np.array(z)))
-               for z in itertools.product((0, 1), repeat=3)}  # fmt: skip
+    choices = {
+        z: single.solve(scaled, composed(scaled.layout, boxes, np.array(z)))
+        for z in itertools.product((0, 1), repeat=3)
+    }
     return course, scaled, tuple(boxes), choices
 
 
 @pytest.mark.parametrize("seed", [None, 1])
 def test_z_switches_where_the_terrain_does(seed, planner):
-    course = build_course(SHORT, Path()) if seed is None else perturbed(SHORT, np.random.default_rng(seed))
+    course = (
+        build_course(SHORT, Path())
+        if seed is None
+        else perturbed(SHORT, np.random.default_rng(seed))
+    )
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert tuple(outcome.solution.modes) == course.modes
@@ -131,10 +144,15 @@ def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
     scaled = Scaled.of(course)
     allowed = planner.allowed(scaled, boxes_of(course, modes.boxes, "world"), Clock.start())
     wanted = [course.modes[frame] for frame, _ in scaled.layout.stances]
-    carried = [all(abs(_normal(course, stance, limb)[2]) > 0.7 for limb in stance.limbs) for stance in course.stances]
+    carried = [
+        all(abs(_normal(course, stance, limb)[2]) > 0.7 for limb in stance.limbs)
+        for stance in course.stances
+    ]
     np.testing.assert_array_equal(allowed.argmax(axis=1), 1 - np.array(carried))
     assert modes_of_frames(scaled.layout, allowed.argmax(axis=1)).tolist() == list(course.modes)
-    assert wanted != (1 - np.array(carried)).tolist()  # at the switch one stance still stands on the ground
+    assert (
+        wanted != (1 - np.array(carried)).tolist()
+    )  # at the switch one stance still stands on the ground
 
 
 def _normal(course, stance, limb):
@@ -144,7 +162,9 @@ def _normal(course, stance, limb):
 def test_world_points_are_the_forces_of_the_postures(programs, drawn):
     problems = [drawn("wall-3", seed) for seed in range(12)]
     outcomes = [ExactPlanner(programs=programs).solve(problem) for problem in problems]
-    found = [(p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None]
+    found = [
+        (p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None
+    ]
     assert found
     points = np.array([Scaled.of(problem).point(posture) for problem, posture in found])
     turned = world_points([problem for problem, _ in found], points)
@@ -158,17 +178,25 @@ def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
     assert again.names == modes.names
     for mine, theirs in zip(modes.boxes.envelopes, again.boxes.envelopes, strict=True):
         np.testing.assert_array_equal(mine.to_vector(), theirs.to_vector())
-    with pytest.raises(InvalidInput, match="format: expected 'stancekit/modes/1', got 'stancekit/envelope/1'"):
+    with pytest.raises(
+        InvalidInput, match="format: expected 'stancekit/modes/1', got 'stancekit/envelope/1'"
+    ):
         Modes.from_json(modes.boxes.to_json())
-    with pytest.raises(InvalidInput, match="names: expected 2 different ones, one an envelope, got \\['ground'\\]"):
+    with pytest.raises(
+        InvalidInput, match="names: expected 2 different ones, one an envelope, got \\['ground'\\]"
+    ):
         Modes.from_json(modes.to_json() | {"names": ["ground"]})
     with pytest.raises(InvalidInput, match=r"boxes\.force_scale_n"):
-        Modes.from_json(modes.to_json() | {"boxes": modes.boxes.to_json() | {"force_scale_n": -1.0}})
+        Modes.from_json(
+            modes.to_json() | {"boxes": modes.boxes.to_json() | {"force_scale_n": -1.0}}
+        )
 
 
 def test_boxes_that_no_stance_can_use_are_reported_for_the_stance(modes):
     far = Envelope(low=modes.boxes.envelopes[0].low + 5.0, high=modes.boxes.envelopes[0].high + 5.0)
     boxes = type(modes.boxes)(**{**vars(modes.boxes), "envelopes": (far, far)})
-    outcome = EnvelopeCoursePlanner(Modes(names=modes.names, boxes=boxes)).solve(read_course("walls", frames=2))
+    outcome = EnvelopeCoursePlanner(Modes(names=modes.names, boxes=boxes)).solve(
+        read_course("walls", frames=2)
+    )
     assert outcome.status is Status.UNDECIDED
     assert "frame 0, stance on LF, LR, RM: no envelope has room for it" in outcome.message

@@ -1,4 +1,5 @@
-"""Envelopes of a robot's file: P1 with half-spaces of reach, boxes in the course's units, and whose they are."""
+"""Envelopes of a robot's file: P1 with half-spaces of reach, boxes in the course's units, and whose
+they are."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ from stancekit.planners.verify import check_postures
 
 
 def walled(problem: Problem, shift_m: float = 0.0) -> Problem:
-    """The problem with legs that reach little but their patches' middles, or places beside them, and a name."""
+    """The problem with legs that reach little but their patches' middles, or places beside them,
+    and a name."""
     contacts = []
     for i, contact in enumerate(problem.contacts):
         normals = np.vstack([np.eye(3), -np.eye(3)])
@@ -53,13 +55,16 @@ def test_p1_over_half_spaces_admits_every_posture_in_its_box(drawn, programs: Pr
         assert programs.get(McCormick, scaled.layout).solve(scaled, box).margin <= 1e-7
 
 
-def test_p1_over_half_spaces_refuses_what_they_keep_out_and_balls_let_in(drawn, programs: Programs) -> None:
+def test_p1_over_half_spaces_refuses_what_they_keep_out_and_balls_let_in(
+    drawn, programs: Programs
+) -> None:
     kept_out = 0
     for seed in range(20):
         plain, problem = drawn("ground-3", seed), walled(drawn("ground-3", seed), 0.3)
         wide = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
         loose, tight = (
-            programs.get(McCormick, scaled.layout).solve(scaled, wide) for scaled in map(Scaled.of, (plain, problem))
+            programs.get(McCormick, scaled.layout).solve(scaled, wide)
+            for scaled in map(Scaled.of, (plain, problem))
         )
         assert loose.margin <= tight.margin + 1e-6
         kept_out += bool(np.isfinite(loose.margin) and np.isinf(tight.margin))
@@ -74,18 +79,23 @@ def test_points_without_moments_are_in_the_inner_sets(drawn, programs: Programs)
         point = programs.get(WithoutMoment, scaled.layout, True).solve(scaled)
         if point is not None:
             looked += 1
-            worst = check_postures([plan_of(problem, scaled, scaled.numbers, point)], without=("moment_balance",))
+            worst = check_postures(
+                [plan_of(problem, scaled, scaled.numbers, point)], without=("moment_balance",)
+            )
             assert worst[0] <= 1e-6
     assert looked > 3
 
 
-# ---------------------------------------------------------------------------------------------------- whose they are
+# ----------------------------------------------------------------------------------------------------
+# whose they are
 
 
 @pytest.fixture
 def learned(drawn) -> EnvelopeSet:
     box = Envelope(low=np.full((3, 6), -0.9), high=np.full((3, 6), 0.9))
-    return EnvelopeSet.for_problems("ground-3-of-dog-1", [walled(drawn("ground-3", seed)) for seed in range(9)], [box])
+    return EnvelopeSet.for_problems(
+        "ground-3-of-dog-1", [walled(drawn("ground-3", seed)) for seed in range(9)], [box]
+    )
 
 
 def test_envelopes_keep_the_name_of_their_robot_in_their_file(learned: EnvelopeSet) -> None:
@@ -110,7 +120,9 @@ def test_envelopes_of_another_robot_are_refused(learned: EnvelopeSet, drawn) -> 
         boxes_of(course, learned)
 
 
-def test_boxes_of_a_named_robot_are_told_in_the_units_of_the_course(learned: EnvelopeSet, drawn) -> None:
+def test_boxes_of_a_named_robot_are_told_in_the_units_of_the_course(
+    learned: EnvelopeSet, drawn
+) -> None:
     course = walled(drawn("ground-3", 0)).course()
     (box,) = boxes_of(replace(course, length_scale_m=0.3), learned)
     np.testing.assert_allclose(box.high, [[1.8] * 3 + [0.9] * 3] * 3)
@@ -120,8 +132,13 @@ def test_boxes_of_a_named_robot_are_told_in_the_units_of_the_course(learned: Env
 def test_a_stance_takes_the_set_of_its_own_legs(learned: EnvelopeSet, drawn) -> None:
     course = walled(drawn("ground-3", 0)).course()
     other = replace(learned, legs=tuple(reversed(learned.legs)), problem_class="reversed")
-    with pytest.raises(InvalidInput, match="envelopes: expected 1 for doubled, as for ground-3-of-dog-1, got 2"):
-        boxes_of(course, [learned, replace(learned, envelopes=learned.envelopes * 2, problem_class="doubled")])
+    with pytest.raises(
+        InvalidInput, match="envelopes: expected 1 for doubled, as for ground-3-of-dog-1, got 2"
+    ):
+        boxes_of(
+            course,
+            [learned, replace(learned, envelopes=learned.envelopes * 2, problem_class="doubled")],
+        )
     (box,) = boxes_of(course, learned)
     for order in ([learned, other], [other, learned]):
         (one,) = boxes_of(course, order)
@@ -131,11 +148,21 @@ def test_a_stance_takes_the_set_of_its_own_legs(learned: EnvelopeSet, drawn) -> 
 def test_legs_that_were_measured_are_mirrored_to_the_nearest(drawn) -> None:
     course = walled(drawn("ground-3", 0)).course()
     limbs = course.robot.limbs
-    away = [replace(limb, shoulder_m=limb.shoulder_m + np.array([0.01 * i, 0.0, 0.0])) for i, limb in enumerate(limbs)]
-    both = [replace(limb, name=f"{limb.name}'", shoulder_m=limb.shoulder_m * [1.0, -1.0, 1.0]) for limb in limbs]
+    away = [
+        replace(limb, shoulder_m=limb.shoulder_m + np.array([0.01 * i, 0.0, 0.0]))
+        for i, limb in enumerate(limbs)
+    ]
+    both = [
+        replace(limb, name=f"{limb.name}'", shoulder_m=limb.shoulder_m * [1.0, -1.0, 1.0])
+        for limb in limbs
+    ]
     robot = replace(course.robot, limbs=(*away, *both))
     box = Envelope(low=np.full((3, 6), -0.9), high=np.full((3, 6), 0.9))
     problems = [walled(drawn("ground-3", seed)) for seed in range(3)]
-    assert mirrored(EnvelopeSet.for_problems("x", problems, [box]), robot).legs == ("RF'", "RR'", "LM'")
+    assert mirrored(EnvelopeSet.for_problems("x", problems, [box]), robot).legs == (
+        "RF'",
+        "RR'",
+        "LM'",
+    )
     with pytest.raises(InvalidInput, match="expected a limb opposite to RR"):
         mirrored(EnvelopeSet.for_problems("x", problems, [box]), replace(robot, identity=""))

@@ -1,7 +1,9 @@
-"""Sixty robots of our own making, sound ones and others, and a judge of how one stands that knows nothing of planners.
+"""Sixty robots of our own making, sound ones and others, and a judge of how one stands that knows
+nothing of planners.
 
-Feet of six shapes at three places, meshes, inertias, joints of all types, arms, units, axes. ``lowest_m`` poses a robot
-by pinocchio and has the lowest point of every link from the shapes as the URDF's text has them.
+Feet of six shapes at three places, meshes, inertias, joints of all types, arms, units, axes.
+``lowest_m`` poses a robot by pinocchio and has the lowest point of every link from the shapes as
+the URDF's text has them.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ R = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Made:
-    """A robot: its URDF, files beside it, keys of a YAML file about it, and whether it is sound or what is wrong."""
+    """A robot: its URDF, files beside it, keys of a YAML file about it, and whether it is sound or
+    what is wrong."""
 
     name: str
     urdf: str
@@ -41,7 +44,8 @@ class Made:
         return not self.wrong
 
     def write(self, folder: Path) -> Path:
-        """Write it into a folder; returns what a person would name: the YAML file where there is one."""
+        """Write it into a folder; returns what a person would name: the YAML file where there is
+        one."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in {"robot.urdf": self.urdf, **self.files}.items():
             (folder / name).write_text(text)
@@ -52,7 +56,8 @@ class Made:
 
 
 def obj(points: Array) -> str:
-    """An OBJ file of the hull of points, shape (K, 3) [m]; all of them are corners of it or inside."""
+    """An OBJ file of the hull of points, shape (K, 3) [m]; all of them are corners of it or
+    inside."""
     from scipy.spatial import ConvexHull
 
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points]
@@ -76,10 +81,13 @@ def cone() -> Array:
 
 
 GEOMETRY = {
-    "sphere": f'<sphere radius="{R}"/>', "capsule": f'<capsule radius="{R}" length="0.06"/>',
-    "ball-mesh": '<mesh filename="ball.obj"/>', "box": f'<box size="{2 * R} {2 * R} {2 * R}"/>',
-    "cylinder": '<cylinder radius="0.035" length="0.02"/>', "cone-mesh": '<mesh filename="cone.obj"/>',
-}  # fmt: skip
+    "sphere": f'<sphere radius="{R}"/>',
+    "capsule": f'<capsule radius="{R}" length="0.06"/>',
+    "ball-mesh": '<mesh filename="ball.obj"/>',
+    "box": f'<box size="{2 * R} {2 * R} {2 * R}"/>',
+    "cylinder": '<cylinder radius="0.035" length="0.02"/>',
+    "cone-mesh": '<mesh filename="cone.obj"/>',
+}
 FILES = {"ball-mesh": {"ball.obj": obj(ball())}, "cone-mesh": {"cone.obj": obj(cone())}}
 
 
@@ -88,13 +96,17 @@ def _collision(geometry: str, at: Sequence[float] = (0, 0, 0), rpy: str = "0 0 0
     return f'<collision><origin xyz="{x:g} {y:g} {z:g}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
 
 
-def _link(name: str, mass: float, shapes: str = "", moments: Sequence[float] | None = None, s: float = 1.0) -> str:
+def _link(
+    name: str, mass: float, shapes: str = "", moments: Sequence[float] | None = None, s: float = 1.0
+) -> str:
     xx, yy, zz = moments or (4e-3 * mass * s * s,) * 3
     body = f'<mass value="{mass:g}"/><inertia ixx="{xx:g}" ixy="0" ixz="0" iyy="{yy:g}" iyz="0" izz="{zz:g}"/>'
     return f'<link name="{name}">{f"<inertial>{body}</inertial>" if mass else ""}{shapes}</link>'
 
 
-def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, limits: str = "") -> str:
+def _joint(
+    name: str, kind: str, parent: str, child: str, at: str, axis: str, limits: str = ""
+) -> str:
     limit = f"<limit {limits}/>" if limits else ""
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
@@ -104,7 +116,11 @@ def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, li
 
 def _scaled(geometry: str, s: float) -> str:
     """A geometry whose numbers are so many times as large."""
-    return geometry if s == 1.0 else re.sub(r"[\d.]+(?=[\" ])", lambda found: f"{float(found[0]) * s:g}", geometry)
+    return (
+        geometry
+        if s == 1.0
+        else re.sub(r"[\d.]+(?=[\" ])", lambda found: f"{float(found[0]) * s:g}", geometry)
+    )
 
 
 def _foot(leg: str, shape: str, place: str, s: float, mass: float) -> tuple[str, str]:
@@ -116,20 +132,38 @@ def _foot(leg: str, shape: str, place: str, s: float, mass: float) -> tuple[str,
         return _collision(geometry, (0, 0, -0.2 * s + lift), rpy), ""
     aside = (0.01 * s, 0.0, -0.05 * s) if place == "beside-origin" else (0.0, 0.0, 0.0)
     at = f"{-aside[0]:g} 0 {-0.2 * s - aside[2]:g}"
-    own = _link(f"{leg}_foot", mass, _collision(geometry, (aside[0], 0, aside[2] + lift), rpy), (1e-5,) * 3)
+    own = _link(
+        f"{leg}_foot", mass, _collision(geometry, (aside[0], 0, aside[2] + lift), rpy), (1e-5,) * 3
+    )
     return "", own + _joint(f"{leg}_fix", "fixed", f"{leg}_shank", f"{leg}_foot", at, "1 0 0")
 
 
 def quadruped(
-    *, shape: str = "sphere", place: str = "own-link", legs: Mapping[str, tuple[float, float]] = LEGS, s: float = 1.0,
-    joints: str = "revolute", effort: float = 40.0, flip: Sequence[str] = (), trunk: float = 6.0, foot_kg: float = 0.05,
-    moments: Sequence[float] | None = None, shank: str = '<box size="0.016 0.016 0.16"/>', shank_kg: float = 0.15,
-    knee: str = "revolute", root: str = "", extra: str = "", y_up: bool = False,
-) -> str:  # fmt: skip
-    """A robot of legs of three joints, .2 m of thigh and of shank; the trunk's x is ahead and z up, or y up."""
+    *,
+    shape: str = "sphere",
+    place: str = "own-link",
+    legs: Mapping[str, tuple[float, float]] = LEGS,
+    s: float = 1.0,
+    joints: str = "revolute",
+    effort: float = 40.0,
+    flip: Sequence[str] = (),
+    trunk: float = 6.0,
+    foot_kg: float = 0.05,
+    moments: Sequence[float] | None = None,
+    shank: str = '<box size="0.016 0.016 0.16"/>',
+    shank_kg: float = 0.15,
+    knee: str = "revolute",
+    root: str = "",
+    extra: str = "",
+    y_up: bool = False,
+) -> str:
+    """A robot of legs of three joints, .2 m of thigh and of shank; the trunk's x is ahead and z up,
+    or y up."""
     parts = []
     if root in ("floating", "planar", "fixed"):
-        parts.append(f'<link name="world"/>{_joint("root", root, "world", "trunk", "0 0 0", "0 0 1")}')
+        parts.append(
+            f'<link name="world"/>{_joint("root", root, "world", "trunk", "0 0 0", "0 0 1")}'
+        )
     size = f'<box size="{0.4 * s:g} {0.2 * s:g} {0.1 * s:g}"/>'
     own = moments or (0.025 * s * s, 0.085 * s * s, 0.1 * s * s)
     if y_up:
@@ -151,19 +185,52 @@ def quadruped(
         on_shank, foot = _foot(leg, shape, place, s, foot_kg)
         weight = shank_kg + (foot_kg if place == "on-shank" else 0.0)
         parts += [
-            _link(f"{leg}_hip", 0.6, _collision(f'<sphere radius="{0.03 * s:g}"/>', (0, 0.02 * s * side, 0)), s=s),
-            _link(f"{leg}_thigh", 0.9, _collision(f'<box size="{0.03 * s:g} {0.025 * s:g} {0.16 * s:g}"/>',
-                                                  (0, 0, -0.1 * s)), s=s),
+            _link(
+                f"{leg}_hip",
+                0.6,
+                _collision(f'<sphere radius="{0.03 * s:g}"/>', (0, 0.02 * s * side, 0)),
+                s=s,
+            ),
+            _link(
+                f"{leg}_thigh",
+                0.9,
+                _collision(
+                    f'<box size="{0.03 * s:g} {0.025 * s:g} {0.16 * s:g}"/>', (0, 0, -0.1 * s)
+                ),
+                s=s,
+            ),
             _link(f"{leg}_shank", weight, on_shank + _collision(thin, (0, 0, -0.1 * s)), s=s),
-            _joint(f"{leg}_HAA", kinds["HAA"], "trunk", f"{leg}_hip", f"{x * s:g} {0.6 * y * s:g} 0", f"{f} 0 0",
-                   limits(-0.8, 0.8, kinds["HAA"])),
-            _joint(f"{leg}_HFE", kinds["HFE"], f"{leg}_hip", f"{leg}_thigh", f"0 {0.08 * s * side:g} 0", f"0 {f} 0",
-                   limits(-1.0, 2.2, kinds["HFE"])),
-            _joint(f"{leg}_KFE", kinds["KFE"], f"{leg}_thigh", f"{leg}_shank", f"0 0 {-0.2 * s:g}",
-                   "0 0 1" if knee == "prismatic" else f"0 {f} 0",
-                   limits(-0.05, 0.05, knee) if knee == "prismatic" else limits(-2.5, -0.5, kinds["KFE"])),
+            _joint(
+                f"{leg}_HAA",
+                kinds["HAA"],
+                "trunk",
+                f"{leg}_hip",
+                f"{x * s:g} {0.6 * y * s:g} 0",
+                f"{f} 0 0",
+                limits(-0.8, 0.8, kinds["HAA"]),
+            ),
+            _joint(
+                f"{leg}_HFE",
+                kinds["HFE"],
+                f"{leg}_hip",
+                f"{leg}_thigh",
+                f"0 {0.08 * s * side:g} 0",
+                f"0 {f} 0",
+                limits(-1.0, 2.2, kinds["HFE"]),
+            ),
+            _joint(
+                f"{leg}_KFE",
+                kinds["KFE"],
+                f"{leg}_thigh",
+                f"{leg}_shank",
+                f"0 0 {-0.2 * s:g}",
+                "0 0 1" if knee == "prismatic" else f"0 {f} 0",
+                limits(-0.05, 0.05, knee)
+                if knee == "prismatic"
+                else limits(-2.5, -0.5, kinds["KFE"]),
+            ),
             foot,
-        ]  # fmt: skip
+        ]
     return f'<?xml version="1.0"?>\n<robot name="made">{"".join(parts)}{extra}</robot>\n'
 
 
@@ -172,9 +239,15 @@ def arm(name: str, at: str, links: Sequence[str], reach_m: float = 0.25) -> str:
     parts, before = [], "trunk"
     for i, link in enumerate(links):
         place = at if i == 0 else f"{reach_m:g} 0 0"
-        parts.append(_link(f"{name}_{link}", 0.1, _collision('<sphere radius="0.015"/>', (reach_m, 0, 0))))
+        parts.append(
+            _link(f"{name}_{link}", 0.1, _collision('<sphere radius="0.015"/>', (reach_m, 0, 0)))
+        )
         limits = 'lower="-1.5" upper="1.5" effort="20" velocity="5"'
-        parts.append(_joint(f"{name}_{link}_joint", "revolute", before, f"{name}_{link}", place, "0 1 0", limits))
+        parts.append(
+            _joint(
+                f"{name}_{link}_joint", "revolute", before, f"{name}_{link}", place, "0 1 0", limits
+            )
+        )
         before = f"{name}_{link}"
     return "".join(parts)
 
@@ -194,47 +267,101 @@ def made_robots() -> Iterator[Made]:
 
 
 def _described() -> Iterator[Made]:
-    """Feet that are no balls, with what touches in a YAML file: balls around them, and points that are not."""
+    """Feet that are no balls, with what touches in a YAML file: balls around them, and points that
+    are not."""
     around = np.sqrt(3.0) * R + 1e-4
-    yield Made(name="box-in-a-ball", urdf=quadruped(shape="box"),
-               keys=f'contacts: {{"*_foot": {{radius_m: {around:.5f}}}}}\n')  # fmt: skip
-    yield Made(name="cylinder-in-a-ball", urdf=quadruped(shape="cylinder"),
-               keys='contacts: {"*_foot": {radius_m: 0.037}}\n')  # fmt: skip
-    yield Made(name="cone-in-a-ball", urdf=quadruped(shape="cone-mesh"), files=FILES["cone-mesh"],
-               keys='contacts: {"*": {point_m: [0, 0, 0.005], radius_m: 0.0355}}\n')  # fmt: skip
-    yield Made(name="wheel-as-a-point", urdf=quadruped(shape="cylinder"), keys='contacts: {"*_foot": {}}\n',
-               wrong="its wheels are 3.5 cm deep where its points stand")  # fmt: skip
-    yield Made(name="box-as-a-small-ball", urdf=quadruped(shape="box"), keys='contacts: {"*_foot": {radius_m: 0.01}}\n',
-               wrong="its boxes are deeper than the ball")  # fmt: skip
+    yield Made(
+        name="box-in-a-ball",
+        urdf=quadruped(shape="box"),
+        keys=f'contacts: {{"*_foot": {{radius_m: {around:.5f}}}}}\n',
+    )
+    yield Made(
+        name="cylinder-in-a-ball",
+        urdf=quadruped(shape="cylinder"),
+        keys='contacts: {"*_foot": {radius_m: 0.037}}\n',
+    )
+    yield Made(
+        name="cone-in-a-ball",
+        urdf=quadruped(shape="cone-mesh"),
+        files=FILES["cone-mesh"],
+        keys='contacts: {"*": {point_m: [0, 0, 0.005], radius_m: 0.0355}}\n',
+    )
+    yield Made(
+        name="wheel-as-a-point",
+        urdf=quadruped(shape="cylinder"),
+        keys='contacts: {"*_foot": {}}\n',
+        wrong="its wheels are 3.5 cm deep where its points stand",
+    )
+    yield Made(
+        name="box-as-a-small-ball",
+        urdf=quadruped(shape="box"),
+        keys='contacts: {"*_foot": {radius_m: 0.01}}\n',
+        wrong="its boxes are deeper than the ball",
+    )
 
 
 def _meshes() -> Iterator[Made]:
-    half = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.008, 0.008, 0.08]
+    half = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [
+        0.008,
+        0.008,
+        0.08,
+    ]
     bone = {"bone.obj": obj(half)}
     mesh = '<mesh filename="bone.obj"/>'
     yield Made(name="shanks-of-meshes", urdf=quadruped(shank=mesh), files=bone)
-    yield Made(name="mirrored-shanks", urdf=quadruped(shank='<mesh filename="bone.obj" scale="1 -1 1"/>'), files=bone)
-    yield Made(name="shanks-in-mm", urdf=quadruped(shank='<mesh filename="bone.obj" scale=".001 .001 .001"/>'),
-               files={"bone.obj": obj(1e3 * half)})  # fmt: skip
-    yield Made(name="shanks-in-mm-unscaled", urdf=quadruped(shank=mesh), files={"bone.obj": obj(1e3 * half)},
-               wrong="shanks of 160 m")  # fmt: skip
+    yield Made(
+        name="mirrored-shanks",
+        urdf=quadruped(shank='<mesh filename="bone.obj" scale="1 -1 1"/>'),
+        files=bone,
+    )
+    yield Made(
+        name="shanks-in-mm",
+        urdf=quadruped(shank='<mesh filename="bone.obj" scale=".001 .001 .001"/>'),
+        files={"bone.obj": obj(1e3 * half)},
+    )
+    yield Made(
+        name="shanks-in-mm-unscaled",
+        urdf=quadruped(shank=mesh),
+        files={"bone.obj": obj(1e3 * half)},
+        wrong="shanks of 160 m",
+    )
     many = ball(25_000, 0.02)
-    yield Made(name="balls-of-many-corners", urdf=quadruped(shape="ball-mesh"), files={"ball.obj": obj(many)})
+    yield Made(
+        name="balls-of-many-corners",
+        urdf=quadruped(shape="ball-mesh"),
+        files={"ball.obj": obj(many)},
+    )
     fin = np.vstack([half, [[0.15, 0.0, -0.14]]])
-    yield Made(name="shanks-with-a-fin", urdf=quadruped(shank=mesh), files={"bone.obj": obj(fin)},
-               wrong="fins go lower than the feet")  # fmt: skip
-    yield Made(name="feet-cut-off", urdf=quadruped(shape="ball-mesh"), files={"ball.obj": obj(ball())[:400]},
-               wrong="a mesh that cannot be had")  # fmt: skip
-    yield Made(name="feet-missing", urdf=quadruped(shape="ball-mesh"), wrong="a mesh that is not there")
+    yield Made(
+        name="shanks-with-a-fin",
+        urdf=quadruped(shank=mesh),
+        files={"bone.obj": obj(fin)},
+        wrong="fins go lower than the feet",
+    )
+    yield Made(
+        name="feet-cut-off",
+        urdf=quadruped(shape="ball-mesh"),
+        files={"ball.obj": obj(ball())[:400]},
+        wrong="a mesh that cannot be had",
+    )
+    yield Made(
+        name="feet-missing", urdf=quadruped(shape="ball-mesh"), wrong="a mesh that is not there"
+    )
     squashed = ball() * [1.0, 1.0, 0.4]
-    yield Made(name="feet-squashed", urdf=quadruped(shape="ball-mesh"), files={"ball.obj": obj(squashed)},
-               wrong="no ball")  # fmt: skip
+    yield Made(
+        name="feet-squashed",
+        urdf=quadruped(shape="ball-mesh"),
+        files={"ball.obj": obj(squashed)},
+        wrong="no ball",
+    )
 
 
 def _masses() -> Iterator[Made]:
     yield Made(name="negative-moment", urdf=quadruped(moments=(-0.02, 0.08, 0.1)), wrong="no body")
     yield Made(name="broken-triangle", urdf=quadruped(moments=(0.01, 0.01, 0.1)), wrong="no body")
-    yield Made(name="moments-in-kg-mm2", urdf=quadruped(moments=(25e3, 85e3, 100e3)), wrong="no body")
+    yield Made(
+        name="moments-in-kg-mm2", urdf=quadruped(moments=(25e3, 85e3, 100e3)), wrong="no body"
+    )
     yield Made(name="trunk-without-mass", urdf=quadruped(trunk=0.0), wrong="a trunk without a mass")
     yield Made(name="shanks-of-negative-mass", urdf=quadruped(shank_kg=-0.15), wrong="no mass")
     yield Made(name="feet-without-mass", urdf=quadruped(foot_kg=0.0))
@@ -259,32 +386,49 @@ def _joints() -> Iterator[Made]:
 def _bodies() -> Iterator[Made]:
     yield Made(name="six-legs", urdf=quadruped(legs={**LEGS, **MIDDLE}))
     yield Made(name="eight-legs", urdf=quadruped(legs={**LEGS, **OUTER}))
-    yield Made(name="arm-on-the-back", urdf=quadruped(extra=arm("arm", "0.1 0 0.06", ("a", "b", "c"))))
-    yield Made(name="chain-in-front", urdf=quadruped(extra=arm("x", "0.2 0 0.0", ("a", "b", "c", "d"))))
-    arms = arm("left_arm", "0.2 0.06 0.05", ("a", "b")) + arm("right_arm", "0.2 -0.06 0.05", ("a", "b"))
+    yield Made(
+        name="arm-on-the-back", urdf=quadruped(extra=arm("arm", "0.1 0 0.06", ("a", "b", "c")))
+    )
+    yield Made(
+        name="chain-in-front", urdf=quadruped(extra=arm("x", "0.2 0 0.0", ("a", "b", "c", "d")))
+    )
+    arms = arm("left_arm", "0.2 0.06 0.05", ("a", "b")) + arm(
+        "right_arm", "0.2 -0.06 0.05", ("a", "b")
+    )
     yield Made(name="two-arms", urdf=quadruped(extra=arms))
     yield Made(name="tail", urdf=quadruped(extra=arm("tail", "-0.2 0 0", ("a", "b", "c"))))
     yield Made(name="y-up", urdf=quadruped(y_up=True), wrong="z does not point up")
-    yield Made(name="y-up-told", urdf=quadruped(y_up=True), keys="root_rpy_rad: [1.5707963, 0, 0]\n")
+    yield Made(
+        name="y-up-told", urdf=quadruped(y_up=True), keys="root_rpy_rad: [1.5707963, 0, 0]\n"
+    )
     yield Made(name="small", urdf=quadruped(s=0.5))
     yield Made(name="large", urdf=quadruped(s=2.0, effort=120.0))
     yield Made(name="in-millimetres", urdf=quadruped(s=1000.0), wrong="legs of 400 m")
     heel = _collision('<box size="0.02 0.02 0.06"/>', (0.0, 0.0, -0.195))
-    low = quadruped(place="on-shank").replace('<link name="LF_shank">', f'<link name="LF_shank">{heel}')
+    low = quadruped(place="on-shank").replace(
+        '<link name="LF_shank">', f'<link name="LF_shank">{heel}'
+    )
     yield Made(name="a-heel-below-its-foot", urdf=low, wrong="a box is lower than the ball")
 
 
-# ------------------------------------------------------------------------------------------------------------ judge
+# ------------------------------------------------------------------------------------------------------------
+# judge
 
 
 def lowest_m(
-    urdf: Path, standing: Mapping[str, float], posture: Mapping[str, float], com_m: Array, rotation: Array, rpy: Array
+    urdf: Path,
+    standing: Mapping[str, float],
+    posture: Mapping[str, float],
+    com_m: Array,
+    rotation: Array,
+    rpy: Array,
 ) -> dict[str, float]:
-    """The lowest point of every link with shapes over z = 0 [m], by pinocchio and the shapes in the file's own text.
+    """The lowest point of every link with shapes over z = 0 [m], by pinocchio and the shapes in the
+    file's own text.
 
-    standing, posture: angles by joint, as it stands and as it is posed. com_m, rotation: of the point of the body where
-    the whole robot's centre of mass is as it stands, which is what plans mean, and of the frame whose z is up, in which
-    the root lies at rpy.
+    standing, posture: angles by joint, as it stands and as it is posed. com_m, rotation: of the
+    point of the body where the whole robot's centre of mass is as it stands, which is what plans
+    mean, and of the frame whose z is up, in which the root lies at rpy.
     """
     import pinocchio as pin
 
@@ -296,7 +440,9 @@ def lowest_m(
     for link in bare.findall("link"):
         for shape in (*link.findall("collision"), *link.findall("visual")):
             link.remove(shape)
-    model = pin.buildModelFromXML(ElementTree.tostring(bare, encoding="unicode"), pin.JointModelFreeFlyer())
+    model = pin.buildModelFromXML(
+        ElementTree.tostring(bare, encoding="unicode"), pin.JointModelFreeFlyer()
+    )
     data, lies = model.createData(), pin.rpy.rpyToMatrix(*rpy)
     q, turn = _posed(model, standing), rotation @ lies
     offset = lies @ pin.centerOfMass(model, data, q)
@@ -320,7 +466,9 @@ def _posed(model: Any, angles: Mapping[str, float]) -> Array:
     q = pin.neutral(model)
     for name, angle in angles.items():
         joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = (
+            [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+        )
     return np.asarray(q)
 
 
@@ -329,7 +477,9 @@ def _low_m(collision: Any, place: Any, folder: Path) -> float:
     import pinocchio as pin
 
     origin = collision.find("origin")
-    xyz, rpy = (np.array([float(x) for x in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+    xyz, rpy = (
+        np.array([float(x) for x in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy")
+    )
     at = place * pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
     shape = collision.find("geometry")[0]
     down, z = -at.rotation[2], float(at.translation[2])
@@ -338,10 +488,17 @@ def _low_m(collision: Any, place: Any, folder: Path) -> float:
     if shape.tag == "mesh":
         scale = np.array([float(x) for x in shape.get("scale", "1 1 1").split()])
         lines = (folder / shape.get("filename")).read_text().splitlines()
-        points = np.array([[float(x) for x in line.split()[1:4]] for line in lines if line.startswith("v ")]) * scale
+        points = (
+            np.array(
+                [[float(x) for x in line.split()[1:4]] for line in lines if line.startswith("v ")]
+            )
+            * scale
+        )
         return z - float((points @ down).max())
     if shape.tag == "box":
-        return z - float(np.abs(down) @ (0.5 * np.array([float(x) for x in shape.get("size").split()])))
+        return z - float(
+            np.abs(down) @ (0.5 * np.array([float(x) for x in shape.get("size").split()]))
+        )
     if shape.tag == "cylinder":
         return z - half * abs(float(down[2])) - radius * float(np.hypot(*down[:2]))
     return z - half * abs(float(down[2])) - radius

@@ -1,4 +1,5 @@
-"""URDFs written in place: a quadruped whose limbs may come in any order, and what can be wrong with one."""
+"""URDFs written in place: a quadruped whose limbs may come in any order, and what can be wrong with
+one."""
 
 from collections.abc import Sequence
 
@@ -12,7 +13,9 @@ def link(name: str, mass: float = 1.0, geometry: str = "") -> str:
     return f'<link name="{name}">{MASS.format(mass) if mass else ""}{shape}</link>'
 
 
-def joint(name: str, parent: str, child: str, xyz: str = "0 0 0", axis: str = "0 1 0", extra: str = "") -> str:
+def joint(
+    name: str, parent: str, child: str, xyz: str = "0 0 0", axis: str = "0 1 0", extra: str = ""
+) -> str:
     """A joint that turns; extra: in place of its limits."""
     extra = extra or '<limit lower="-1" upper="1" effort="40" velocity="10"/>'
     return (
@@ -34,23 +37,48 @@ def limit(name: str, effort: float = 40.0) -> str:
 
 
 def small(link: str, mass: float, is_small: bool = True) -> str:
-    """A link with moments of inertia of a mass within some centimetres, in place of some decimetres."""
+    """A link with moments of inertia of a mass within some centimetres, in place of some
+    decimetres."""
     return link.replace('".01"', f'"{1e-4 * mass}"') if is_small else link
 
 
 def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> str:
-    """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different. bone: shape of its links,
-    about each one's origin."""
+    """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different. bone:
+    shape of its links, about each one's origin."""
     x, y = HIPS[name]
     side = 0.05 if y > 0 else -0.05
     return "".join(
         [
-            *(small(link(f"{name}_{part}", mass, bone), mass, bool(bone)) for part in ("HIP", "THIGH", "SHANK")),
+            *(
+                small(link(f"{name}_{part}", mass, bone), mass, bool(bone))
+                for part in ("HIP", "THIGH", "SHANK")
+            ),
             small(link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>'), mass),
-            joint(f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)),
-            joint(f"{name}_HFE", f"{name}_HIP", f"{name}_THIGH", f"0 {side} 0", "0 1 0", limit("HFE", effort)),
-            joint(f"{name}_KFE", f"{name}_THIGH", f"{name}_SHANK", "0 0 -.3", "0 1 0", limit("KFE", effort)),
-            fixed(f"{name}_ANKLE", f"{name}_SHANK", f"{name}_FOOT", f"0 0 {-0.3 - 0.01 * len(name) * abs(x)}"),
+            joint(
+                f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)
+            ),
+            joint(
+                f"{name}_HFE",
+                f"{name}_HIP",
+                f"{name}_THIGH",
+                f"0 {side} 0",
+                "0 1 0",
+                limit("HFE", effort),
+            ),
+            joint(
+                f"{name}_KFE",
+                f"{name}_THIGH",
+                f"{name}_SHANK",
+                "0 0 -.3",
+                "0 1 0",
+                limit("KFE", effort),
+            ),
+            fixed(
+                f"{name}_ANKLE",
+                f"{name}_SHANK",
+                f"{name}_FOOT",
+                f"0 0 {-0.3 - 0.01 * len(name) * abs(x)}",
+            ),
         ]
     )
 
@@ -61,6 +89,10 @@ def robot(parts: Sequence[str], name: str = "quadruped", trunk: float = 10.0) ->
 
 
 def quadruped(
-    order: Sequence[str] = ("LF", "RF", "LH", "RH"), *, effort: float = 40.0, mass: float = 1.0, bone: str = ""
+    order: Sequence[str] = ("LF", "RF", "LH", "RH"),
+    *,
+    effort: float = 40.0,
+    mass: float = 1.0,
+    bone: str = "",
 ) -> str:
     return robot([leg(name, effort, mass, bone) for name in order], trunk=10.0 * mass)

@@ -1,11 +1,17 @@
-"""Actuators: files say which joint has which, in one line where they do not; a URDF says less than a data sheet."""
+"""Actuators: files say which joint has which, in one line where they do not; a URDF says less than
+a data sheet."""
 
 from pathlib import Path
 
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.actuators import ActuatorModel, Actuators, builtin_actuators, read_actuators
+from stancekit.planners.robot.actuators import (
+    ActuatorModel,
+    Actuators,
+    builtin_actuators,
+    read_actuators,
+)
 from stancekit.planners.robot.leg import Joint
 
 FILE = """
@@ -39,17 +45,25 @@ def test_a_name_is_of_all_joints_and_none_of_those_here_bears_its_stall_torque_f
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("stancekit/actuators/1", "stancekit/servos/1"), "format: expected stancekit/actuators/1, got"),
+        (
+            ("stancekit/actuators/1", "stancekit/servos/1"),
+            "format: expected stancekit/actuators/1, got",
+        ),
         (
             ("continuous_nm: 40", "continuous_nm: 90"),
             r"actuators.strong.continuous_nm: expected a number in \[0, 80\], got 90",
         ),
         (("stall_nm: 80", "stall_nm: -1"), "actuators.strong.stall_nm: expected"),
         (("gear: 9", "gears: 9"), "actuators.strong.gears: unknown key, did you mean 'gear'"),
-        (("XM430-W350", "XM430"), r"joints.\*: expected one of XM540-W270, XM430-W350, strong, got 'XM430'"),
+        (
+            ("XM430-W350", "XM430"),
+            r"joints.\*: expected one of XM540-W270, XM430-W350, strong, got 'XM430'",
+        ),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_with_its_key(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+def test_what_is_wrong_in_a_file_is_said_with_its_key(
+    tmp_path: Path, change: tuple[str, str], said: str
+) -> None:
     assert change[0] in FILE
     with pytest.raises(InvalidInput, match=f"actuators.yaml: {said}"):
         read_actuators(written(tmp_path, FILE.replace(*change)))
@@ -60,11 +74,18 @@ def test_joints_without_an_actuator_and_patterns_of_no_joint_are_refused() -> No
         Actuators(joints={"*_knee": "XM540-W270"}).of(["LF_hip", "LF_knee"])
     with pytest.raises(InvalidInput, match=r"actuators: joints: unknown joint \*_ankle"):
         Actuators(joints={"*_ankle": "XM540-W270", "*": "XM540-W270"}).of(["LF_hip"])
-    with pytest.raises(InvalidInput, match="actuators: expected one of XM540-W270, XM430-W350 or a file, got 'XM'"):
+    with pytest.raises(
+        InvalidInput, match="actuators: expected one of XM540-W270, XM430-W350 or a file, got 'XM'"
+    ):
         read_actuators("XM")
 
 
 def test_a_urdf_says_effort_and_velocity_and_nothing_of_heat() -> None:
     joint = Joint(name="j", lower_rad=-1.0, upper_rad=1.0, torque_nm=40.0, velocity_rad_s=7.5)
     own = ActuatorModel.of_joint(joint)
-    assert (own.stall_nm, own.no_load_rad_s, own.curve, own.continuous_nm) == (40.0, 7.5, "flat", None)
+    assert (own.stall_nm, own.no_load_rad_s, own.curve, own.continuous_nm) == (
+        40.0,
+        7.5,
+        "flat",
+        None,
+    )

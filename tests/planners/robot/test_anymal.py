@@ -1,4 +1,5 @@
-"""ANYmal's legs agree with its boxes, and its walks are judged whole; walks of the boxes are judged as ever."""
+"""ANYmal's legs agree with its boxes, and its walks are judged whole; walks of the boxes are judged
+as ever."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Bodies inside each other: depths in closed form, pairs that are left out, and MuJoCo's own collisions."""
+"""Bodies inside each other: depths in closed form, pairs that are left out, and MuJoCo's own
+collisions."""
 
 from __future__ import annotations
 
@@ -37,17 +38,28 @@ def level(height: float = 0.0, half: float = 2.0) -> Patch:
     return Patch(vertices_m=corners, normal=UP, shear_reference=[1, 0, 0], friction=0.7)
 
 
-def shape(link: str, kind: Kind, size: Sequence[float], at: Sequence[float] = (0, 0, 0), turn: object = None) -> Shape:
+def shape(
+    link: str,
+    kind: Kind,
+    size: Sequence[float],
+    at: Sequence[float] = (0, 0, 0),
+    turn: object = None,
+) -> Shape:
     rotation = np.eye(3) if turn is None else np.asarray(turn)
     return Shape(
-        link=link, kind=kind, size_m=np.array(size), rotation=rotation, origin_m=np.array(at, dtype=float),
+        link=link,
+        kind=kind,
+        size_m=np.array(size),
+        rotation=rotation,
+        origin_m=np.array(at, dtype=float),
         collides=True,
-    )  # fmt: skip
+    )
 
 
 def robot(model: RobotModel) -> Robot:
     limbs = tuple(
-        Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m) for leg in model.legs
+        Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m)
+        for leg in model.legs
     )
     return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
 
@@ -60,20 +72,28 @@ def bodies(shapes: Sequence[Shape], *patches: Patch, **changes: object) -> Bodie
 
 
 def standing(made: Bodies, height: float, *, toes: object = None, turn: object = None) -> WholeBody:
-    """The posture in which it stands, its base at a height; its feet on level ground where toes are given."""
+    """The posture in which it stands, its base at a height; its feet on level ground where toes are
+    given."""
     legs = made.model.legs
     return WholeBody(
-        rotation=np.eye(3) if turn is None else np.asarray(turn), origin_m=height * UP,
+        rotation=np.eye(3) if turn is None else np.asarray(turn),
+        origin_m=height * UP,
         angles=np.concatenate([leg.stance_rad for leg in legs]),
-        toes_m=np.zeros((len(legs), 3)) if toes is None else np.asarray(toes), normals=np.tile(UP, (len(legs), 1)),
+        toes_m=np.zeros((len(legs), 3)) if toes is None else np.asarray(toes),
+        normals=np.tile(UP, (len(legs), 1)),
         stands=np.full(len(legs), toes is not None),
-    )  # fmt: skip
+    )
 
 
 def swept(made: Bodies, *postures: WholeBody) -> list[tuple[float, Overlap]]:
     """What overlaps on the way through postures, each with its moment."""
-    way = replace(postures[0], **{of.name: np.array([getattr(each, of.name) for each in postures])
-                                  for of in fields(WholeBody)})  # fmt: skip
+    way = replace(
+        postures[0],
+        **{
+            of.name: np.array([getattr(each, of.name) for each in postures])
+            for of in fields(WholeBody)
+        },
+    )
     return [each for _, block in made.sweep(way) for each in block]
 
 
@@ -86,7 +106,10 @@ def test_a_sphere_in_a_plane_is_as_deep_as_its_radius_less_its_height(depth: flo
 
 
 def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
-    half, turn = np.array([0.3, 0.1, 0.05]), Rotation.from_euler("xyz", [0.3, -0.2, 0.5]).as_matrix()
+    half, turn = (
+        np.array([0.3, 0.1, 0.05]),
+        Rotation.from_euler("xyz", [0.3, -0.2, 0.5]).as_matrix(),
+    )
     lowest = np.abs(turn[2]) @ half
     made = bodies([shape("base", "box", 2.0 * half)], level(half=3.0))
     (found,) = made.overlaps(standing(made, lowest - 0.006, turn=turn))
@@ -95,9 +118,12 @@ def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap", "across"), [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.07995, True), (0.1, True)]
+    ("gap", "across"),
+    [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.07995, True), (0.1, True)],
 )
-def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(gap: float, across: bool) -> None:
+def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(
+    gap: float, across: bool
+) -> None:
     """Axes that are parallel or at right angles, of capsules with radii of 3 and 5 cm."""
     lies = Rotation.from_euler("y", 90, degrees=True).as_matrix()
     leans = Rotation.from_euler("x", 90, degrees=True).as_matrix() if across else lies
@@ -105,7 +131,9 @@ def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(gap
     shapes = [shape("base", "capsule", [0.03, 0.4], at=foot + gap * UP, turn=lies)]
     model = model_of(quadruped())
     turn, origin = model.link_frames([leg.stance_rad for leg in model.legs])["LF_FOOT"]
-    shapes += [shape("LF_FOOT", "capsule", [0.05, 0.2], at=turn.T @ (foot - origin), turn=turn.T @ leans)]
+    shapes += [
+        shape("LF_FOOT", "capsule", [0.05, 0.2], at=turn.T @ (foot - origin), turn=turn.T @ leans)
+    ]
     made = bodies(shapes)
     found = [each.depth_m for each in made.overlaps(standing(made, 1.0))]
     assert found == ([pytest.approx(0.08 - gap, abs=1e-5)] if 0.08 - gap > LINKS_M else [])
@@ -119,14 +147,19 @@ def test_what_touches_by_less_than_the_tolerance_is_no_overlap() -> None:
 
 
 def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> None:
-    right, large = ([shape(f"{leg}_FOOT", "sphere", [m]) for leg in ("LF", "RF", "LH", "RH")] for m in (0.02, 0.03))
+    right, large = (
+        [shape(f"{leg}_FOOT", "sphere", [m]) for leg in ("LF", "RF", "LH", "RH")]
+        for m in (0.02, 0.03)
+    )
     made = bodies(right, level(), level(0.5, 0.05))
     nominal = np.array([leg.nominal_m for leg in made.model.legs])
     height = 0.02 - nominal[:, 2].min()
     toes = np.array([*nominal.T[:2], np.zeros(4)]).T
     assert not made.overlaps(standing(made, height, toes=toes))
     assert made.overlaps(standing(made, height - 0.01, toes=toes))
-    swollen = bodies(large, level(), level(0.5, 0.05))  # of .03 m, in a robot that believes in .02 m
+    swollen = bodies(
+        large, level(), level(0.5, 0.05)
+    )  # of .03 m, in a robot that believes in .02 m
     found = swollen.overlaps(standing(swollen, height, toes=toes))
     assert {each.other for each in found} == {"patch 0"}
     assert found[0].depth_m == pytest.approx(0.01, abs=1e-6)
@@ -135,7 +168,9 @@ def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> 
 def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
     foot = [shape(f"{leg}_FOOT", "sphere", [0.02]) for leg in ("LF", "RF", "LH", "RH")]
     model = model_of(quadruped())
-    turn, _ = model.link_frames([leg.stance_rad for leg in model.legs])["LF_FOOT"]  # which the bent leg leans
+    turn, _ = model.link_frames([leg.stance_rad for leg in model.legs])[
+        "LF_FOOT"
+    ]  # which the bent leg leans
     heel = shape("LF_FOOT", "sphere", [0.01], at=turn.T @ [0.02, 0.0, -0.018])
     made = bodies([*foot, heel], level())
     nominal = np.array([leg.nominal_m for leg in made.model.legs])
@@ -148,14 +183,19 @@ def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
 
 
 def test_neighbours_and_pairs_of_the_srdf_are_left_out_and_others_are_not() -> None:
-    large = [shape("base", "sphere", [0.4]), *(shape(f"LF_{part}", "sphere", [0.3]) for part in ("HIP", "THIGH"))]
+    large = [
+        shape("base", "sphere", [0.4]),
+        *(shape(f"LF_{part}", "sphere", [0.3]) for part in ("HIP", "THIGH")),
+    ]
     ball = shape("RF_FOOT", "sphere", [0.3])
     made = bodies([*large, ball])
     found = {(each.link, each.other) for each in made.overlaps(standing(made, 2.0))}
     assert ("base", "LF_HIP") not in found  # a joint is between them
     assert ("base", "RF_FOOT") in found
     apart = bodies([*large, ball], disabled_pairs=frozenset([frozenset(("base", "RF_FOOT"))]))
-    assert {(each.link, each.other) for each in apart.overlaps(standing(apart, 2.0))} == found - {("base", "RF_FOOT")}
+    assert {(each.link, each.other) for each in apart.overlaps(standing(apart, 2.0))} == found - {
+        ("base", "RF_FOOT")
+    }
 
 
 def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
@@ -165,12 +205,17 @@ def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
     sometimes = {(each.link, each.other) for each in made.overlaps(standing(made, 2.0))}
     assert ("base", "LF_THIGH") not in sometimes
     more = bodies([shape(link, "sphere", [radius]) for link, radius in (*balls, ("base", 0.38))])
-    assert more.drawn_so == (("base", "LF_THIGH"),)  # links, as an SRDF names them: of all shapes of theirs
-    assert more.drawn_so[0] not in {(each.link, each.other) for each in more.overlaps(standing(more, 2.0))}
+    assert more.drawn_so == (
+        ("base", "LF_THIGH"),
+    )  # links, as an SRDF names them: of all shapes of theirs
+    assert more.drawn_so[0] not in {
+        (each.link, each.other) for each in more.overlaps(standing(more, 2.0))
+    }
 
 
 def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_the_way() -> None:
-    """Against the closed form of two balls, at a thousand moments of ways on which joints turn by .3 rad."""
+    """Against the closed form of two balls, at a thousand moments of ways on which joints turn by
+    .3 rad."""
     rng, radius, found = np.random.default_rng(4), 0.01, list[bool]()
     for _ in range(60):
         ball = shape("LF_SHANK", "sphere", [radius], at=[0.0, 0.05, -0.15])
@@ -178,7 +223,9 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
         first = standing(alone, 1.0)
         last = replace(first, angles=first.angles + rng.uniform(-0.3, 0.3, len(first.angles)))
         middle = alone._placed(0.5 * (first.angles + last.angles)[None])[1][0, 0]
-        made = bodies([ball, shape("base", "sphere", [radius], at=middle + rng.normal(scale=0.01, size=3))])
+        made = bodies(
+            [ball, shape("base", "sphere", [radius], at=middle + rng.normal(scale=0.01, size=3))]
+        )
         way = first.angles + np.linspace(0.0, 1.0, 1000)[:, None] * (last.angles - first.angles)
         centres = made._placed(way)[1]
         depths = 2.0 * radius - np.linalg.norm(centres[:, 0] - centres[:, 1], axis=1)
@@ -191,14 +238,18 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
 
 
 def test_what_has_no_shape_is_said() -> None:
-    parts = [f"{leg}_{part}" for leg in ("LF", "RF", "LH", "RH") for part in ("HIP", "THIGH", "SHANK")]
+    parts = [
+        f"{leg}_{part}" for leg in ("LF", "RF", "LH", "RH") for part in ("HIP", "THIGH", "SHANK")
+    ]
     whole = [shape(part, "sphere", [0.01]) for part in parts]
     assert bodies(whole).missing == ()
     assert bodies([*whole, shape("base", "mesh", [1, 1, 1])]).missing == ("link base: no mesh",)
     follows = "joint wag: follows LF_HFE, which plans do not: make it a fixed joint"
     assert bodies(whole, gaps=(follows,)).missing == (follows,)  # nor is it known where those are
     feet = [shape("LF_FOOT", "sphere", [0.01])]  # the ball at its end is no shank
-    (line,) = bodies([each for each in whole if each.link not in ("LF_THIGH", "LF_SHANK")] + feet).missing
+    (line,) = bodies(
+        [each for each in whole if each.link not in ("LF_THIGH", "LF_SHANK")] + feet
+    ).missing
     assert line == "joints LF_HFE, LF_KFE: no shape of what they carry"
 
 
@@ -208,7 +259,12 @@ def test_inside_of_a_closed_body_is_solid_and_behind_a_patch_is_its_thickness() 
     turns = Rotation.from_euler("xyz", angles, degrees=True)
     sides = [turn @ (half * UP + level(0.0, half).vertices_m).T for turn in turns.as_matrix()]
     box = [
-        Patch(vertices_m=side.T, normal=(turn @ UP).round(12), shear_reference=turn @ [1, 0, 0], friction=0.7)
+        Patch(
+            vertices_m=side.T,
+            normal=(turn @ UP).round(12),
+            shear_reference=turn @ [1, 0, 0],
+            friction=0.7,
+        )
         for side, turn in zip(sides, turns.as_matrix(), strict=True)
     ]
     made = bodies(ball, *box)
@@ -222,7 +278,9 @@ def test_inside_of_a_closed_body_is_solid_and_behind_a_patch_is_its_thickness() 
 
 def test_without_coal_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "coal", None)
-    with pytest.raises(InvalidInput, match=r"bodies: expected coal .* pip install 'stancekit\[kin\]'"):
+    with pytest.raises(
+        InvalidInput, match=r"bodies: expected coal .* pip install 'stancekit\[kin\]'"
+    ):
         bodies([shape("base", "sphere", [0.1])])
 
 
@@ -231,8 +289,10 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
     walker, rng = hexapod(), np.random.default_rng(5)
     wall = Patch(
         vertices_m=[[0.32, -1, 0], [0.32, 1, 0], [0.4, 1, 0.5], [0.4, -1, 0.5]],
-        normal=np.array([-0.5, 0, 0.08]) / np.hypot(0.5, 0.08), shear_reference=[0, 1, 0], friction=0.7,
-    )  # fmt: skip
+        normal=np.array([-0.5, 0, 0.08]) / np.hypot(0.5, 0.08),
+        shear_reference=[0, 1, 0],
+        friction=0.7,
+    )
     patches = (level(), wall, level(0.25, 0.1))
     solver = Kinematics(walker)
     made = Bodies(solver, Obstacles.of(patches))
@@ -243,16 +303,22 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     for index, patch in enumerate(patches):
         spec.add_mesh(name=f"patch {index}", uservert=patch.solid.corners.ravel())
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"patch {index}", name=f"patch {index}")
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"patch {index}", name=f"patch {index}"
+        )
     model = spec.compile()
     data, pairs, between = mujoco.MjData(model), 0, 0
     for _ in range(100):
         angles = rng.uniform(solver.lower_rad, solver.upper_rad)
         turn = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, 3))
         body = WholeBody(
-            rotation=turn.as_matrix(), origin_m=np.array([*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.05, 0.35)]),
-            angles=angles, toes_m=np.zeros((6, 3)), normals=np.tile(UP, (6, 1)), stands=np.zeros(6, dtype=bool),
-        )  # fmt: skip
+            rotation=turn.as_matrix(),
+            origin_m=np.array([*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.05, 0.35)]),
+            angles=angles,
+            toes_m=np.zeros((6, 3)),
+            normals=np.tile(UP, (6, 1)),
+            stands=np.zeros(6, dtype=bool),
+        )
         data.qpos[:3], data.qpos[3:7] = body.origin_m, turn.as_quat(scalar_first=True)
         for name, angle in zip(solver.joints, angles, strict=True):
             data.qpos[model.joint(name).qposadr[0]] = angle
@@ -264,8 +330,13 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
                 for geom in (contact.geom1, contact.geom2)
             )
             theirs[names] = max(theirs.get(names, 0.0), -float(contact.dist))
-        ours = {frozenset((each.link, each.other)): each.depth_m for each in made.overlaps(body, terrain_m=0.0)}
-        deep = [{names for names, depth in found.items() if depth > TOUCH_M} for found in (ours, theirs)]
+        ours = {
+            frozenset((each.link, each.other)): each.depth_m
+            for each in made.overlaps(body, terrain_m=0.0)
+        }
+        deep = [
+            {names for names, depth in found.items() if depth > TOUCH_M} for found in (ours, theirs)
+        ]
         assert deep[0] == deep[1]
         pairs += len(deep[0])
         between += sum(not any(name.startswith("patch") for name in names) for names in deep[0])
@@ -274,11 +345,15 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
 
 
 def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
-    """Bodies are placed by chains of our own, as joints are found; pinocchio's links are the independent word."""
+    """Bodies are placed by chains of our own, as joints are found; pinocchio's links are the
+    independent word."""
     import pinocchio as pin
 
     sound = [each for each in made_robots() if each.sound][::3]
-    solvers = [Kinematics(hexapod()), *(Kinematics(named(each.write(tmp_path / each.name))) for each in sound)]
+    solvers = [
+        Kinematics(hexapod()),
+        *(Kinematics(named(each.write(tmp_path / each.name))) for each in sound),
+    ]
     rng, looked = np.random.default_rng(5), 0
     for solver in solvers:
         made = Bodies(solver)

@@ -1,4 +1,5 @@
-"""Robots with a name: each file fits its URDF, and a package that is missing is named with the command for it."""
+"""Robots with a name: each file fits its URDF, and a package that is missing is named with the
+command for it."""
 
 from pathlib import Path
 
@@ -12,7 +13,11 @@ from stancekit.planners.robot.robot_file import named_robot, read_keys
 from stancekit.planners.robot.walker import named_walker
 
 pytest.importorskip("pinocchio")
-HERE = sorted(name for name, path in catalogue().items() if provider_folder(read_keys(path).provider) is not None)
+HERE = sorted(
+    name
+    for name, path in catalogue().items()
+    if provider_folder(read_keys(path).provider) is not None
+)
 
 
 def test_every_robot_names_a_provider_a_urdf_and_its_feet() -> None:
@@ -27,7 +32,9 @@ def test_every_robot_names_a_provider_a_urdf_and_its_feet() -> None:
 
 
 @pytest.mark.parametrize("name", HERE)
-def test_a_robot_stands_on_the_feet_of_its_file_with_a_torque_limit_at_every_joint(name: str) -> None:
+def test_a_robot_stands_on_the_feet_of_its_file_with_a_torque_limit_at_every_joint(
+    name: str,
+) -> None:
     model, keys = named_robot(name), read_keys(catalogue()[name])
     assert isinstance(keys.feet, dict)
     assert {leg.name: leg.foot for leg in model.legs} == keys.feet
@@ -42,7 +49,9 @@ def test_a_walk_takes_the_same_name() -> None:
     assert named_walker(HERE[0]).name == HERE[0]
 
 
-def test_a_provider_that_is_not_installed_is_named_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_provider_that_is_not_installed_is_named_with_the_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(module, "provider_folder", lambda provider: None)
     for read in (named_robot, named_walker):
         with pytest.raises(InvalidInput) as caught:
@@ -54,5 +63,7 @@ def test_a_provider_that_is_not_installed_is_named_with_the_command(monkeypatch:
 
 def test_a_file_of_ones_own_may_name_a_provider(tmp_path: Path) -> None:
     (tmp_path / "low.yaml").write_text("provider: pybullet\nurdf: none/there.urdf\n")
-    with pytest.raises(InvalidInput, match=r"low.yaml: .*pybullet_data/none/there.urdf: expected a file"):
+    with pytest.raises(
+        InvalidInput, match=r"low.yaml: .*pybullet_data/none/there.urdf: expected a file"
+    ):
         named_robot(tmp_path / "low.yaml")

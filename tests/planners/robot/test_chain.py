@@ -18,12 +18,18 @@ def odd_legs() -> str:
         parts += [link(f"{name}{i}") for i in range(5)]
         parts += [
             joint(f"{name}_0", "base", f"{name}0", f"{x} .1 0", "0.6 0 0.8"),
-            joint(f"{name}_1", f"{name}0", f"{name}1", ".02 .03 -.2", "0 -1 0").replace("revolute", "continuous"),
-            joint(f"{name}_2", f"{name}1", f"{name}2", "0 .01 -.2", "0 0 -1", SLIDES).replace("revolute", "prismatic"),
+            joint(f"{name}_1", f"{name}0", f"{name}1", ".02 .03 -.2", "0 -1 0").replace(
+                "revolute", "continuous"
+            ),
+            joint(f"{name}_2", f"{name}1", f"{name}2", "0 .01 -.2", "0 0 -1", SLIDES).replace(
+                "revolute", "prismatic"
+            ),
             joint(f"{name}_3", f"{name}2", f"{name}3", "0 0 -.2", "0.48 0.6 0.64"),
             fixed(f"{name}_f", f"{name}3", f"{name}4", "0 .02 -.2"),
         ]
-    return robot(parts).replace('<origin xyz="0 .01 -.2"/>', '<origin xyz="0 .01 -.2" rpy=".3 -.2 .5"/>')
+    return robot(parts).replace(
+        '<origin xyz="0 .01 -.2"/>', '<origin xyz="0 .01 -.2" rpy=".3 -.2 .5"/>'
+    )
 
 
 def models() -> list[RobotModel]:
@@ -31,19 +37,28 @@ def models() -> list[RobotModel]:
     return [hexapod_model(), model_of(quadruped()), model_of(odd_legs())]
 
 
-def pinocchio_feet(model: RobotModel, leg: Leg, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pinocchio_feet(
+    model: RobotModel, leg: Leg, angles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Feet and Jacobians as pinocchio has them, found by the joints' names."""
     import pinocchio as pin
 
     known = pin.buildModelFromXML(model.urdf)
-    data, joints = known.createData(), [known.joints[known.getJointId(name)] for name in leg.joint_names]
+    data, joints = (
+        known.createData(),
+        [known.joints[known.getJointId(name)] for name in leg.joint_names],
+    )
     frame = known.getFrameId(leg.foot)
     feet, jacobians = [], []
     for posture in angles:
         q = pin.neutral(known)
         for each, angle in zip(joints, posture, strict=True):
-            q[each.idx_q : each.idx_q + each.nq] = angle if each.nq == 1 else (np.cos(angle), np.sin(angle))
-        whole = pin.computeFrameJacobian(known, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            q[each.idx_q : each.idx_q + each.nq] = (
+                angle if each.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
+        whole = pin.computeFrameJacobian(
+            known, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         feet.append(data.oMf[frame].translation.copy())
         jacobians.append(whole[:3, [each.idx_v for each in joints]])
     return np.array(feet), np.array(jacobians)
@@ -68,8 +83,13 @@ def test_jacobians_are_those_of_finite_differences() -> None:
         angles = leg.random_angles(5, rng)
         _, jacobian = leg.chain.feet_and_jacobian(angles)
         for i, unit in enumerate(np.eye(len(leg.joints))):
-            ahead, behind = leg.chain.feet(angles + step * unit), leg.chain.feet(angles - step * unit)
-            np.testing.assert_allclose(jacobian[:, :, i], (ahead - behind) / (2.0 * step), atol=1e-8)
+            ahead, behind = (
+                leg.chain.feet(angles + step * unit),
+                leg.chain.feet(angles - step * unit),
+            )
+            np.testing.assert_allclose(
+                jacobian[:, :, i], (ahead - behind) / (2.0 * step), atol=1e-8
+            )
 
 
 def test_the_frames_of_the_joints_carry_the_foot() -> None:
@@ -81,5 +101,7 @@ def test_the_frames_of_the_joints_carry_the_foot() -> None:
             feet = places[:, -1] + turns[:, -1] @ leg.chain.tip_m
             np.testing.assert_allclose(feet, leg.chain.feet(angles), atol=1e-12)
             np.testing.assert_allclose(
-                turns @ turns.transpose(0, 1, 3, 2), np.broadcast_to(np.eye(3), turns.shape), atol=1e-12
+                turns @ turns.transpose(0, 1, 3, 2),
+                np.broadcast_to(np.eye(3), turns.shape),
+                atol=1e-12,
             )

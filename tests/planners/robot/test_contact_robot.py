@@ -1,4 +1,5 @@
-"""Contact planning for a robot's file: inner and outer sets, a climb that its own legs reach, and what is refused."""
+"""Contact planning for a robot's file: inner and outer sets, a climb that its own legs reach, and
+what is refused."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +61,9 @@ def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> No
     for leg, within, around in zip(model.legs, inner.limbs, outer.limbs, strict=True):
         away = rng.normal(size=(20_000, 3))
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        toes = leg.chain.feet(leg.random_angles(20_000, rng)) + leg.radius_m * away - model.body.com_m
+        toes = (
+            leg.chain.feet(leg.random_angles(20_000, rng)) + leg.radius_m * away - model.body.com_m
+        )
         assert np.all(np.linalg.norm(toes - around.shoulder_m, axis=1) <= around.reach_m)
         assert around.reach_rows is not None
         assert np.all(toes @ around.reach_rows.normals.T <= around.reach_rows.bounds_m)
@@ -70,7 +73,9 @@ def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> No
         held = np.all(points @ within.reach_rows.normals.T <= within.reach_rows.bounds_m, axis=1)
         assert 0.5 < held.mean() < 1.0
         assert np.all(np.linalg.norm(points - within.shoulder_m, axis=1) <= within.reach_m)
-        feet = points[held] + leg.radius_m * away[: held.sum()] + model.body.com_m  # whatever way the surface looks
+        feet = (
+            points[held] + leg.radius_m * away[: held.sum()] + model.body.com_m
+        )  # whatever way the surface looks
         assert np.all(workspace.inner.contains(feet))
 
 
@@ -98,7 +103,9 @@ def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Pl
             foot = data.oMf[known.getFrameId(leg.foot)].translation
             centre = plan.com_m[k] + turn @ (foot - model.body.com_m)
             normal = plan.problem.patch(int(plan.problem.holds[k][i]), plan.choice).normal
-            np.testing.assert_allclose(centre - leg.radius_m * normal, plan.toes_at(k)[i], atol=1e-4)
+            np.testing.assert_allclose(
+                centre - leg.radius_m * normal, plan.toes_at(k)[i], atol=1e-4
+            )
 
 
 def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(folder: Path) -> None:
@@ -108,21 +115,36 @@ def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(fold
     toes = standing_toes(model)
     for index, foothold in enumerate(first):
         leg, corners = model.leg_names.index(foothold.limb), foothold.candidates[0].vertices_m
-        here = course.com_nominal_m[course.holds[:, leg] == index].mean(axis=0)  # of the body while it stands there
+        here = course.com_nominal_m[course.holds[:, leg] == index].mean(
+            axis=0
+        )  # of the body while it stands there
         wanted = np.minimum((here + toes[leg])[:2], [0.42, np.inf])  # where the step begins
         assert np.all(corners[:, :2].min(axis=0) - 1e-9 <= wanted)
-        assert np.all(wanted - 0.04 <= corners[:, :2].max(axis=0))  # as far as a riser keeps it away
+        assert np.all(
+            wanted - 0.04 <= corners[:, :2].max(axis=0)
+        )  # as far as a riser keeps it away
 
 
-def test_toes_keep_as_far_from_a_riser_as_their_feet_roll_unless_all_that_they_reach_is_asked_for(folder: Path) -> None:
+def test_toes_keep_as_far_from_a_riser_as_their_feet_roll_unless_all_that_they_reach_is_asked_for(
+    folder: Path,
+) -> None:
     radius_m = named_robot(folder / "dog.urdf").legs[0].radius_m
     (folder / "all.yaml").write_text(COURSE.replace("{window_m: 0.2}", "{everywhere: true}"))
-    (folder / "near.yaml").write_text(COURSE.replace("{window_m: 0.2}", "{window_m: 0.2, margin_m: 0.005}"))
-    for name, margin_m in (("step", 1.6 * radius_m + 0.002), ("all", max(radius_m + 0.002, 0.02)), ("near", 0.005)):
-        corners = np.concatenate([
-            patch.vertices_m for foothold in read_course(folder / f"{name}.yaml").footholds
-            for patch in foothold.candidates
-        ])  # fmt: skip
+    (folder / "near.yaml").write_text(
+        COURSE.replace("{window_m: 0.2}", "{window_m: 0.2, margin_m: 0.005}")
+    )
+    for name, margin_m in (
+        ("step", 1.6 * radius_m + 0.002),
+        ("all", max(radius_m + 0.002, 0.02)),
+        ("near", 0.005),
+    ):
+        corners = np.concatenate(
+            [
+                patch.vertices_m
+                for foothold in read_course(folder / f"{name}.yaml").footholds
+                for patch in foothold.candidates
+            ]
+        )
         assert np.abs(corners[:, 0] - 0.42).min() == pytest.approx(margin_m, abs=1e-9), name
 
 
@@ -132,30 +154,54 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
     course = read_course(folder / "step.yaml")
     (folder / "loose.yaml").write_text(f"{COURSE}weights: {{com_path: 0.0}}\n")
     loose = read_course(folder / "loose.yaml")
-    assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
-    assert (course.weights.stance, loose.weights.stance, read_course("walls").weights.stance) == (0.3, 0.3, 0.0)
-    pulled = [replace(course, weights=replace(course.weights, stance=0.0, com_path=pull)) for pull in (0.0, 10.0)]
+    assert (
+        course.weights.com_path,
+        loose.weights.com_path,
+        read_course("walls").weights.com_path,
+    ) == (0.1, 0.0, 0.0)
+    assert (course.weights.stance, loose.weights.stance, read_course("walls").weights.stance) == (
+        0.3,
+        0.3,
+        0.0,
+    )
+    pulled = [
+        replace(course, weights=replace(course.weights, stance=0.0, com_path=pull))
+        for pull in (0.0, 10.0)
+    ]
     far, near = (TwoStageCoursePlanner(gap=0.05).solve(each).solution for each in pulled)
     assert near is not None
     assert far is not None
-    off_m = [np.linalg.norm(each.com_m - each.problem.com_nominal_m, axis=1).mean() for each in (near, far)]
+    off_m = [
+        np.linalg.norm(each.com_m - each.problem.com_nominal_m, axis=1).mean()
+        for each in (near, far)
+    ]
     assert off_m[0] < 0.8 * off_m[1]
 
 
 @pytest.mark.parametrize(("x_m", "raised"), [(0.0, 0.0), (0.45, 0.5), (2.0, 1.0)])
-def test_a_start_without_a_height_stands_on_the_terrain_there(folder: Path, x_m: float, raised: float) -> None:
+def test_a_start_without_a_height_stands_on_the_terrain_there(
+    folder: Path, x_m: float, raised: float
+) -> None:
     model = named_robot(folder / "dog.urdf")
-    text = COURSE.replace("[0.0, 0.0, 0.44]", f"[{x_m}, 0.0]").replace("[0.3, 0.0, 0.45]", f"[{x_m + 0.3}, 0, 0.5]")
+    text = COURSE.replace("[0.0, 0.0, 0.44]", f"[{x_m}, 0.0]").replace(
+        "[0.3, 0.0, 0.45]", f"[{x_m + 0.3}, 0, 0.5]"
+    )
     (folder / "start.yaml").write_text(text)
     course = read_course(folder / "start.yaml")
-    expected = [x_m, 0.0, model.stand_height_m + 0.05 * raised]  # so many of the feet are on the step
+    expected = [
+        x_m,
+        0.0,
+        model.stand_height_m + 0.05 * raised,
+    ]  # so many of the feet are on the step
     np.testing.assert_allclose(course.com_nominal_m[0], expected, atol=1e-9)
 
 
 def test_a_start_without_ground_under_a_foot_is_refused(folder: Path) -> None:
     corners = "[[-2, 0, 0], [2, 0, 0], [2, 2, 0], [-2, 2, 0]]"
     text = COURSE.replace("[0.0, 0.0, 0.44]", "[0.0, 0.0]").split("terrain:")[0]
-    (folder / "half.yaml").write_text(f"{text}terrain: {{kind: polygons, polygons: [{{vertices_m: {corners}}}]}}\n")
+    (folder / "half.yaml").write_text(
+        f"{text}terrain: {{kind: polygons, polygons: [{{vertices_m: {corners}}}]}}\n"
+    )
     with pytest.raises(InvalidInput) as caught:
         read_course(folder / "half.yaml")
     assert str(caught.value).startswith(
@@ -175,7 +221,9 @@ def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) 
 def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
     robot = plan.problem.robot
     short = model_of(quadruped().replace('xyz="0 0 -.3"', 'xyz="0 0 -.02"'))
-    answers = plan_angles(replace(plan, problem=replace(plan.problem, robot=replace(robot, model=short))))
+    answers = plan_angles(
+        replace(plan, problem=replace(plan.problem, robot=replace(robot, model=short)))
+    )
     for answer in answers:
         assert answer.error_m.min() > 0.03
         for i, leg in enumerate(short.legs):
@@ -190,7 +238,9 @@ def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
         ("none.urdf", "robot: {0}/none.urdf: expected a file, found nothing there"),
     ],
 )
-def test_a_course_whose_robot_cannot_be_had_is_refused(folder: Path, robot: str, message: str) -> None:
+def test_a_course_whose_robot_cannot_be_had_is_refused(
+    folder: Path, robot: str, message: str
+) -> None:
     (folder / "bad.yaml").write_text(COURSE.replace("dog.urdf", robot))
     with pytest.raises(InvalidInput) as caught:
         read_course(folder / "bad.yaml")

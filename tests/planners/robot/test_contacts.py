@@ -1,4 +1,5 @@
-"""Feet that are meshes: balls are found, whatever has corners is not, and the robot in a plan's file keeps them."""
+"""Feet that are meshes: balls are found, whatever has corners is not, and the robot in a plan's
+file keeps them."""
 
 from __future__ import annotations
 
@@ -40,14 +41,22 @@ def test_a_mesh_of_a_ball_is_a_foot_of_its_radius(tmp_path: Path) -> None:
     for leg in model.legs:
         assert leg.radius_m == pytest.approx(0.03, rel=1e-3)
         ankle = model.mounts[leg.foot]
-        np.testing.assert_allclose(leg.chain.tip_m, ankle.origin_m + ankle.rotation @ MIDDLE, atol=1e-6)
+        np.testing.assert_allclose(
+            leg.chain.tip_m, ankle.origin_m + ankle.rotation @ MIDDLE, atol=1e-6
+        )
     assert any(remark.text.startswith("balls for LF_FOOT, RF_FOOT") for remark in model.remarks)
-    again = model_of(model.urdf, feet={leg.name: leg.foot for leg in model.legs})  # as a plan's file has it
+    again = model_of(
+        model.urdf, feet={leg.name: leg.foot for leg in model.legs}
+    )  # as a plan's file has it
     assert [leg.radius_m for leg in again.legs] == [leg.radius_m for leg in model.legs]
 
 
 def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
-    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.03, 0.01, 0.02]
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [
+        0.03,
+        0.01,
+        0.02,
+    ]
     assert all(leg.radius_m == 0.0 for leg in with_feet(tmp_path, box).legs)
 
 
@@ -58,7 +67,9 @@ def test_what_a_ball_may_lack() -> None:
     np.testing.assert_allclose(found[0], MIDDLE, atol=1e-9)
     flattened = MIDDLE + (points - MIDDLE) * [1.0, 1.0, 0.5]
     assert fitted_ball(flattened) is None
-    aside = np.clip((points - MIDDLE)[:, 1], -0.0155, 0.0155)  # sides off, as of wheels with a round tread
+    aside = np.clip(
+        (points - MIDDLE)[:, 1], -0.0155, 0.0155
+    )  # sides off, as of wheels with a round tread
     onto = (points - MIDDLE)[:, [0, 2]]
     onto *= (np.sqrt(0.03**2 - aside**2) / np.linalg.norm(onto, axis=1))[:, None]
     cut = MIDDLE + np.column_stack([onto[:, 0], aside, onto[:, 1]])
@@ -77,11 +88,19 @@ def test_what_a_ball_may_lack() -> None:
 
 def test_bodies_keep_their_hulls_beside_feet_that_become_balls(tmp_path: Path) -> None:
     box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.01
-    (tmp_path / "bone.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in box) + "f 1 2 4 3\nf 5 6 8 7\n")
-    text = quadruped(bone='<mesh filename="bone.obj"/>').replace('<sphere radius="0.02"/>', '<box size=".02 .02 .02"/>')
+    (tmp_path / "bone.obj").write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in box) + "f 1 2 4 3\nf 5 6 8 7\n"
+    )
+    text = quadruped(bone='<mesh filename="bone.obj"/>').replace(
+        '<sphere radius="0.02"/>', '<box size=".02 .02 .02"/>'
+    )
     bone = '<geometry><mesh filename="bone.obj"/></geometry>'  # as body, and as what is seen
-    text = text.replace(f"<collision>{bone}</collision>", f"<collision>{bone}</collision><visual>{bone}</visual>")
-    model = model_of(text, folder=tmp_path, contacts={"*_FOOT": FootContact(point_m=np.zeros(3), radius_m=0.01)})
+    text = text.replace(
+        f"<collision>{bone}</collision>", f"<collision>{bone}</collision><visual>{bone}</visual>"
+    )
+    model = model_of(
+        text, folder=tmp_path, contacts={"*_FOOT": FootContact(point_m=np.zeros(3), radius_m=0.01)}
+    )
     meshes = [shape for shape in model.shapes if shape.kind == "mesh"]
     assert any(remark.text.startswith("balls for") for remark in model.remarks)
     assert len(meshes) == 24
@@ -90,12 +109,19 @@ def test_bodies_keep_their_hulls_beside_feet_that_become_balls(tmp_path: Path) -
 
 def test_a_ball_is_round_where_it_may_touch(tmp_path: Path) -> None:
     points = corners()
-    below, turns = points[(points - MIDDLE)[:, 2] < 0.01], np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
-    ring = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(60)]) * np.sqrt(0.03**2 - 0.01**2)
+    below, turns = (
+        points[(points - MIDDLE)[:, 2] < 0.01],
+        np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False),
+    )
+    ring = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(60)]) * np.sqrt(
+        0.03**2 - 0.01**2
+    )
     cut = np.vstack([below, MIDDLE + ring + [0.0, 0.0, 0.01]])  # flat where a shank may be
     assert {leg.radius_m for leg in with_feet(tmp_path, cut).legs} != {0.0}
     flipped = MIDDLE + (cut - MIDDLE) * [1.0, 1.0, -1.0]  # the same, on its flat side
     model = with_feet(tmp_path, flipped)
     assert {leg.radius_m for leg in model.legs} == {0.0}
-    with pytest.raises(InvalidInput, match="LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT touches with a mesh"):
+    with pytest.raises(
+        InvalidInput, match="LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT touches with a mesh"
+    ):
         model.check_known()

@@ -12,16 +12,25 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.embedded import embedded
 from stancekit.planners.robot.convex_parts import MOST_PARTS, convex_parts
-from stancekit.planners.robot.hulls import hull_corners, hulls_of_text, hulls_to_text, with_known_hulls
+from stancekit.planners.robot.hulls import (
+    hull_corners,
+    hulls_of_text,
+    hulls_to_text,
+    with_known_hulls,
+)
 from stancekit.planners.robot.shapes import Shape
 
 
-def boxes(*spans: tuple[tuple[float, float, float], tuple[float, float, float]]) -> tuple[Array, Array]:
+def boxes(
+    *spans: tuple[tuple[float, float, float], tuple[float, float, float]],
+) -> tuple[Array, Array]:
     """A mesh of boxes from one corner to the other: vertices and faces."""
     vertices, faces = [], []
     for low, high in spans:
         ends = np.array([low, high])
-        corners = np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        corners = np.array(
+            [[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+        )
         faces += [simplex + 8 * len(vertices) for simplex in ConvexHull(corners).simplices]
         vertices.append(corners)
     return np.concatenate(vertices), np.array(faces)
@@ -82,13 +91,23 @@ def concave(parts: bool = True) -> Shape:
     vertices, faces = boxes(*FRAME)
     rounded = [hull_corners(part) for part in convex_parts(vertices, faces)] if parts else []
     return Shape(
-        link="base", kind="mesh", size_m=np.ones(3), rotation=np.eye(3), origin_m=np.zeros(3), collides=True,
-        corners_m=hull_corners(vertices), parts_m=tuple(part for part in rounded if part is not None),
-    )  # fmt: skip
+        link="base",
+        kind="mesh",
+        size_m=np.ones(3),
+        rotation=np.eye(3),
+        origin_m=np.zeros(3),
+        collides=True,
+        corners_m=hull_corners(vertices),
+        parts_m=tuple(part for part in rounded if part is not None),
+    )
 
 
 def test_parts_come_back_from_the_text_of_a_file() -> None:
-    (ball,) = [replace(concave(), link="ball", kind="sphere", size_m=np.ones(1), corners_m=None, parts_m=())]
+    (ball,) = [
+        replace(
+            concave(), link="ball", kind="sphere", size_m=np.ones(1), corners_m=None, parts_m=()
+        )
+    ]
     shapes = (ball, concave())
     bare = tuple(replace(shape, corners_m=None, parts_m=()) for shape in shapes)
     read = with_known_hulls(bare, hulls_of_text(hulls_to_text(shapes)))
@@ -101,7 +120,9 @@ def test_parts_come_back_from_the_text_of_a_file() -> None:
 def test_parts_that_leave_something_of_the_hull_out_are_refused() -> None:
     shape = concave()
     less = replace(shape, parts_m=shape.parts_m[:1])
-    with pytest.raises(InvalidInput, match="expected parts whose hull is that of shape 0, got others"):
+    with pytest.raises(
+        InvalidInput, match="expected parts whose hull is that of shape 0, got others"
+    ):
         with_known_hulls((concave(parts=False),), hulls_of_text(hulls_to_text((less,))))
     lower = hull_corners(shape.parts_m[0] - [0.0, 0.0, 0.01])
     assert lower is not None
@@ -112,7 +133,9 @@ def test_parts_that_leave_something_of_the_hull_out_are_refused() -> None:
 
 def test_parts_without_their_hull_are_refused() -> None:
     alone = embedded({"0_0": concave().parts_m[0]})
-    with pytest.raises(InvalidInput, match="expected the hull of shape 0 beside its parts, got parts alone"):
+    with pytest.raises(
+        InvalidInput, match="expected the hull of shape 0 beside its parts, got parts alone"
+    ):
         hulls_of_text(alone)
 
 
@@ -126,9 +149,13 @@ def test_a_ball_in_a_hole_is_as_far_from_the_rim_as_it_is() -> None:
     for _ in range(20):
         at = np.array([*rng.uniform(0.1 + radius + 0.001, 0.9 - radius - 0.001, 2), 0.05])
         ball = Shape(
-            link="LF_FOOT", kind="sphere", size_m=np.array([radius]), rotation=np.eye(3), origin_m=np.zeros(3),
+            link="LF_FOOT",
+            kind="sphere",
+            size_m=np.array([radius]),
+            rotation=np.eye(3),
+            origin_m=np.zeros(3),
             collides=True,
-        )  # fmt: skip
+        )
         rim = min(at[:2].min() - 0.1, 0.9 - at[:2].max()) - radius
         places = np.tile(np.eye(3), (1, 2, 1, 1)), np.array([[np.zeros(3), at]])
         assert bodies([beams, ball])._distances(places)(0, 0, 1) == pytest.approx(rim, abs=1e-5)

@@ -1,4 +1,5 @@
-"""Inverse kinematics and torques, against rotations by scipy, finite differences and virtual work."""
+"""Inverse kinematics and torques, against rotations by scipy, finite differences and virtual
+work."""
 
 import sys
 from dataclasses import replace
@@ -40,12 +41,17 @@ def plan() -> Plan:
 
 
 def foot_by_hand(limb: int, angles: np.ndarray) -> np.ndarray:
-    """The foot's centre in the body frame: shoulder, then yaw about z, hip about y, roll about x, knee about y."""
+    """The foot's centre in the body frame: shoulder, then yaw about z, hip about y, roll about x,
+    knee about y."""
     owner = ROBOT.limbs[limb]
     thigh, shank = link_lengths(owner)
     yaw, hip, roll, knee = angles
     upper = Rotation.from_euler("ZYX", [yaw + outward_rad(owner), hip, roll])
-    return owner.shoulder_m + upper.apply([thigh, 0, 0]) + (upper * Rotation.from_euler("Y", knee)).apply([shank, 0, 0])
+    return (
+        owner.shoulder_m
+        + upper.apply([thigh, 0, 0])
+        + (upper * Rotation.from_euler("Y", knee)).apply([shank, 0, 0])
+    )
 
 
 def test_feet_are_where_the_joints_put_them(kinematics: Kinematics) -> None:
@@ -60,10 +66,14 @@ def test_every_posture_of_a_family_reaches_its_target() -> None:
         target = rng.normal(size=3)
         target *= rng.uniform(0.02, 0.37) / np.linalg.norm(target)
         upper, lower = directions(swivels(lengths, target))
-        np.testing.assert_allclose(lengths[0] * upper + lengths[1] * lower, np.tile(target, (len(upper), 1)), atol=1e-9)
+        np.testing.assert_allclose(
+            lengths[0] * upper + lengths[1] * lower, np.tile(target, (len(upper), 1)), atol=1e-9
+        )
 
 
-def test_the_workspace_away_from_the_body_and_not_steeply_above_the_shoulder_is_reached(kinematics: Kinematics) -> None:
+def test_the_workspace_away_from_the_body_and_not_steeply_above_the_shoulder_is_reached(
+    kinematics: Kinematics,
+) -> None:
     rng = np.random.default_rng(2)
     for _ in range(40):
         way = rng.normal(size=(6, 3))
@@ -75,13 +85,19 @@ def test_the_workspace_away_from_the_body_and_not_steeply_above_the_shoulder_is_
         answer = kinematics.solve([0.3, -0.2, 0.5], turn, toes)
         assert answer.within_limits
         by_hand = [foot_by_hand(i, answer.angles[4 * i : 4 * i + 4]) for i in range(6)]
-        np.testing.assert_allclose(rotation_of(turn) @ np.transpose(by_hand), (toes - [0.3, -0.2, 0.5]).T, atol=1e-6)
+        np.testing.assert_allclose(
+            rotation_of(turn) @ np.transpose(by_hand), (toes - [0.3, -0.2, 0.5]).T, atol=1e-6
+        )
 
 
-def test_a_foot_below_its_shoulder_and_one_beside_that_are_reached_with_nearby_angles(kinematics: Kinematics) -> None:
+def test_a_foot_below_its_shoulder_and_one_beside_that_are_reached_with_nearby_angles(
+    kinematics: Kinematics,
+) -> None:
     below = SHOULDERS + np.array([0.0, 0.0, -0.2])
     first = kinematics.solve(np.zeros(3), np.zeros(3), below)
-    second = kinematics.solve(np.zeros(3), np.zeros(3), below + np.array([0.004, -0.003, 0.0]), seed=first.angles)
+    second = kinematics.solve(
+        np.zeros(3), np.zeros(3), below + np.array([0.004, -0.003, 0.0]), seed=first.angles
+    )
     assert first.within_limits
     assert second.within_limits
     assert np.abs(second.angles - first.angles).max() < 0.15
@@ -89,8 +105,12 @@ def test_a_foot_below_its_shoulder_and_one_beside_that_are_reached_with_nearby_a
 
 def test_feet_touch_at_their_toes(kinematics: Kinematics) -> None:
     toes = SHOULDERS + 0.15 * OUTWARD + [0.0, 0.0, -0.2]
-    answer = kinematics.solve(np.zeros(3), np.zeros(3), toes, normals=np.tile([0.0, 0.0, 1.0], (6, 1)))
-    np.testing.assert_allclose(kinematics.feet(answer.angles), toes + np.array([0.0, 0.0, FOOT_RADIUS_M]), atol=1e-6)
+    answer = kinematics.solve(
+        np.zeros(3), np.zeros(3), toes, normals=np.tile([0.0, 0.0, 1.0], (6, 1))
+    )
+    np.testing.assert_allclose(
+        kinematics.feet(answer.angles), toes + np.array([0.0, 0.0, FOOT_RADIUS_M]), atol=1e-6
+    )
 
 
 def test_what_is_out_of_reach_is_said_by_how_much(kinematics: Kinematics) -> None:
@@ -103,7 +123,9 @@ def test_what_is_out_of_reach_is_said_by_how_much(kinematics: Kinematics) -> Non
 
 
 def test_a_joint_that_would_have_to_go_beyond_its_limit_is_said_by_how_much() -> None:
-    narrow = Kinematics(ROBOT, Servo(lower_rad=(-0.1, -1.8, -0.05, -0.05), upper_rad=(0.1, 1.8, 0.05, 2.75)))
+    narrow = Kinematics(
+        ROBOT, Servo(lower_rad=(-0.1, -1.8, -0.05, -0.05), upper_rad=(0.1, 1.8, 0.05, 2.75))
+    )
     aside = Rotation.from_euler("z", 0.7).apply(OUTWARD[0])
     toes = SHOULDERS + 0.25 * OUTWARD
     toes[0] = SHOULDERS[0] + 0.25 * aside
@@ -114,9 +136,12 @@ def test_a_joint_that_would_have_to_go_beyond_its_limit_is_said_by_how_much() ->
 
 
 def test_joints_at_a_limit_wait_and_the_others_reach(kinematics: Kinematics) -> None:
-    """Four joints a leg: with the hip at its limit three are left, and a start beyond it is no answer."""
+    """Four joints a leg: with the hip at its limit three are left, and a start beyond it is no
+    answer."""
     rng, count = np.random.default_rng(0), len(kinematics.robot.limbs)
-    lower, upper = (limit.reshape(count, 4) for limit in (kinematics.lowest_rad, kinematics.highest_rad))
+    lower, upper = (
+        limit.reshape(count, 4) for limit in (kinematics.lowest_rad, kinematics.highest_rad)
+    )
     for _ in range(20):
         goal = np.tile([0.0, -1.79, 0.3, 2.0], (count, 1)) + rng.uniform(-0.1, 0.1, (count, 4))
         goal = np.clip(goal, lower, upper)
@@ -124,14 +149,20 @@ def test_joints_at_a_limit_wait_and_the_others_reach(kinematics: Kinematics) -> 
         begun[:, 1] = lower[:, 1] - 0.01
         wished = begun.copy()
         wished[:, 1] -= 0.1  # beyond
-        angles, error = kinematics.reach(kinematics.feet(goal.ravel()), begun.ravel(), wished.ravel())
+        angles, error = kinematics.reach(
+            kinematics.feet(goal.ravel()), begun.ravel(), wished.ravel()
+        )
         assert error.max() < 1e-6
         assert kinematics.beyond(angles).max() == 0.0
 
 
 def test_torques_are_those_of_virtual_work(kinematics: Kinematics) -> None:
     rng = np.random.default_rng(3)
-    angles, turn, forces = rng.uniform(-1.0, 1.0, 24), rotation_of([0.1, -0.2, 0.05]), rng.normal(size=(6, 3)) * 30.0
+    angles, turn, forces = (
+        rng.uniform(-1.0, 1.0, 24),
+        rotation_of([0.1, -0.2, 0.05]),
+        rng.normal(size=(6, 3)) * 30.0,
+    )
 
     def work(q: np.ndarray) -> float:
         """Potential energy of the limbs less the work of the contact forces, the body held."""
@@ -146,7 +177,9 @@ def test_torques_are_those_of_virtual_work(kinematics: Kinematics) -> None:
 def test_rotations_are_exact_not_linearised() -> None:
     vector = np.array([0.2, -0.1, 0.25])
     x, y, z = vector
-    np.testing.assert_allclose(rotation_of(vector), expm([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), atol=1e-14)
+    np.testing.assert_allclose(
+        rotation_of(vector), expm([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), atol=1e-14
+    )
     np.testing.assert_allclose(rotation_of(np.zeros(3)), np.eye(3))
 
 
@@ -163,7 +196,8 @@ def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
 def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
     plan: Plan, kinematics: Kinematics, limb: int
 ) -> None:
-    """It begins with the knee at the far side of its circle about the line from shoulder to foot."""
+    """It begins with the knee at the far side of its circle about the line from shoulder to
+    foot."""
     usual, its = plan_angles(plan), slice(4 * limb, 4 * limb + 4)
     foot = kinematics.feet(usual[0].angles)[limb] - SHOULDERS[limb]
     outward = rotation_of([0.0, 0.0, outward_rad(ROBOT.limbs[limb])])
@@ -177,18 +211,24 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
 
     found = plan_angles(plan, start_rad=start)
     assert all(answer.within_limits for answer in found)
-    np.testing.assert_allclose(found[0].angles, start, atol=0.02)  # only feet are put where the plan has them
+    np.testing.assert_allclose(
+        found[0].angles, start, atol=0.02
+    )  # only feet are put where the plan has them
     assert np.abs(found[1].angles - found[0].angles)[its].max() <= 0.5
 
 
-def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_stance(plan: Plan) -> None:
+def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_stance(
+    plan: Plan,
+) -> None:
     report = joint_report(plan)
     assert report.accepted, report.message
     assert report.message == ""
     assert report.error_m.shape == (plan.problem.frames, 6)
     assert report.torque_nm.shape == (len(plan.problem.stances), 6)
     assert 1.0 < report.torque_nm.max() < 40.0
-    assert 0.0 < report.shift_m.max() < 0.02  # paper E: "assumed to always be at the geometric center"
+    assert (
+        0.0 < report.shift_m.max() < 0.02
+    )  # paper E: "assumed to always be at the geometric center"
 
 
 def test_weak_servos_are_found_with_frame_and_limb(plan: Plan) -> None:

@@ -1,4 +1,5 @@
-"""Robots of our own making: what is read of them, what is refused, and that the sound ones stand where plans say."""
+"""Robots of our own making: what is read of them, what is refused, and that the sound ones stand
+where plans say."""
 
 from __future__ import annotations
 
@@ -24,7 +25,16 @@ from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Obstacles
-from tests.planners.robot.made_robots import FILES, PLACES, Made, R, lowest_m, made_robots, obj, quadruped
+from tests.planners.robot.made_robots import (
+    FILES,
+    PLACES,
+    Made,
+    R,
+    lowest_m,
+    made_robots,
+    obj,
+    quadruped,
+)
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
@@ -61,7 +71,9 @@ def test_there_are_sixty_of_which_most_are_sound() -> None:
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize(("shape", "below_m"), [("sphere", 0.0), ("capsule", 0.0), ("ball-mesh", 0.0)])
+@pytest.mark.parametrize(
+    ("shape", "below_m"), [("sphere", 0.0), ("capsule", 0.0), ("ball-mesh", 0.0)]
+)
 def test_a_leg_that_ends_in_a_ball_touches_with_it_wherever_in_its_last_body_it_is(
     shape: str, below_m: float, place: str, tmp_path: Path
 ) -> None:
@@ -74,15 +86,21 @@ def test_a_leg_that_ends_in_a_ball_touches_with_it_wherever_in_its_last_body_it_
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize(("shape", "kind"), [("box", "box"), ("cylinder", "cylinder"), ("cone-mesh", "mesh")])
-def test_of_any_other_shape_a_person_has_to_say_what_touches(shape: str, kind: str, place: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("shape", "kind"), [("box", "box"), ("cylinder", "cylinder"), ("cone-mesh", "mesh")]
+)
+def test_of_any_other_shape_a_person_has_to_say_what_touches(
+    shape: str, kind: str, place: str, tmp_path: Path
+) -> None:
     model = read(f"{shape}-{place}", tmp_path)
     foot = "shank" if place == "on-shank" else "foot"
     assert f"links LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot}: touches with a {kind}" in said(model)
     names = rf"LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot} touches with a {kind}: say .* e\.g\. "
     with pytest.raises(InvalidInput, match=names) as refusal:
         walker_of(model, [])
-    example = yaml.safe_load(re.findall(r"e\.g\. (\{.*\}\}), the (?:ball|point)", str(refusal.value))[0])
+    example = yaml.safe_load(
+        re.findall(r"e\.g\. (\{.*\}\}), the (?:ball|point)", str(refusal.value))[0]
+    )
     assert set(example) == {f"LF_{foot}"}
     contact = FootContact(**example[f"LF_{foot}"])
     model_of(model.urdf, folder=tmp_path, contacts={f"*_{foot}": contact}).check_known()
@@ -97,7 +115,9 @@ def test_sound_robots_are_planned_and_stand_on_the_ground(name: str, tmp_path: P
     if MADE[name].keys.startswith("contacts"):
         (tmp_path / "robot.urdf").write_text(model.urdf)
     rpy = np.array([np.pi / 2.0 if name == "y-up-told" else 0.0, 0.0, 0.0])
-    standing = dict(zip(model.joint_names, np.concatenate([leg.stance_rad for leg in model.legs]), strict=True))
+    standing = dict(
+        zip(model.joint_names, np.concatenate([leg.stance_rad for leg in model.legs]), strict=True)
+    )
     posture = dict(zip(model.joint_names, plan.joints_rad[0], strict=True))
     turn = rotation_of(plan.rotation_rad[0])
     low = lowest_m(tmp_path / "robot.urdf", standing, posture, plan.com_m[0], turn, rpy)
@@ -112,7 +132,9 @@ def test_points_that_a_person_says_are_of_shapes_that_stay_judged(tmp_path: Path
 
 
 def test_a_plan_of_another_robots_meshes_is_refused_and_no_folder_is_in_it(tmp_path: Path) -> None:
-    plain, fin = (MADE[name].write(tmp_path / name) for name in ("shanks-of-meshes", "shanks-with-a-fin"))
+    plain, fin = (
+        MADE[name].write(tmp_path / name) for name in ("shanks-of-meshes", "shanks-with-a-fin")
+    )
     assert plain.read_text() == fin.read_text()
     plan, report = planned(plain, named_robot(plain))
     assert report.accepted, report.message
@@ -128,7 +150,9 @@ def test_a_plan_of_another_robots_meshes_is_refused_and_no_folder_is_in_it(tmp_p
 
 
 @pytest.mark.parametrize("place", ["own-link", "on-shank"])
-def test_a_shank_in_a_ridge_is_found_whether_or_not_its_foot_is_a_shape_of_it(place: str, tmp_path: Path) -> None:
+def test_a_shank_in_a_ridge_is_found_whether_or_not_its_foot_is_a_shape_of_it(
+    place: str, tmp_path: Path
+) -> None:
     model = read(f"sphere-{place}", tmp_path)
     kinematics = Kinematics(robot_of(model))
     angles = np.concatenate([leg.stance_rad for leg in model.legs])
@@ -139,15 +163,21 @@ def test_a_shank_in_a_ridge_is_found_whether_or_not_its_foot_is_a_shape_of_it(pl
 
     def body(ridge_m: float) -> list[str]:
         def heights(x: Any, y: Any) -> Any:
-            return ridge_m * np.exp(-(((x - middle[0]) / 0.02) ** 2) - ((y - middle[1]) / 0.02) ** 2)
+            return ridge_m * np.exp(
+                -(((x - middle[0]) / 0.02) ** 2) - ((y - middle[1]) / 0.02) ** 2
+            )
 
         ground = HeightField.from_function(heights, 1.0, 0.01, name="ridge")
         made = Bodies(kinematics, Obstacles.under(ground))
         toes = feet + height * UP - R * UP
         posture = WholeBody(
-            rotation=np.eye(3), origin_m=height * UP, angles=angles, toes_m=toes, normals=np.tile(UP, (4, 1)),
+            rotation=np.eye(3),
+            origin_m=height * UP,
+            angles=angles,
+            toes_m=toes,
+            normals=np.tile(UP, (4, 1)),
             stands=np.ones(4, dtype=bool),
-        )  # fmt: skip
+        )
         return [overlap.link for overlap in made.overlaps(posture)]
 
     assert body(0.0) == []
@@ -181,7 +211,9 @@ def test_hulls_are_of_all_corners() -> None:
         ("feet-squashed", "touches with a mesh"),
     ],
 )
-def test_what_no_robot_has_is_a_doubt_that_names_the_link(name: str, line: str, tmp_path: Path) -> None:
+def test_what_no_robot_has_is_a_doubt_that_names_the_link(
+    name: str, line: str, tmp_path: Path
+) -> None:
     assert line in said(read(name, tmp_path))
 
 
@@ -220,7 +252,10 @@ def test_a_joint_that_flies_between_two_links_is_named(kind: str, tmp_path: Path
     carried = Made(name="carried", urdf=quadruped().replace("</robot>", f"{loose}</robot>"))
     legless = Made(name="legless", urdf=quadruped().replace('type="revolute"', f'type="{kind}"', 1))
     for made, joint in ((carried, "strap"), (legless, "LF_")):
-        with pytest.raises(InvalidInput, match=f"joint '{joint}.*': expected joints that are floating or planar above"):
+        with pytest.raises(
+            InvalidInput,
+            match=f"joint '{joint}.*': expected joints that are floating or planar above",
+        ):
             named_robot(made.write(tmp_path))
 
 
@@ -231,13 +266,20 @@ def test_what_run_cannot_do_is_known_before(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "legs"), [("eight-legs", 8)])
-def test_walks_of_other_numbers_of_legs_are_refused_in_words(name: str, legs: int, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=f"expected four or six legs for a walk, got {legs}: walks of bipeds and of"):
+def test_walks_of_other_numbers_of_legs_are_refused_in_words(
+    name: str, legs: int, tmp_path: Path
+) -> None:
+    with pytest.raises(
+        InvalidInput,
+        match=f"expected four or six legs for a walk, got {legs}: walks of bipeds and of",
+    ):
         walker_of(read(name, tmp_path))
 
 
 def test_contacts_of_no_leg_are_refused(tmp_path: Path) -> None:
-    made = Made(name="x", urdf=quadruped(shape="box"), keys="contacts: {XY_foot: {radius_m: 0.04}}\n")
+    made = Made(
+        name="x", urdf=quadruped(shape="box"), keys="contacts: {XY_foot: {radius_m: 0.04}}\n"
+    )
     with pytest.raises(InvalidInput, match="contacts: expected one of LF_foot"):
         named_robot(made.write(tmp_path))
 
@@ -245,7 +287,9 @@ def test_contacts_of_no_leg_are_refused(tmp_path: Path) -> None:
 def test_a_foot_of_a_mesh_stays_the_same_robot_whatever_lies_beside_it(tmp_path: Path) -> None:
     made = Made(name="x", urdf=quadruped(shape="ball-mesh"), files=FILES["ball-mesh"])
     before = named_robot(made.write(tmp_path))
-    (tmp_path / "ball.obj").write_text(obj(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])))
+    (tmp_path / "ball.obj").write_text(
+        obj(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]))
+    )
     assert named_robot(tmp_path / "robot.urdf").digest != before.digest
     assert not re.search("mesh", before.urdf)
 

@@ -1,4 +1,5 @@
-"""Meshes of links: few triangles on the same surface, outsides outside, kept once read, and files that are none."""
+"""Meshes of links: few triangles on the same surface, outsides outside, kept once read, and files
+that are none."""
 
 from pathlib import Path
 
@@ -7,22 +8,49 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import meshes
-from stancekit.planners.robot.meshes import Triangles, faced_outward, read_mesh, thinned, thinned_mesh
+from stancekit.planners.robot.meshes import (
+    Triangles,
+    faced_outward,
+    read_mesh,
+    thinned,
+    thinned_mesh,
+)
 
 pytest.importorskip("coal")
 
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-BOX = np.array([[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-                [0, 6, 4], [1, 7, 3], [1, 5, 7]])  # fmt: skip
+BOX = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 7, 5],
+        [4, 6, 7],
+        [0, 5, 1],
+        [0, 4, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 7, 3],
+        [1, 5, 7],
+    ]
+)
 
 
 def ball(rows: int = 60) -> Triangles:
     """A sphere of radius 1 about (3, 0, 0), to the left from outside, its poles left open."""
-    tilt, turn = np.linspace(0.05, np.pi - 0.05, rows), np.linspace(0.0, 2.0 * np.pi, 2 * rows, endpoint=False)
-    points = [[3.0 + np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)] for a in tilt for b in turn]
+    tilt, turn = (
+        np.linspace(0.05, np.pi - 0.05, rows),
+        np.linspace(0.0, 2.0 * np.pi, 2 * rows, endpoint=False),
+    )
+    points = [
+        [3.0 + np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)] for a in tilt for b in turn
+    ]
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(2 * rows), indexing="ij")
     a, b = 2 * rows * row + column, 2 * rows * row + (column + 1) % (2 * rows)
-    faces = np.concatenate([np.stack([a, a + 2 * rows, b], -1), np.stack([b, a + 2 * rows, b + 2 * rows], -1)])
+    faces = np.concatenate(
+        [np.stack([a, a + 2 * rows, b], -1), np.stack([b, a + 2 * rows, b + 2 * rows], -1)]
+    )
     return Triangles(vertices_m=np.array(points), faces=faces.reshape(-1, 3))
 
 
@@ -50,19 +78,27 @@ def test_a_mesh_of_few_triangles_stays_as_it_is() -> None:
 def test_outside_is_outside_whichever_way_a_mesh_was_written() -> None:
     assert volume(Triangles(vertices_m=CORNERS, faces=BOX)) == pytest.approx(8.0)
     for faces in (BOX, BOX[:, ::-1]):
-        found = faced_outward(Triangles(vertices_m=CORNERS + np.array([5.0, 0.0, 0.0]), faces=faces))
+        found = faced_outward(
+            Triangles(vertices_m=CORNERS + np.array([5.0, 0.0, 0.0]), faces=faces)
+        )
         assert len(found.faces) == 12
         assert volume(found) == pytest.approx(8.0)
     mixed = np.vstack([BOX[:5], BOX[5:, ::-1]])
     found = faced_outward(Triangles(vertices_m=CORNERS, faces=mixed))
-    normals = np.cross(*(found.vertices_m[found.faces[:, k]] - found.vertices_m[found.faces[:, 0]] for k in (1, 2)))
+    normals = np.cross(
+        *(found.vertices_m[found.faces[:, k]] - found.vertices_m[found.faces[:, 0]] for k in (1, 2))
+    )
     assert len(found.faces) == 24
     np.testing.assert_allclose(normals[:12], -normals[12:])
 
 
-def test_a_file_is_read_once_and_kept_thinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_read_once_and_kept_thinned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
-    lines = [f"v {x} {y} {z}" for x, y, z in ball().vertices_m] + [f"f {a} {b} {c}" for a, b, c in ball().faces + 1]
+    lines = [f"v {x} {y} {z}" for x, y, z in ball().vertices_m] + [
+        f"f {a} {b} {c}" for a, b, c in ball().faces + 1
+    ]
     (tmp_path / "ball.obj").write_text("\n".join(lines))
     scale = np.array([2.0, 2.0, 2.0])
     first = thinned_mesh(tmp_path / "ball.obj", scale, 500)

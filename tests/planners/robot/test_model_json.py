@@ -1,4 +1,5 @@
-"""A robot's own model inside a course: the same robot when read back, and whatever was forged about it refused."""
+"""A robot's own model inside a course: the same robot when read back, and whatever was forged about
+it refused."""
 
 import hashlib
 import json
@@ -41,7 +42,9 @@ SRDF = (
 @pytest.fixture(scope="module")
 def course(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     folder = tmp_path_factory.mktemp("course")
-    text = quadruped().replace('<box size="0.6 0.25 0.1"/>', '<mesh filename="package://dog/trunk.obj"/>')
+    text = quadruped().replace(
+        '<box size="0.6 0.25 0.1"/>', '<mesh filename="package://dog/trunk.obj"/>'
+    )
     (folder / "dog.urdf").write_text(text)
     (folder / "dog.srdf").write_text(SRDF)
     (folder / "dog").mkdir()
@@ -60,7 +63,9 @@ def written(course: Problem) -> dict[str, Any]:
     return dict(json.loads(json.dumps(course.to_json())))
 
 
-def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Problem, written: dict[str, Any]) -> None:
+def test_the_model_comes_back_as_it_was_from_the_file_alone(
+    course: Problem, written: dict[str, Any]
+) -> None:
     model, read = course.robot.model, Problem.from_json(written).robot.model
     assert model is not None
     assert read is not None
@@ -72,14 +77,18 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(course: Problem, wri
     assert any(shape.mesh is not None for shape in model.shapes)
     assert all(shape.mesh is None for shape in read.shapes)
     hulls = [shape.corners_m for shape in model.shapes if shape.corners_m is not None]
-    for mine, its in zip([s.corners_m for s in read.shapes if s.corners_m is not None], hulls, strict=True):
+    for mine, its in zip(
+        [s.corners_m for s in read.shapes if s.corners_m is not None], hulls, strict=True
+    ):
         np.testing.assert_array_equal(mine, its)
     for mine, its in zip(read.legs, model.legs, strict=True):
         assert mine.joints == its.joints
         assert mine.joints[-1].torque_nm == 33.0
         assert mine.radius_m == its.radius_m == 0.02
         np.testing.assert_array_equal(mine.stance_rad, its.stance_rad)
-        np.testing.assert_array_equal(mine.chain.feet(mine.stance_rad[None]), its.chain.feet(its.stance_rad[None]))
+        np.testing.assert_array_equal(
+            mine.chain.feet(mine.stance_rad[None]), its.chain.feet(its.stance_rad[None])
+        )
     np.testing.assert_array_equal(read.body.com_m, model.body.com_m)
     np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.body.com_m)
     assert Problem.from_json(written).to_json() == written
@@ -90,7 +99,9 @@ def test_no_folder_of_this_machine_is_in_a_file(written: dict[str, Any], tmp_pat
     assert "mesh_folders" not in written["robot"]["model"]
 
 
-def test_an_older_file_is_read_and_its_meshes_are_not_looked_for(written: dict[str, Any], tmp_path: Path) -> None:
+def test_an_older_file_is_read_and_its_meshes_are_not_looked_for(
+    written: dict[str, Any], tmp_path: Path
+) -> None:
     model = written["robot"]["model"]
     legs = [(leg["name"], leg["foot"], list(leg["stance_rad"].values())) for leg in model["legs"]]
     older = {name: model[name] for name in ("urdf", "legs", "disabled_pairs")}
@@ -137,14 +148,26 @@ def _doctype(model: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("forge", "message"),
     [
-        (edited('upper="1.4"', 'upper="1.5"'), "digest mismatch: the URDF or its legs are not those that were written"),
-        (edited('effort="33.0"', 'effort="1e9"'), "digest mismatch: the URDF or its legs are not those that were"),
-        (edited("0 0 -.3", "0 0 -.31"), "digest mismatch: the URDF or its legs are not those that were written"),
+        (
+            edited('upper="1.4"', 'upper="1.5"'),
+            "digest mismatch: the URDF or its legs are not those that were written",
+        ),
+        (
+            edited('effort="33.0"', 'effort="1e9"'),
+            "digest mismatch: the URDF or its legs are not those that were",
+        ),
+        (
+            edited("0 0 -.3", "0 0 -.31"),
+            "digest mismatch: the URDF or its legs are not those that were written",
+        ),
         (_renamed, "digest mismatch: the URDF or its legs are not those that were written"),
         (_other_foot, "digest mismatch: the URDF or its legs are not those that were written"),
         (_crouched, "digest mismatch: the URDF or its legs are not those that were written"),
         (_twice, "legs: expected different names, got RH, RH, RF"),
-        (_other_joints, "leg RH: expected the joints RH_HAA, RH_HFE, RH_KFE, got RH_KFE, RH_HFE, RH_HAA"),
+        (
+            _other_joints,
+            "leg RH: expected the joints RH_HAA, RH_HFE, RH_KFE, got RH_KFE, RH_HFE, RH_HAA",
+        ),
         (_doctype, "urdf: expected a URDF: expected XML without a document type and entities"),
         (edited("<robot", "<robo"), "urdf: expected a URDF: expected a robot, got 'robo'"),
     ],
@@ -161,13 +184,23 @@ def test_a_model_that_was_changed_is_refused(
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("urdf", " " * (MOST_LETTERS + 1), "robot dog: model.urdf: String should have at most 2000000 characters"),
+        (
+            "urdf",
+            " " * (MOST_LETTERS + 1),
+            "robot dog: model.urdf: String should have at most 2000000 characters",
+        ),
         ("legs", [], "robot dog: model.legs: List should have at least 1 item"),
-        ("disabled_pairs", [["a", "b", "c"]], "robot dog: model.disabled_pairs[0]: List should have at most 2 items"),
+        (
+            "disabled_pairs",
+            [["a", "b", "c"]],
+            "robot dog: model.disabled_pairs[0]: List should have at most 2 items",
+        ),
         ("more", 1, "robot dog: model.more: unknown key"),
     ],
 )
-def test_a_model_out_of_bounds_is_refused(written: dict[str, Any], key: str, value: Any, message: str) -> None:
+def test_a_model_out_of_bounds_is_refused(
+    written: dict[str, Any], key: str, value: Any, message: str
+) -> None:
     written["robot"]["model"][key] = value
     with pytest.raises(InvalidInput) as caught:
         Problem.from_json(written)
@@ -176,17 +209,26 @@ def test_a_model_out_of_bounds_is_refused(written: dict[str, Any], key: str, val
 
 def test_limbs_and_mass_are_those_of_the_model(course: Problem, written: dict[str, Any]) -> None:
     robot = course.robot
-    with pytest.raises(InvalidInput, match=r"^robot dog: expected limbs as its model has .*, RH, LF, RF, got LF, RF$"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^robot dog: expected limbs as its model has .*, RH, LF, RF, got LF, RF$",
+    ):
         replace(robot, limbs=robot.limbs[1:])
     written["robot"]["mass_kg"] += 0.001
-    with pytest.raises(InvalidInput, match=r"^robot dog: expected the mass of its model, 22.4 kg, got 22.401$"):
+    with pytest.raises(
+        InvalidInput, match=r"^robot dog: expected the mass of its model, 22.4 kg, got 22.401$"
+    ):
         Problem.from_json(written)
     sole = np.array([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1]])
-    with pytest.raises(InvalidInput, match=r"^robot dog: expected point feet with a model of its legs, got soles$"):
+    with pytest.raises(
+        InvalidInput, match=r"^robot dog: expected point feet with a model of its legs, got soles$"
+    ):
         replace(robot, limbs=(replace(robot.limbs[0], sole_m=sole), *robot.limbs[1:]))
 
 
-def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_own(course: Problem) -> None:
+def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_own(
+    course: Problem,
+) -> None:
     robot = hexapod()
     drawn = robot.legs
     assert drawn.digest == named_robot("hexapod").digest

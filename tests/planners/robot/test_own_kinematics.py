@@ -1,4 +1,5 @@
-"""Kinematics of robots' own legs, of any numbers of joints in any order, against chains, differences and work."""
+"""Kinematics of robots' own legs, of any numbers of joints in any order, against chains,
+differences and work."""
 
 from dataclasses import replace
 
@@ -40,10 +41,16 @@ def model(request: pytest.FixtureRequest) -> RobotModel:
     if request.param == "four":
         return model_of(quadruped(("RH", "LF", "RF", "LH")))
     text = robot([leg("RH"), *FIVE, leg("LF"), *ARM])
-    if request.param == "two bases":  # a root that flies in the file itself, with the base away from it and turned
+    if (
+        request.param == "two bases"
+    ):  # a root that flies in the file itself, with the base away from it and turned
         floating = joint("fly", "world", "base", "0.5 -0.3 0.2").replace('"revolute"', '"floating"')
-        text = text.replace('<link name="base">', f'<link name="world"/>{floating}<link name="base">', 1)
-        text = text.replace('<origin xyz="0.5 -0.3 0.2"/>', '<origin xyz="0.5 -0.3 0.2" rpy="0.3 0.2 -0.4"/>')
+        text = text.replace(
+            '<link name="base">', f'<link name="world"/>{floating}<link name="base">', 1
+        )
+        text = text.replace(
+            '<origin xyz="0.5 -0.3 0.2"/>', '<origin xyz="0.5 -0.3 0.2" rpy="0.3 0.2 -0.4"/>'
+        )
     return model_of(text, feet={"RH": "RH_FOOT", "T": "T_FOOT", "LF": "LF_FOOT"})
 
 
@@ -65,11 +72,15 @@ def test_feet_are_those_of_the_chains_leg_by_leg_and_joints_have_their_names(
         angles = drawn(model, rng)
         by_chain = [own.chain.feet(q[None])[0] for own, q in zip(model.legs, angles, strict=True)]
         np.testing.assert_allclose(kinematics.feet(np.concatenate(angles)), by_chain, atol=1e-12)
-        places = [own.chain.frames(q[None])[1][0] for own, q in zip(model.legs, angles, strict=True)]
+        places = [
+            own.chain.frames(q[None])[1][0] for own, q in zip(model.legs, angles, strict=True)
+        ]
         chains = kinematics.chains(np.concatenate(angles))
         for chain, joints, foot in zip(chains, places, by_chain, strict=True):
             np.testing.assert_allclose(chain[: len(joints)], joints, atol=1e-12)
-            np.testing.assert_allclose(chain[len(joints) :], np.tile(foot, (len(chain) - len(joints), 1)), atol=1e-12)
+            np.testing.assert_allclose(
+                chain[len(joints) :], np.tile(foot, (len(chain) - len(joints), 1)), atol=1e-12
+            )
     assert kinematics.joints[0] == "RH_HAA"
 
 
@@ -80,11 +91,15 @@ def test_feet_turn_with_their_links(model: RobotModel, kinematics: Kinematics) -
     np.testing.assert_allclose(kinematics.foot_frames(np.concatenate(angles)), expected, atol=1e-12)
 
 
-def test_postures_are_found_for_toes_and_joints_keep_their_limits(model: RobotModel, kinematics: Kinematics) -> None:
+def test_postures_are_found_for_toes_and_joints_keep_their_limits(
+    model: RobotModel, kinematics: Kinematics
+) -> None:
     rng = np.random.default_rng(2)
     for _ in range(10):
         angles = drawn(model, rng)
-        feet = np.array([own.chain.feet(q[None])[0] for own, q in zip(model.legs, angles, strict=True)])
+        feet = np.array(
+            [own.chain.feet(q[None])[0] for own, q in zip(model.legs, angles, strict=True)]
+        )
         com, vector = rng.normal(size=3), rng.uniform(-0.3, 0.3, 3)
         normals = rng.normal(size=feet.shape)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -112,15 +127,23 @@ def test_torques_are_those_of_virtual_work(model: RobotModel, kinematics: Kinema
 
     def work(q: np.ndarray) -> float:
         height = float((turn @ kinematics.com_offset(q))[2])
-        return model.body.mass_kg * 9.81 * height - float(np.sum(forces * (kinematics.feet(q) @ turn.T)))
+        return model.body.mass_kg * 9.81 * height - float(
+            np.sum(forces * (kinematics.feet(q) @ turn.T))
+        )
 
     step = 1e-6
-    slope = [(work(angles + step * e) - work(angles - step * e)) / (2.0 * step) for e in np.eye(len(angles))]
+    slope = [
+        (work(angles + step * e) - work(angles - step * e)) / (2.0 * step)
+        for e in np.eye(len(angles))
+    ]
     np.testing.assert_allclose(kinematics.torques(angles, turn, forces), slope, atol=1e-5)
 
 
-def test_torques_of_accelerations_are_the_change_of_momentum(model: RobotModel, kinematics: Kinematics) -> None:
-    """A leg's power is the change of its kinetic energy, by the masses where the chains put them."""
+def test_torques_of_accelerations_are_the_change_of_momentum(
+    model: RobotModel, kinematics: Kinematics
+) -> None:
+    """A leg's power is the change of its kinetic energy, by the masses where the chains put
+    them."""
     rng = np.random.default_rng(4)
     angles = np.concatenate(drawn(model, rng))
     velocity, acceleration = rng.uniform(-1.0, 1.0, (2, len(angles)))
@@ -137,12 +160,16 @@ def test_torques_of_accelerations_are_the_change_of_momentum(model: RobotModel, 
     power = float(kinematics.inertial_torques(angles, velocity, acceleration) @ velocity)
     assert power == pytest.approx((energy(step) - energy(-step)) / (2.0 * step), rel=1e-4, abs=1e-6)
     masses = momentum(angles, np.eye(len(angles))[2])
-    moved = kinematics.com_offset(angles + step * np.eye(len(angles))[2]) - kinematics.com_offset(angles)
+    moved = kinematics.com_offset(angles + step * np.eye(len(angles))[2]) - kinematics.com_offset(
+        angles
+    )
     assert np.linalg.norm(moved) > 0.0
     assert masses[2] > 0.0
 
 
-def test_what_a_leg_does_is_no_matter_of_the_others(model: RobotModel, kinematics: Kinematics) -> None:
+def test_what_a_leg_does_is_no_matter_of_the_others(
+    model: RobotModel, kinematics: Kinematics
+) -> None:
     rng = np.random.default_rng(5)
     start = np.concatenate([own.stance_rad for own in model.legs])
     feet = kinematics.feet(start)
@@ -158,7 +185,9 @@ def test_what_a_leg_does_is_no_matter_of_the_others(model: RobotModel, kinematic
 
 
 def test_a_joint_beyond_its_limits_is_told_and_one_that_turns_freely_is_not() -> None:
-    model = model_of(robot([leg("RH"), *FIVE, leg("LF")]), feet={"RH": "RH_FOOT", "T": "T_FOOT", "LF": "LF_FOOT"})
+    model = model_of(
+        robot([leg("RH"), *FIVE, leg("LF")]), feet={"RH": "RH_FOOT", "T": "T_FOOT", "LF": "LF_FOOT"}
+    )
     kinematics = Kinematics(known(model))
     angles = np.concatenate([own.stance_rad for own in model.legs])
     turned = angles.copy()
@@ -167,28 +196,40 @@ def test_a_joint_beyond_its_limits_is_told_and_one_that_turns_freely_is_not() ->
     np.testing.assert_allclose(kinematics.feet(turned), kinematics.feet(angles), atol=1e-9)
     assert not kinematics.beyond(turned).any()
     turned[2] = -2.5
-    np.testing.assert_allclose(kinematics.beyond(turned), np.where(np.arange(len(angles)) == 2, 0.1, 0.0), atol=1e-12)
+    np.testing.assert_allclose(
+        kinematics.beyond(turned), np.where(np.arange(len(angles)) == 2, 0.1, 0.0), atol=1e-12
+    )
 
 
 def test_limits_of_torque_are_the_files_and_none_where_it_has_none() -> None:
     model = model_of(quadruped(effort=0.0))
     assert np.all(np.isinf(Kinematics(known(model)).torque_nm))
-    np.testing.assert_array_equal(Kinematics(known(model_of(quadruped(effort=33.0)))).torque_nm, 33.0)
+    np.testing.assert_array_equal(
+        Kinematics(known(model_of(quadruped(effort=33.0)))).torque_nm, 33.0
+    )
 
 
-def test_torques_are_the_same_however_the_whole_robot_is_turned(model: RobotModel, kinematics: Kinematics) -> None:
+def test_torques_are_the_same_however_the_whole_robot_is_turned(
+    model: RobotModel, kinematics: Kinematics
+) -> None:
     """About the vertical: gravity stays, forces turn along."""
     angles = np.concatenate(drawn(model, np.random.default_rng(6)))
-    turn, forces = rotation_of([0.2, -0.1, 0.0]), np.random.default_rng(7).normal(size=(len(model.legs), 3))
+    turn, forces = (
+        rotation_of([0.2, -0.1, 0.0]),
+        np.random.default_rng(7).normal(size=(len(model.legs), 3)),
+    )
     about = Rotation.from_euler("z", 1.1).as_matrix()
     one = kinematics.torques(angles, turn, forces)
-    np.testing.assert_allclose(kinematics.torques(angles, about @ turn, forces @ about.T), one, atol=1e-10)
+    np.testing.assert_allclose(
+        kinematics.torques(angles, about @ turn, forces @ about.T), one, atol=1e-10
+    )
 
 
 def test_gravity_is_that_of_the_course(model: RobotModel) -> None:
     angles = np.concatenate([own.stance_rad for own in model.legs])
     none = np.zeros((len(model.legs), 3))
     earth, moon = (
-        Kinematics(replace(known(model)), gravity_m_s2=g).torques(angles, np.eye(3), none) for g in (9.81, 1.62)
+        Kinematics(replace(known(model)), gravity_m_s2=g).torques(angles, np.eye(3), none)
+        for g in (9.81, 1.62)
     )
     np.testing.assert_allclose(moon * 9.81, earth * 1.62, atol=1e-9)

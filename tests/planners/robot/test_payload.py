@@ -1,4 +1,5 @@
-"""A robot with a payload: heavier by what was asked for, on its body, and read so by whoever reads its URDF."""
+"""A robot with a payload: heavier by what was asked for, on its body, and read so by whoever reads
+its URDF."""
 
 from pathlib import Path
 
@@ -33,13 +34,17 @@ def test_the_body_has_the_difference_and_the_centre_of_mass_is_the_weighted_mean
     assert again.body.mass_kg == pytest.approx(loaded.body.mass_kg)
 
 
-@pytest.mark.parametrize(("mass_kg", "message"), [(0.0, "mass_kg: expected"), (1.0, "of all but the body, got 1")])
+@pytest.mark.parametrize(
+    ("mass_kg", "message"), [(0.0, "mass_kg: expected"), (1.0, "of all but the body, got 1")]
+)
 def test_what_the_legs_alone_weigh_is_no_mass_of_a_robot(mass_kg: float, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         with_mass(model_of(quadruped()), mass_kg)
 
 
-def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(tmp_path: Path) -> None:
+def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped())
     plain = model_of(quadruped())
     mass = plain.body.mass_kg + 3.0

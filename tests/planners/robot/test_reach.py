@@ -1,4 +1,5 @@
-"""Workspaces as half-spaces: what is refused, and that the convex sets for plans and for proofs are what they say."""
+"""Workspaces as half-spaces: what is refused, and that the convex sets for plans and for proofs are
+what they say."""
 
 from __future__ import annotations
 
@@ -31,12 +32,15 @@ def test_rows_are_made_unit_and_unit_rows_stay_as_they_are():
     [
         ([[0.0, 0.0, 0.0]], [1.0], "normals[0]: expected a non-zero vector, got none"),
         (CUBE, [0.1] * 5, "bounds_m: expected shape (6,), got (5,)"),
-        (CUBE, [0.1, 0.1, 0.1, -0.2, 0.1, 0.1],
-         "bounds_m: expected half-spaces that leave room for a toe, got an empty set"),
+        (
+            CUBE,
+            [0.1, 0.1, 0.1, -0.2, 0.1, 0.1],
+            "bounds_m: expected half-spaces that leave room for a toe, got an empty set",
+        ),
         (np.zeros((0, 3)), [], "normals: expected 1 to 256 half-spaces, got 0"),
         (np.ones((257, 3)), np.ones(257), "normals: expected 1 to 256 half-spaces, got 257"),
     ],
-)  # fmt: skip
+)
 def test_bad_rows_are_refused_in_one_line(normals, bounds, message):
     with pytest.raises(InvalidInput) as refused:
         ReachRows(normals=normals, bounds_m=bounds)
@@ -66,7 +70,10 @@ def test_the_inner_set_is_in_the_true_one_and_that_in_the_outer_one(tilt):
         shoulder, reach = rng.uniform(-0.3, 0.3, 3), 0.35
         bounds = normals @ (shoulder + rng.uniform(-0.05, 0.05, 3)) + rng.uniform(0.05, 0.2, 6)
         limb = Limb(
-            name="a", shoulder_m=shoulder, reach_m=reach, reach_rows=ReachRows(normals=normals, bounds_m=bounds)
+            name="a",
+            shoulder_m=shoulder,
+            reach_m=reach,
+            reach_rows=ReachRows(normals=normals, bounds_m=bounds),
         )
         spaces = HalfSpaces.of([limb], 1.0, tilt)
         for _ in range(200):

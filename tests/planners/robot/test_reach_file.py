@@ -1,4 +1,5 @@
-"""Reach polytopes from files: the published half-spaces, the ball that holds them, and files that are none."""
+"""Reach polytopes from files: the published half-spaces, the ball that holds them, and files that
+are none."""
 
 from __future__ import annotations
 
@@ -17,7 +18,12 @@ LIMBS = {"anymal": ("RHleg", "RFleg", "LHleg", "LFleg"), "talos": ("LF", "RF")}
 CUBE = "\n".join(
     [f"v {x} {y} {z}" for x in (0, 2) for y in (0, 2) for z in (0, 2)]
     + ["vn -1 0 0", "vn 1 0 0", "vn 0 -1 0", "vn 0 1 0", "vn 0 0 -1", "vn 0 0 1"]
-    + ["f 1//1 2//1 4//1 3//1", "f 5//2 7//2 8//2 6//2", "f 1//3 5//3 6//3 2//3", "f 3//4 4//4 8//4 7//4"]
+    + [
+        "f 1//1 2//1 4//1 3//1",
+        "f 5//2 7//2 8//2 6//2",
+        "f 1//3 5//3 6//3 2//3",
+        "f 3//4 4//4 8//4 7//4",
+    ]
     + ["f 1//5 3//5 7//5 5//5", "f 2//6 6//6 8//6 4//6"]
 )
 
@@ -27,7 +33,9 @@ def folder_of(robot: str) -> Path:
 
 
 def lines_of(path: Path, kind: str) -> list[list[str]]:
-    return [line.split()[1:] for line in path.read_text().splitlines() if line.startswith(kind + " ")]
+    return [
+        line.split()[1:] for line in path.read_text().splitlines() if line.startswith(kind + " ")
+    ]
 
 
 @pytest.mark.parametrize("robot", LIMBS)
@@ -42,13 +50,16 @@ def test_every_file_of_the_package_is_read_as_its_faces_say(robot):
             corner, number = face[0].split("//")
             own = np.array(lines_of(path, "vn")[int(number) - 1], dtype=float)
             assert normal.tolist() == own.tolist()
-            assert bound == pytest.approx(own @ np.array(lines_of(path, "v")[int(corner) - 1], dtype=float))
+            assert bound == pytest.approx(
+                own @ np.array(lines_of(path, "v")[int(corner) - 1], dtype=float)
+            )
         assert np.all(corners.mean(axis=0) @ normals.T < bounds)  # outward
 
 
 @pytest.mark.parametrize("robot", LIMBS)
 def test_the_ball_holds_the_set_and_hardly_more(robot):
-    """The farthest point of the set in a direction, by a linear program, is in the ball, and one is at its border."""
+    """The farthest point of the set in a direction, by a linear program, is in the ball, and one is
+    at its border."""
     sets = read_reach(folder_of(robot), LIMBS[robot])
     rng = np.random.default_rng(0)
     for limb in LIMBS[robot][:2]:
@@ -63,12 +74,18 @@ def test_the_ball_holds_the_set_and_hardly_more(robot):
 
 
 def test_feet_are_paired_and_signs_are_those_of_the_paper():
-    """A toe below the body's own corner, and the other feet where those of a trotting stance are, are in reach."""
+    """A toe below the body's own corner, and the other feet where those of a trotting stance are,
+    are in reach."""
     sets = read_reach(folder_of("anymal"), LIMBS["anymal"])
     assert [(each.limb, each.other) for each in sets.feet] == [
         (limb, other) for limb in LIMBS["anymal"] for other in LIMBS["anymal"] if other != limb
     ]
-    toes = {"LFleg": [0.37, 0.26], "RFleg": [0.37, -0.26], "LHleg": [-0.37, 0.26], "RHleg": [-0.37, -0.26]}
+    toes = {
+        "LFleg": [0.37, 0.26],
+        "RFleg": [0.37, -0.26],
+        "LHleg": [-0.37, 0.26],
+        "RHleg": [-0.37, -0.26],
+    }
     toe = {name: np.array([*place, -0.47]) for name, place in toes.items()}
     for name, rows in sets.toes.items():
         assert np.all(rows.normals @ toe[name] <= rows.bounds_m)
@@ -87,7 +104,9 @@ def test_a_set_is_stretched_about_the_mean_of_its_corners(tmp_path):
 
 
 def test_a_robot_takes_the_reach_of_a_folder_by_names_that_begin_alike():
-    limbs = tuple(Limb(name=name[:2], shoulder_m=np.zeros(3), reach_m=1.0) for name in LIMBS["anymal"])
+    limbs = tuple(
+        Limb(name=name[:2], shoulder_m=np.zeros(3), reach_m=1.0) for name in LIMBS["anymal"]
+    )
     robot = Robot(name="quadruped", mass_kg=30.0, limbs=limbs)
     found = read_reach(folder_of("anymal"), robot.limb_names).applied(robot)
     assert [len(limb.reach_rows.bounds_m) for limb in found.limbs] == [23, 24, 24, 24]
@@ -98,11 +117,26 @@ def test_a_robot_takes_the_reach_of_a_folder_by_names_that_begin_alike():
     ("files", "message"),
     [
         ({}, r"expected a file COM_constraints_in_LF\*\.obj, got none$"),
-        ({"COM_constraints_in_LF.obj": "v 1 2\n"}, r"expected corners, normals and faces of an OBJ file"),
-        ({"COM_constraints_in_LF.obj": "v 0 0 0\n"}, r"expected 4 to 256 faces of finite corners, got 0$"),
-        ({"COM_constraints_in_LF.obj": CUBE.replace("f 1//1", "f 9//1")}, r"faces of its 8 corners and 6 normals"),
-        ({"COM_constraints_in_LF.obj": CUBE.replace("vn 0 0 1", "vn 0 0 nan")}, r"of finite corners"),
-        ({"COM_constraints_in_LF.obj": CUBE.replace("vn 0 0 1", "vn 1 0 0")}, r"bounded and has an inside$"),
+        (
+            {"COM_constraints_in_LF.obj": "v 1 2\n"},
+            r"expected corners, normals and faces of an OBJ file",
+        ),
+        (
+            {"COM_constraints_in_LF.obj": "v 0 0 0\n"},
+            r"expected 4 to 256 faces of finite corners, got 0$",
+        ),
+        (
+            {"COM_constraints_in_LF.obj": CUBE.replace("f 1//1", "f 9//1")},
+            r"faces of its 8 corners and 6 normals",
+        ),
+        (
+            {"COM_constraints_in_LF.obj": CUBE.replace("vn 0 0 1", "vn 0 0 nan")},
+            r"of finite corners",
+        ),
+        (
+            {"COM_constraints_in_LF.obj": CUBE.replace("vn 0 0 1", "vn 1 0 0")},
+            r"bounded and has an inside$",
+        ),
         (
             {"COM_constraints_in_LF_a.obj": CUBE, "COM_constraints_in_LF_b.obj": CUBE},
             r"expected one file a set, got COM_constraints_in_LF_a\.obj and COM_constraints_in_LF_b\.obj$",

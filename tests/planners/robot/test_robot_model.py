@@ -1,4 +1,5 @@
-"""Robots from URDF without a word of configuration, joints by name, corrections, and what is refused."""
+"""Robots from URDF without a word of configuration, joints by name, corrections, and what is
+refused."""
 
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -15,12 +16,27 @@ from stancekit.planners.robot.robot_file import hexapod_model, named_robot
 from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.urdf_reader import JointCorrection
-from tests.planners.robot.small_urdfs import HIPS, LIMITS, fixed, joint, leg, limit, link, quadruped, robot
+from tests.planners.robot.small_urdfs import (
+    HIPS,
+    LIMITS,
+    fixed,
+    joint,
+    leg,
+    limit,
+    link,
+    quadruped,
+    robot,
+)
 
 pytest.importorskip("pinocchio")
 
 NAMES = [f"{name}_{part}" for name in HIPS for part in LIMITS]
-ORDERS = [("LF", "RF", "LH", "RH"), ("RH", "LF", "RF", "LH"), ("LH", "RH", "RF", "LF"), ("RF", "LF", "RH", "LH")]
+ORDERS = [
+    ("LF", "RF", "LH", "RH"),
+    ("RH", "LF", "RF", "LH"),
+    ("LH", "RH", "RF", "LF"),
+    ("RF", "LF", "RH", "LH"),
+]
 
 
 def texts(model: RobotModel, kind: str) -> list[str]:
@@ -44,7 +60,9 @@ def test_the_hexapods_urdf_agrees_with_the_hexapod() -> None:
 
 def test_its_feet_are_those_of_the_kinematics_that_plans_use() -> None:
     model, angles = hexapod_model(), np.random.default_rng(0).uniform(-0.5, 0.9, 24)
-    feet = [each.chain.feet(angles[None, 4 * i : 4 * i + 4])[0] for i, each in enumerate(model.legs)]
+    feet = [
+        each.chain.feet(angles[None, 4 * i : 4 * i + 4])[0] for i, each in enumerate(model.legs)
+    ]
     np.testing.assert_allclose(feet, Kinematics(hexapod()).feet(angles), atol=1e-12)
 
 
@@ -56,7 +74,10 @@ def test_joints_are_right_by_name_in_any_order_of_limbs(order: tuple[str, ...]) 
     assert model.leg_names == order
     known = pin.buildModelFromXML(quadruped())  # another order, so only names can be right
     data, q = known.createData(), pin.neutral(known)
-    said = {name: np.random.default_rng(ord(name[0]) + ord(name[1])).uniform(-0.5, 0.5, 3) for name in HIPS}
+    said = {
+        name: np.random.default_rng(ord(name[0]) + ord(name[1])).uniform(-0.5, 0.5, 3)
+        for name in HIPS
+    }
     for name, angles in said.items():
         for part, angle in zip(("HAA", "HFE", "KFE"), angles, strict=True):
             q[known.joints[known.getJointId(f"{name}_{part}")].idx_q] = angle
@@ -64,7 +85,9 @@ def test_joints_are_right_by_name_in_any_order_of_limbs(order: tuple[str, ...]) 
     for each in model.legs:
         assert each.joint_names == tuple(f"{each.name}_{part}" for part in ("HAA", "HFE", "KFE"))
         foot = each.chain.feet(said[each.name][None])[0]
-        np.testing.assert_allclose(foot, data.oMf[known.getFrameId(f"{each.name}_FOOT")].translation, atol=1e-12)
+        np.testing.assert_allclose(
+            foot, data.oMf[known.getFrameId(f"{each.name}_FOOT")].translation, atol=1e-12
+        )
 
 
 def test_every_order_of_limbs_gives_the_same_legs() -> None:
@@ -80,11 +103,15 @@ def test_every_order_of_limbs_gives_the_same_legs() -> None:
 
 def test_legs_and_feet_are_found_and_the_guess_is_marked() -> None:
     arm = [joint(f"arm_{i}", ("base", "arm0", "arm1")[i], f"arm{i}", "0 0 .2") for i in range(3)]
-    model = model_of(robot([*(link(f"arm{i}") for i in range(3)), *arm, *(leg(name) for name in HIPS)]))
+    model = model_of(
+        robot([*(link(f"arm{i}") for i in range(3)), *arm, *(leg(name) for name in HIPS)])
+    )
     assert model.leg_names == tuple(HIPS)
     assert [each.foot for each in model.legs] == [f"{name}_FOOT" for name in HIPS]
     assert [each.radius_m for each in model.legs] == [0.02] * 4
-    assert texts(model, "guess")[0].startswith("legs and feet, by their shape and names: LF (LF_FOOT), RF (RF_FOOT)")
+    assert texts(model, "guess")[0].startswith(
+        "legs and feet, by their shape and names: LF (LF_FOOT), RF (RF_FOOT)"
+    )
     assert texts(model, "guess")[1] == "posture to stand in, of LF, RF, LH, RH"
     assert model.body.mass_kg == pytest.approx(10.0 + 3.0 + 4 * 3.1)
     for each in model.legs:
@@ -101,7 +128,9 @@ def test_centre_of_mass_and_inertia_are_those_of_the_links() -> None:
     for each in model.legs:
         for name, angle in zip(each.joint_names, each.stance_rad, strict=True):
             q[known.joints[known.getJointId(name)].idx_q] = angle
-    np.testing.assert_allclose(model.body.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12)
+    np.testing.assert_allclose(
+        model.body.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12
+    )
     assert np.linalg.eigvalsh(model.body.inertia_kgm2)[0] > 0.0
 
 
@@ -128,7 +157,10 @@ def test_links_are_where_pinocchio_has_them() -> None:
 def test_corrections_are_written_into_the_urdf_and_bind_whoever_reads_it() -> None:
     import pinocchio as pin
 
-    joints = {"*_KFE": JointCorrection(limits_rad=(-2.0, -0.5)), "RH_KFE": JointCorrection(torque_nm=12.5)}
+    joints = {
+        "*_KFE": JointCorrection(limits_rad=(-2.0, -0.5)),
+        "RH_KFE": JointCorrection(torque_nm=12.5),
+    }
     model = model_of(quadruped(), joints=joints)
     known = pin.buildModelFromXML(model.urdf)
     for name in HIPS:
@@ -156,7 +188,8 @@ def test_an_srdf_says_how_to_stand_and_which_links_may_touch() -> None:
 
 
 @pytest.mark.parametrize(
-    ("far_m", "ball", "foot"), [(0.5, False, "LF_FOOT"), (1.1, False, "LF_PROBE"), (1.1, True, "LF_FOOT")]
+    ("far_m", "ball", "foot"),
+    [(0.5, False, "LF_FOOT"), (1.1, False, "LF_PROBE"), (1.1, True, "LF_FOOT")],
 )
 def test_a_link_called_foot_is_one_unless_another_goes_three_times_as_far_and_nothing_is_a_ball(
     far_m: float, ball: bool, foot: str
@@ -168,12 +201,16 @@ def test_a_link_called_foot_is_one_unless_another_goes_three_times_as_far_and_no
 
 
 def test_numbers_that_are_hard_to_believe_are_marked() -> None:
-    assert texts(model_of(quadruped(effort=0.0)), "doubt") == [f"joints {', '.join(NAMES)}: no torque limit"]
+    assert texts(model_of(quadruped(effort=0.0)), "doubt") == [
+        f"joints {', '.join(NAMES)}: no torque limit"
+    ]
     many = model_of(quadruped(effort=1000.0, mass=0.1))
     assert texts(many, "doubt") == [f"joints {', '.join(NAMES)}: a torque limit of 1000 Nm"]
     turning = model_of(quadruped().replace('lower="-2.4" upper="-0.3"', 'lower="-10" upper="10"'))
     knees = ", ".join(f"{name}_KFE" for name in HIPS)
-    assert texts(turning, "doubt") == [f"joints {knees}: turns freely, its limits are a whole turn apart or more"]
+    assert texts(turning, "doubt") == [
+        f"joints {knees}: turns freely, its limits are a whole turn apart or more"
+    ]
     assert [each.turns.tolist() for each in turning.legs] == [[False, False, True]] * 4
 
 
@@ -181,9 +218,12 @@ def test_meshes_are_found_by_package_and_missing_ones_are_marked(tmp_path: Path)
     folder = tmp_path / "share" / "my_robot" / "urdf"
     folder.mkdir(parents=True)
     trimesh.creation.box((6.0, 2.5, 1.0)).export(tmp_path / "share" / "my_robot" / "trunk.stl")
-    text = quadruped().replace('<sphere radius="0.02"/>', '<mesh filename="package://gone/foot.dae"/>')
+    text = quadruped().replace(
+        '<sphere radius="0.02"/>', '<mesh filename="package://gone/foot.dae"/>'
+    )
     text = text.replace(
-        '<box size="0.6 0.25 0.1"/>', '<mesh filename="package://my_robot/trunk.stl" scale=".1 .1 .1"/>'
+        '<box size="0.6 0.25 0.1"/>',
+        '<mesh filename="package://my_robot/trunk.stl" scale=".1 .1 .1"/>',
     )
     (folder / "robot.urdf").write_text(text)
     model = named_robot(folder / "robot.urdf")
@@ -212,7 +252,11 @@ def test_meshes_are_found_in_a_folder_that_was_copied_out_of_its_package(tmp_pat
 
 
 def test_names_with_quotes_stay_as_they_are() -> None:
-    text = quadruped().replace("LF_", "L&quot;F&apos;&lt;_").replace("quadruped", "O&apos;Dog &quot;1&quot;")
+    text = (
+        quadruped()
+        .replace("LF_", "L&quot;F&apos;&lt;_")
+        .replace("quadruped", "O&apos;Dog &quot;1&quot;")
+    )
     model = model_of(text)
     assert model.name == 'O\'Dog "1"'
     assert model.leg_names[0] == "L\"F'<"
@@ -222,24 +266,37 @@ def test_names_with_quotes_stay_as_they_are() -> None:
 TWO_FEET = robot(
     [link(name) for name in ("waist", "la", "lb", "lc", "ra", "rb", "rc")]
     + [joint("waist_yaw", "base", "waist", axis="0 0 1")]
-    + [joint(f"{s}{k}", p, f"{s}{k}", f"0 {y} {z}") for s, y in (("l", 0.2), ("r", -0.2))
-       for k, p, z in (("a", "waist", 0), ("b", f"{s}a", -0.3), ("c", f"{s}b", -0.3))]
-)  # fmt: skip
+    + [
+        joint(f"{s}{k}", p, f"{s}{k}", f"0 {y} {z}")
+        for s, y in (("l", 0.2), ("r", -0.2))
+        for k, p, z in (("a", "waist", 0), ("b", f"{s}a", -0.3), ("c", f"{s}b", -0.3))
+    ]
+)
 
 
 def snake(last: int) -> str:
     """One chain of joints, the first of which is number 0."""
     names = ["base", *(f"t{k}" for k in range(last + 1))]
     links = [link(name) for name in names[1:]]
-    return robot([*links, *(joint(f"j{k}", *pair, "0 0 -.01") for k, pair in enumerate(pairwise(names)))])
+    return robot(
+        [*links, *(joint(f"j{k}", *pair, "0 0 -.01") for k, pair in enumerate(pairwise(names)))]
+    )
 
 
 FIXED = robot([link("a"), link("b"), fixed("f", "base", "a"), fixed("g", "a", "b")])
-MAST = robot([
-    link("low"), link("high"), link("top"), joint("turn", "base", "low", "0 0 .1", "0 0 1"),
-    joint("bend", "low", "high", "0 0 .3"), fixed("f", "high", "top", "0 0 .3"),
-])  # fmt: skip
-MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multiplier="-2"/><limit lower="-2.4"', 1)
+MAST = robot(
+    [
+        link("low"),
+        link("high"),
+        link("top"),
+        joint("turn", "base", "low", "0 0 .1", "0 0 1"),
+        joint("bend", "low", "high", "0 0 .3"),
+        fixed("f", "high", "top", "0 0 .3"),
+    ]
+)
+MIMIC = quadruped().replace(
+    '<limit lower="-2.4"', '<mimic joint="LF_HFE" multiplier="-2"/><limit lower="-2.4"', 1
+)
 
 
 @pytest.mark.parametrize(
@@ -248,33 +305,62 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
         (quadruped(mass=0.0), {}, "expected links with mass and inertia, got 0 kg in all"),
         (FIXED, {}, "legs: expected chains of two joints or more under the base, found none"),
         (MAST, {}, "legs: expected chains of joints that reach below the base, found none"),
-        (FIXED, {"feet": ["b"]}, "feet: expected joints between the base and 'b', all of them are fixed"),
+        (
+            FIXED,
+            {"feet": ["b"]},
+            "feet: expected joints between the base and 'b', all of them are fixed",
+        ),
         (MIMIC, {}, "joint 'LF_KFE': expected a joint of its own, it mimics LF_HFE"),
         (TWO_FEET, {}, "legs: expected one foot a leg, joint 'waist_yaw' carries lc and rc"),
-        (TWO_FEET, {"feet": ["lc", "rc"]}, "feet: expected one foot a leg, joint 'waist_yaw' carries lc and rc"),
-        (quadruped(), {"feet": ["LF_FOOT", "LF_SHANK"]},
-         "feet: expected one foot a leg, joint 'LF_HAA' carries LF_FOOT and LF_SHANK"),
-        (quadruped(), {"feet": ["paw"]},
-         "feet: expected a link (base, LF_HIP, LF_THIGH, LF_SHANK, LF_FOOT, LH_HIP, LH_THIGH, LH_SHANK, LH_FOOT, "
-         "RF_HIP, RF_THIGH, RF_SHANK, …), found none that is called 'paw'"),
-        (quadruped(), {"joints": {"LF_KNEE": JointCorrection(torque_nm=2.0)}},
-         "joints: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, RH_HAA, "
-         "RH_HFE, RH_KFE, got 'LF_KNEE'"),
-        (quadruped(), {"posture_rad": {"LF_TOE": 1.0}},
-         "posture_rad: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, RH_HAA, "
-         "RH_HFE, RH_KFE, got 'LF_TOE'"),
-        (quadruped().replace('lower="-0.7"', 'lower="-0.7."'), {},
-         "expected a URDF: joint [LF_HAA]: lower value (-0.7.) is not a valid float"),
+        (
+            TWO_FEET,
+            {"feet": ["lc", "rc"]},
+            "feet: expected one foot a leg, joint 'waist_yaw' carries lc and rc",
+        ),
+        (
+            quadruped(),
+            {"feet": ["LF_FOOT", "LF_SHANK"]},
+            "feet: expected one foot a leg, joint 'LF_HAA' carries LF_FOOT and LF_SHANK",
+        ),
+        (
+            quadruped(),
+            {"feet": ["paw"]},
+            "feet: expected a link (base, LF_HIP, LF_THIGH, LF_SHANK, LF_FOOT, LH_HIP, LH_THIGH, LH_SHANK, LH_FOOT, "
+            "RF_HIP, RF_THIGH, RF_SHANK, …), found none that is called 'paw'",
+        ),
+        (
+            quadruped(),
+            {"joints": {"LF_KNEE": JointCorrection(torque_nm=2.0)}},
+            "joints: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, RH_HAA, "
+            "RH_HFE, RH_KFE, got 'LF_KNEE'",
+        ),
+        (
+            quadruped(),
+            {"posture_rad": {"LF_TOE": 1.0}},
+            "posture_rad: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, RH_HAA, "
+            "RH_HFE, RH_KFE, got 'LF_TOE'",
+        ),
+        (
+            quadruped().replace('lower="-0.7"', 'lower="-0.7."'),
+            {},
+            "expected a URDF: joint [LF_HAA]: lower value (-0.7.) is not a valid float",
+        ),
         (snake(150), {}, "expected 500 joints or fewer, 150 of which move, got 151 and 151"),
         (snake(24), {"feet": ["t24"]}, "leg 't24': expected 24 joints or fewer, got 25"),
         ("<robot", {}, "expected a URDF: unclosed token: line 1, column 0"),
         ("<sdf/>", {}, "expected a URDF: expected a robot, got 'sdf'"),
-        (quadruped().replace('radius="0.02"', 'radius="wide"'), {},
-         "link 'LF_FOOT': sphere: expected 1 numbers, got 'wide'"),
-        (quadruped().replace('sphere radius="0.02"', 'capsule radius="0.02" length="-0.06"', 1), {},
-         "link 'LF_FOOT': capsule: expected sizes of 0 or more, got -0.06"),
+        (
+            quadruped().replace('radius="0.02"', 'radius="wide"'),
+            {},
+            "link 'LF_FOOT': sphere: expected 1 numbers, got 'wide'",
+        ),
+        (
+            quadruped().replace('sphere radius="0.02"', 'capsule radius="0.02" length="-0.06"', 1),
+            {},
+            "link 'LF_FOOT': capsule: expected sizes of 0 or more, got -0.06",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_one_line(text: str, options: dict, message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         model_of(text, where="my.urdf", **options)
@@ -294,13 +380,17 @@ def test_a_yaml_file_names_a_urdf_and_corrects_it(tmp_path: Path) -> None:
     assert model.legs[2].upper_rad[0] == 0.3
     assert model.legs[1].stance_rad.tolist() == [0.0, 0.6, -1.2]
     fourth = "joint RH_KFE: rests at 0, beyond its limits, -2.4 to -0.3: make it a fixed joint"
-    assert model.remarks == (Remark(kind="doubt", text=fourth),)  # of a leg that the file does not name
+    assert model.remarks == (
+        Remark(kind="doubt", text=fourth),
+    )  # of a leg that the file does not name
 
 
 def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
     lying = quadruped().replace('<link name="base">', '<link name="base0"/><link name="base">', 1)
     lying = lying.replace("</robot>", fixed("side", "base0", "base") + "</robot>")
-    lying = lying.replace('<child link="base"/><origin xyz="0 0 0"/>', '<child link="base"/><origin rpy="1.5 .1 0"/>')
+    lying = lying.replace(
+        '<child link="base"/><origin xyz="0 0 0"/>', '<child link="base"/><origin rpy="1.5 .1 0"/>'
+    )
     (tmp_path / "q.urdf").write_text(lying)
     turn = model_of(lying, feet=["LF_FOOT"]).mounts["base"].rotation
     yaw, pitch, roll = Rotation.from_matrix(turn.T).as_euler("ZYX").tolist()
@@ -319,13 +409,17 @@ def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
         ("urdf: q.urdf\nwings: 2\n", "wings: unknown key"),
         ("name: dog\n", "urdf: expected this key, got nothing"),
         ("urdf: none.urdf\n", "{0}/none.urdf: expected a file, found nothing there"),
-        ("urdf: q.urdf\njoints: {nose: {torque_nm: 3}}\n",
-         "{0}/q.urdf: joints: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, "
-         "RH_HAA, RH_HFE, RH_KFE, got 'nose'"),
-        ("urdf: q.urdf\njoints: {LF_HAA: {torque_nm: -3}}\n",
-         "joints.LF_HAA.torque_nm: expected greater than 0, got -3"),
+        (
+            "urdf: q.urdf\njoints: {nose: {torque_nm: 3}}\n",
+            "{0}/q.urdf: joints: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, "
+            "RH_HAA, RH_HFE, RH_KFE, got 'nose'",
+        ),
+        (
+            "urdf: q.urdf\njoints: {LF_HAA: {torque_nm: -3}}\n",
+            "joints.LF_HAA.torque_nm: expected greater than 0, got -3",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_yaml_file_says_what_is_wrong_with_it(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "q.urdf").write_text(quadruped())
     (tmp_path / "q.yaml").write_text(text)
@@ -354,15 +448,24 @@ def tail(limits: str, follows: str = "") -> str:
     ("text", "gap"),
     [
         (tail('<limit lower="-1" upper="1" effort="4" velocity="10"/>'), ""),
-        (tail('<limit lower="3" upper="3.3" effort="4" velocity="10"/>'),
-         "joint wag: rests at 0, beyond its limits, 3 to 3.3: make it a fixed joint"),
-        (tail(limit("HAA"), 'joint="LF_HFE" multiplier="4"'),
-         "joint wag: follows LF_HFE, which plans do not: make it a fixed joint"),
-        (tail(limit("HAA"), 'joint="arm" offset="3"'),
-         "joint wag: rests 3 from arm, which plans do not know: make it a fixed joint"),
-        (tail(limit("HAA"), 'joint="wag"'), "joint wag: follows wag, which plans do not: make it a fixed joint"),
+        (
+            tail('<limit lower="3" upper="3.3" effort="4" velocity="10"/>'),
+            "joint wag: rests at 0, beyond its limits, 3 to 3.3: make it a fixed joint",
+        ),
+        (
+            tail(limit("HAA"), 'joint="LF_HFE" multiplier="4"'),
+            "joint wag: follows LF_HFE, which plans do not: make it a fixed joint",
+        ),
+        (
+            tail(limit("HAA"), 'joint="arm" offset="3"'),
+            "joint wag: rests 3 from arm, which plans do not know: make it a fixed joint",
+        ),
+        (
+            tail(limit("HAA"), 'joint="wag"'),
+            "joint wag: follows wag, which plans do not: make it a fixed joint",
+        ),
     ],
-)  # fmt: skip
+)
 def test_joints_that_no_leg_has_rest_where_plans_take_them_to_be(text: str, gap: str) -> None:
     model = model_of(text)
     assert len(model.legs) == 4

@@ -19,7 +19,11 @@ def test_between_two_rotations_a_robot_turns_evenly() -> None:
     rng = np.random.default_rng(6)
     for size in (0.0, 1e-9, 0.01, 1.0):
         first = Rotation.from_rotvec(rng.normal(size=3))
-        both = Rotation.concatenate([first, first * Rotation.from_rotvec(size * np.array([0.6, 0.0, -0.8]))])
+        both = Rotation.concatenate(
+            [first, first * Rotation.from_rotvec(size * np.array([0.6, 0.0, -0.8]))]
+        )
         share = np.array([0.0, 0.3, 1.0])
         ends = (np.repeat(end[None], 3, axis=0) for end in both.as_matrix())
-        np.testing.assert_allclose(between_rotations(*ends, share), Slerp([0, 1], both)(share).as_matrix(), atol=1e-14)
+        np.testing.assert_allclose(
+            between_rotations(*ends, share), Slerp([0, 1], both)(share).as_matrix(), atol=1e-14
+        )

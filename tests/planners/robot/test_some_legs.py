@@ -38,7 +38,9 @@ def test_the_legs_that_stand_are_the_robots_own_and_the_others_weigh(ant: Robot)
     angles = np.concatenate([leg.stance_rad for leg in own.legs])
     rows = [ant.limb_names.index(name) for name in three.limb_names]
     np.testing.assert_allclose(solver.feet(angles[stands]), whole.feet(angles)[rows], atol=1e-12)
-    for mine, others in zip(solver.loads(angles[stands], np.eye(3)), whole.loads(angles, np.eye(3)), strict=True):
+    for mine, others in zip(
+        solver.loads(angles[stands], np.eye(3)), whole.loads(angles, np.eye(3)), strict=True
+    ):
         np.testing.assert_allclose(mine, others[stands], atol=1e-9)
     np.testing.assert_allclose(solver.com_offset(angles[stands]), own.body.com_m, atol=1e-12)
 
@@ -62,6 +64,8 @@ def test_legs_are_drawn_up_for_the_limbs_that_stand() -> None:
 
 
 def test_limbs_without_legs_are_refused() -> None:
-    bare = Robot(name="bare", mass_kg=3.0, limbs=(Limb(name="A", shoulder_m=np.zeros(3), reach_m=0.3),))
+    bare = Robot(
+        name="bare", mass_kg=3.0, limbs=(Limb(name="A", shoulder_m=np.zeros(3), reach_m=0.3),)
+    )
     with pytest.raises(InvalidInput, match=r"^robot bare: no legs are known, only its reach"):
         some(bare, ("A",))

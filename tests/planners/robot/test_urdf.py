@@ -17,7 +17,9 @@ def parsed(**options: bool) -> ElementTree.Element:
 
 def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
     root = parsed()
-    moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
+    moving = [
+        joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"
+    ]
     assert moving == list(joint_names(hexapod()))
     assert len(moving) == 24
     for name in hexapod().source.foot_names:
@@ -27,7 +29,10 @@ def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
 
 
 def test_all_links_together_weigh_what_the_robot_does_and_nearly_all_of_it_is_in_the_body() -> None:
-    masses = {link.get("name"): float(link.find("inertial/mass").get("value")) for link in parsed().findall("link")}
+    masses = {
+        link.get("name"): float(link.find("inertial/mass").get("value"))
+        for link in parsed().findall("link")
+    }
     assert sum(masses.values()) == pytest.approx(hexapod().mass_kg, rel=1e-9)
     assert masses["body"] > 0.85 * hexapod().mass_kg
 
@@ -37,7 +42,9 @@ def test_shoulders_are_where_the_planners_have_them() -> None:
     for limb in hexapod().limbs:
         origin = root.find(f"joint[@name='{limb.name}_yaw']/origin")
         assert origin is not None
-        np.testing.assert_allclose([float(x) for x in origin.get("xyz", "").split()], limb.shoulder_m, atol=1e-9)
+        np.testing.assert_allclose(
+            [float(x) for x in origin.get("xyz", "").split()], limb.shoulder_m, atol=1e-9
+        )
 
 
 def test_a_straight_limb_is_longer_than_the_reach_and_a_foot() -> None:
@@ -69,7 +76,9 @@ def test_pinocchio_reads_limits_and_masses_as_they_were_meant() -> None:
 
 
 def test_other_robots_have_a_urdf_too() -> None:
-    limbs = tuple(Limb(name=f"L{i}", shoulder_m=[0.2, 0.1 * i, 0.0], reach_m=0.5) for i in range(-1, 2))
+    limbs = tuple(
+        Limb(name=f"L{i}", shoulder_m=[0.2, 0.1 * i, 0.0], reach_m=0.5) for i in range(-1, 2)
+    )
     root = ElementTree.fromstring(hexapod_urdf(Robot(name="tripod", mass_kg=4.0, limbs=limbs)))
     assert len(root.findall("link")) == 1 + 3 * 5
 

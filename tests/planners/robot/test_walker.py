@@ -1,4 +1,5 @@
-"""Walkers from robots' models: boxes that legs reach and that do not cross, old and new files, and what is refused."""
+"""Walkers from robots' models: boxes that legs reach and that do not cross, old and new files, and
+what is refused."""
 
 import json
 from pathlib import Path
@@ -31,7 +32,10 @@ def test_the_box_about_a_point_has_more_room_on_its_six_sides_than_any_other() -
     rng = np.random.default_rng(0)
     normals = np.vstack([np.eye(3), -np.eye(3), rng.normal(size=(12, 3))])
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    inner, point = Polytope(normals=normals, offsets_m=rng.uniform(0.8, 1.2, len(normals))), np.array([0.3, -0.2, 0.1])
+    inner, point = (
+        Polytope(normals=normals, offsets_m=rng.uniform(0.8, 1.2, len(normals))),
+        np.array([0.3, -0.2, 0.1]),
+    )
     low, high = inner.box_about(point, 0.05)
 
     def corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -42,15 +46,21 @@ def test_the_box_about_a_point_has_more_room_on_its_six_sides_than_any_other() -
     for _ in range(2000):
         down, up = rng.uniform(0.2, 1.0, (2, 3))
         out = corners(-down, up) @ normals.T
-        share = float(np.min((inner.offsets_m - normals @ point) / np.maximum(out, 1e-12).max(axis=0)))
+        share = float(
+            np.min((inner.offsets_m - normals @ point) / np.maximum(out, 1e-12).max(axis=0))
+        )
         assert share**6 * np.prod(down) * np.prod(up) <= best * (1.0 + 1e-6)
 
 
 def test_the_box_about_a_point_of_a_box_is_that_box_and_outside_there_is_none() -> None:
-    sides = Polytope(normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=[1.0, 2.0, 3.0, 1.0, 1.0, 1.0])
+    sides = Polytope(
+        normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=[1.0, 2.0, 3.0, 1.0, 1.0, 1.0]
+    )
     box = sides.box_about(np.array([0.9, 0.0, 0.0]), 0.05)
     np.testing.assert_allclose(box, [[-1.0, -1.0, -1.0], [1.0, 2.0, 3.0]], atol=1e-6)
-    with pytest.raises(InvalidInput, match=r"^polytope: expected 0\.05 m about a point to be inside, got -0\.5$"):
+    with pytest.raises(
+        InvalidInput, match=r"^polytope: expected 0\.05 m about a point to be inside, got -0\.5$"
+    ):
         sides.box_about(np.array([1.5, 0.0, 0.0]), 0.05)
 
 
@@ -68,7 +78,9 @@ def test_a_walker_weighs_what_its_urdf_weighs_as_it_stands(walker: GaitRobot) ->
     for foot in walker.feet:
         centre = data.oMf[whole.getFrameId(f"{foot.name}_FOOT")].translation - data.com[0]
         np.testing.assert_allclose(foot.nominal_m, centre - [0.0, 0.0, 0.02], atol=1e-9)
-    np.testing.assert_allclose(walker.trunk_half_m, np.array([0.3, 0.125, 0.05]) + np.abs(data.com[0]) * [1, 1, -1])
+    np.testing.assert_allclose(
+        walker.trunk_half_m, np.array([0.3, 0.125, 0.05]) + np.abs(data.com[0]) * [1, 1, -1]
+    )
 
 
 def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: GaitRobot) -> None:
@@ -92,16 +104,26 @@ def test_no_two_boxes_cross_and_none_is_above_its_ceiling(walker: GaitRobot) -> 
         for i, one in enumerate(robot_.feet):
             assert one.reach_max_m[2] <= ceiling + 1e-9
             for other in robot_.feet[:i]:
-                gap = np.maximum(one.reach_min_m - other.reach_max_m, other.reach_min_m - one.reach_max_m)[:2]
-                assert gap.max() >= 0.7 * apart - 1e-3  # half-planes of feet that do not stand quite in a rectangle
+                gap = np.maximum(
+                    one.reach_min_m - other.reach_max_m, other.reach_min_m - one.reach_max_m
+                )[:2]
+                assert (
+                    gap.max() >= 0.7 * apart - 1e-3
+                )  # half-planes of feet that do not stand quite in a rectangle
 
 
-def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(tmp_path: Path, walker: GaitRobot) -> None:
+def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(
+    tmp_path: Path, walker: GaitRobot
+) -> None:
     (tmp_path / "q.urdf").write_text(quadruped())
     (tmp_path / "q.yaml").write_text("urdf: q.urdf\ntrunk_half_m: [0.2, 0.1, 0.05]\nname: dog\n")
     plain, corrected = named_walker(tmp_path / "q.urdf"), named_walker(tmp_path / "q.yaml")
     assert (plain.name, corrected.name) == ("quadruped", "dog")
-    assert named_robot(tmp_path / "q.yaml").leg_names == corrected.foot_names == ("LF", "RF", "LH", "RH")
+    assert (
+        named_robot(tmp_path / "q.yaml").leg_names
+        == corrected.foot_names
+        == ("LF", "RF", "LH", "RH")
+    )
     assert corrected.trunk_half_m.tolist() == [0.2, 0.1, 0.05]
     for ours, theirs in zip(plain.feet, walker.feet, strict=True):
         np.testing.assert_array_equal(ours.reach_min_m, theirs.reach_min_m)
@@ -120,14 +142,18 @@ voxel_m: 0.04
 """
 
 
-def test_an_older_file_has_its_angles_in_pinocchios_order_and_ranges_for_limits(tmp_path: Path) -> None:
+def test_an_older_file_has_its_angles_in_pinocchios_order_and_ranges_for_limits(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped(("RF", "LH", "LF", "RH")))
     (tmp_path / "robot.yaml").write_text(FILE)
     model = named_robot(tmp_path / "robot.yaml")
     assert model.leg_names == ("RH", "LF", "RF")
     order = list(pin.buildModelFromXML(quadruped(), pin.JointModelFreeFlyer()).names)[2:]
     assert order[:3] == ["LF_HAA", "LF_HFE", "LF_KFE"]
-    said = dict(zip(order, [0.1, 0.5, -0.9, 0.2, 0.6, -1.0, 0.3, 0.7, -1.1, 0.4, 0.8, -1.2], strict=True))
+    said = dict(
+        zip(order, [0.1, 0.5, -0.9, 0.2, 0.6, -1.0, 0.3, 0.7, -1.1, 0.4, 0.8, -1.2], strict=True)
+    )
     for each in model.legs:
         assert each.stance_rad.tolist() == pytest.approx([said[name] for name in each.joint_names])
         above = np.minimum([0.2, 0.5, 0.5], [0.7, 1.4, -0.3] - each.stance_rad)
@@ -137,7 +163,9 @@ def test_an_older_file_has_its_angles_in_pinocchios_order_and_ranges_for_limits(
 
 def test_joints_that_the_posture_mirrors_have_mirrored_ranges(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped())
-    mirrored = FILE.replace("0.1, 0.5, -0.9", "-0.1, 0.5, -0.9").replace("RH_FOOT, LF_FOOT", "LF_FOOT, RH_FOOT")
+    mirrored = FILE.replace("0.1, 0.5, -0.9", "-0.1, 0.5, -0.9").replace(
+        "RH_FOOT, LF_FOOT", "LF_FOOT, RH_FOOT"
+    )
     (tmp_path / "robot.yaml").write_text(mirrored)
     first, other, _ = named_robot(tmp_path / "robot.yaml").legs
     assert (first.lower_rad[0], first.upper_rad[0]) == pytest.approx((-0.4, 0.1))
@@ -162,11 +190,23 @@ def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
     [
         (("steps: 12", "wings: 2"), "wings: unknown key"),
         (("steps: 12", "steps: many"), "steps: expected a valid integer, .*, got 'many'"),
-        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet.*: expected a valid dictionary, got 3; feet"),
-        (("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"), "posture_rad: expected 12 joint angles, got 13"),
-        (("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["), "ranges_rad: expected 3, one a joint of a leg, got 2"),
+        (
+            ("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"),
+            "feet.*: expected a valid dictionary, got 3; feet",
+        ),
+        (
+            ("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"),
+            "posture_rad: expected 12 joint angles, got 13",
+        ),
+        (
+            ("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["),
+            "ranges_rad: expected 3, one a joint of a leg, got 2",
+        ),
         (("robot.urdf", "none.urdf"), r".*none\.urdf: expected a file, found nothing there"),
-        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), r"trunk_half_m\[2\]: expected greater than 0, got 0\.0"),
+        (
+            ("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"),
+            r"trunk_half_m\[2\]: expected greater than 0, got 0\.0",
+        ),
         (("RH_FOOT", "paw"), r".*feet: expected a link \(.*, …\), found none that is called 'paw'"),
     ],
 )
@@ -183,22 +223,36 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
     ("text", "options", "message"),
     [
         (quadruped(mass=0.0), {}, r"^urdf: expected links with mass and inertia, got 0 kg in all$"),
-        (robot([leg("LF"), leg("RF")]), {}, r"^robot quadruped: expected four or six legs for a walk, got 2: "),
         (
-            robot([
-                link(f"A{n}") + joint(f"a{n}", "base", f"A{n}", f"{x} {y} 0")
-                + link(f"B{n}") + joint(f"b{n}", f"A{n}", f"B{n}", "0 0 -.3")
-                + link(f"F{n}") + fixed(f"f{n}", f"B{n}", f"F{n}", "0 0 -.3")
-                for n, (x, y) in enumerate(HIPS.values())
-            ]),
+            robot([leg("LF"), leg("RF")]),
+            {},
+            r"^robot quadruped: expected four or six legs for a walk, got 2: ",
+        ),
+        (
+            robot(
+                [
+                    link(f"A{n}")
+                    + joint(f"a{n}", "base", f"A{n}", f"{x} {y} 0")
+                    + link(f"B{n}")
+                    + joint(f"b{n}", f"A{n}", f"B{n}", "0 0 -.3")
+                    + link(f"F{n}")
+                    + fixed(f"f{n}", f"B{n}", f"F{n}", "0 0 -.3")
+                    for n, (x, y) in enumerate(HIPS.values())
+                ]
+            ),
             {},
             r"^leg .*: expected three joints or more for a workspace with an inside, got 2$",
         ),
-        (quadruped().replace("<box", "<none"), {},
-         r"^trunk_half_m: expected shapes of the base, found none: say it in a YAML file$"),
+        (
+            quadruped().replace("<box", "<none"),
+            {},
+            r"^trunk_half_m: expected shapes of the base, found none: say it in a YAML file$",
+        ),
     ],
-)  # fmt: skip
-def test_robots_that_cannot_walk_are_refused_in_one_line(text: str, options: dict, message: str) -> None:
+)
+def test_robots_that_cannot_walk_are_refused_in_one_line(
+    text: str, options: dict, message: str
+) -> None:
     with pytest.raises(InvalidInput, match=message):
         walker_of(model_of(text, **options))
 
@@ -210,7 +264,10 @@ def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) 
     assert walker.model is not None
     assert again.model.digest == walker.model.digest
     assert again.to_json() == written
-    with pytest.raises(InvalidInput, match=r"^robot: robot quadruped: expected feet as its model has legs, LF, RF, "):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^robot: robot quadruped: expected feet as its model has legs, LF, RF, ",
+    ):
         robot_from_json(written | {"feet": written["feet"][::-1]})
     with pytest.raises(InvalidInput, match=r"^robot: model\.wings: unknown key$"):
         robot_from_json(written | {"model": written["model"] | {"wings": 2}})
@@ -221,7 +278,9 @@ def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) 
 
 
 def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: GaitRobot) -> None:
-    straight = walker_of(model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.2, "*_KFE": -0.3}))
+    straight = walker_of(
+        model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.2, "*_KFE": -0.3})
+    )
     model = straight.model
     assert model is not None
     assert straight.stand_height_m < model.stand_height_m - 0.02
@@ -229,12 +288,19 @@ def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: Gai
     assert np.mean(heights) == pytest.approx(-straight.stand_height_m)
     for foot, each in zip(straight.feet, model.legs, strict=True):
         np.testing.assert_allclose(foot.nominal_m[:2], (each.nominal_m - model.body.com_m)[:2])
-        assert min(*(foot.reach_max_m - foot.nominal_m), *(foot.nominal_m - foot.reach_min_m)) > 0.01
-    with pytest.raises(InvalidInput, match=r"^leg \w+: expected a height to stand at with \d+ mm of reach about the f"):
+        assert (
+            min(*(foot.reach_max_m - foot.nominal_m), *(foot.nominal_m - foot.reach_min_m)) > 0.01
+        )
+    with pytest.raises(
+        InvalidInput,
+        match=r"^leg \w+: expected a height to stand at with \d+ mm of reach about the f",
+    ):
         walker_of(model, ceiling_m=-0.58)
 
 
-def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(tmp_path: Path) -> None:
+def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(
+    tmp_path: Path,
+) -> None:
     found = anymal()
     assert found.mass_kg == pytest.approx(30.475)
     assert found.foot_names == ("LF", "RF", "LH", "RH")
@@ -244,9 +310,12 @@ def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(tm
     bad = tmp_path / "robot.yaml"
     bad.write_text("name: x\nwings: 2\n")
     with pytest.raises(
-        InvalidInput, match=r"robot\.yaml: mass_kg: expected this key, got nothing; .*wings: unknown key"
+        InvalidInput,
+        match=r"robot\.yaml: mass_kg: expected this key, got nothing; .*wings: unknown key",
     ):
         named_walker(bad)
-    bad.write_text("name: x\nmass_kg: 1\ninertia_kgm2: 1\nstand_height_m: 1\ntrunk_half_m: 1\nfeet: [{name: a}]\n")
+    bad.write_text(
+        "name: x\nmass_kg: 1\ninertia_kgm2: 1\nstand_height_m: 1\ntrunk_half_m: 1\nfeet: [{name: a}]\n"
+    )
     with pytest.raises(InvalidInput, match=r"feet\[0\]\.nominal_m: expected this key, got nothing"):
         named_walker(bad)

@@ -1,4 +1,5 @@
-"""Sets of a leg's foot: nothing reachable outside the outer one, nothing out of reach in the inner one."""
+"""Sets of a leg's foot: nothing reachable outside the outer one, nothing out of reach in the inner
+one."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,13 +40,19 @@ def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def pendulum(*, length: float, low: float, high: float) -> Leg:
     """A rod that swings about y, and about x before that, from the origin."""
     joints = tuple(
-        Joint(name=name, lower_rad=low, upper_rad=high, torque_nm=1.0, velocity_rad_s=1.0) for name in ("x", "y")
+        Joint(name=name, lower_rad=low, upper_rad=high, torque_nm=1.0, velocity_rad_s=1.0)
+        for name in ("x", "y")
     )
     chain = Chain(
-        rotations=np.stack([np.eye(3)] * 2), origins=np.zeros((2, 3)), axes=np.eye(3)[:2], slides=np.zeros(2, bool),
+        rotations=np.stack([np.eye(3)] * 2),
+        origins=np.zeros((2, 3)),
+        axes=np.eye(3)[:2],
+        slides=np.zeros(2, bool),
         tip_m=[0.0, 0.0, -length],
-    )  # fmt: skip
-    return Leg(name="rod", joints=joints, chain=chain, foot="end", radius_m=0.0, stance_rad=np.zeros(2))
+    )
+    return Leg(
+        name="rod", joints=joints, chain=chain, foot="end", radius_m=0.0, stance_rad=np.zeros(2)
+    )
 
 
 def test_nothing_reachable_is_outside_the_outer_set(measured: Measured) -> None:
@@ -55,13 +62,19 @@ def test_nothing_reachable_is_outside_the_outer_set(measured: Measured) -> None:
         assert np.all(workspace.outer.contains(feet))
 
 
-def test_the_outer_set_is_hardly_larger_than_the_hull_of_what_is_reached(measured: Measured) -> None:
+def test_the_outer_set_is_hardly_larger_than_the_hull_of_what_is_reached(
+    measured: Measured,
+) -> None:
     model, workspaces = measured
     outer = workspaces[0].outer
     feet = model.legs[0].chain.feet(model.legs[0].random_angles(100_000, np.random.default_rng(8)))
     assert outer.slack_m < 0.025 * model.legs[0].chain.length_m
     around = Polytope(normals=outer.normals, offsets_m=outer.offsets_m)
-    assert ConvexHull(feet).volume < ConvexHull(around.vertices).volume < 1.25 * ConvexHull(feet).volume
+    assert (
+        ConvexHull(feet).volume
+        < ConvexHull(around.vertices).volume
+        < 1.25 * ConvexHull(feet).volume
+    )
 
 
 @pytest.mark.parametrize("steps", [4, 16])
@@ -73,7 +86,9 @@ def test_the_slack_of_the_hull_is_what_the_proof_says_and_no_less_is_needed(step
     assert widest == pytest.approx(2.0)
     radius = 2.0  # about both axes: the rod's end is never farther from either
     assert slack == pytest.approx(2 * step**2 * radius / 8.0, abs=2e-9)
-    between = rod.chain.feet(np.array([[0.5 * step, 0.5 * step]]) if steps == 4 else np.array([[0.5 * step, 0.0]]))[0]
+    between = rod.chain.feet(
+        np.array([[0.5 * step, 0.5 * step]]) if steps == 4 else np.array([[0.5 * step, 0.0]])
+    )[0]
     hull = ConvexHull(points)
     outside = float((hull.equations[:, :3] @ between + hull.equations[:, 3]).max())
     assert 0.2 * slack < outside < slack
@@ -83,8 +98,15 @@ def test_a_joint_that_slides_adds_no_slack_and_its_ends_are_in_the_set() -> None
     parts = [link(f"{n}{i}") for n in "ab" for i in range(3)]
     limits = '<limit lower="0" upper=".4" effort="9" velocity="1"/>'
     for n, x in (("a", 0.2), ("b", -0.2)):
-        parts += [joint(f"{n}_0", "base", f"{n}0", f"{x} 0 0", "1 0 0"), joint(f"{n}_1", f"{n}0", f"{n}1", "0 0 -.1")]
-        parts.append(joint(f"{n}_2", f"{n}1", f"{n}2", "0 0 -.2", "0 0 -1", limits).replace("revolute", "prismatic"))
+        parts += [
+            joint(f"{n}_0", "base", f"{n}0", f"{x} 0 0", "1 0 0"),
+            joint(f"{n}_1", f"{n}0", f"{n}1", "0 0 -.1"),
+        ]
+        parts.append(
+            joint(f"{n}_2", f"{n}1", f"{n}2", "0 0 -.2", "0 0 -1", limits).replace(
+                "revolute", "prismatic"
+            )
+        )
     each = model_of(robot(parts), feet=["a2", "b2"]).legs[0]
     assert each.joints[2].slides
     feet = each.chain.feet(np.array([[0.9, -0.8, 0.4], [-1.0, 1.0, 0.4], [0.0, 0.0, 0.0]]))
@@ -119,16 +141,23 @@ def test_balls_and_boxes_are_inside_and_touch(measured: Measured) -> None:
         room = inner.offsets_m - inner.normals @ np.array(centre)
         assert room.min() == pytest.approx(radius, abs=1e-9)
         assert np.count_nonzero(room < radius + 1e-6) >= 4
-        corners = np.array([[workspace.box_m[b, k] for k, b in enumerate(bits)] for bits in np.ndindex(2, 2, 2)])
+        corners = np.array(
+            [[workspace.box_m[b, k] for k, b in enumerate(bits)] for bits in np.ndindex(2, 2, 2)]
+        )
         assert np.all(corners @ inner.normals.T <= inner.offsets_m + 1e-9)
-        assert np.prod(workspace.box_m[1] - workspace.box_m[0]) > (2.0 * radius / np.sqrt(3.0)) ** 3 * 0.999
+        assert (
+            np.prod(workspace.box_m[1] - workspace.box_m[0])
+            > (2.0 * radius / np.sqrt(3.0)) ** 3 * 0.999
+        )
 
 
 def test_the_largest_box_of_an_octahedron_is_known() -> None:
     signs = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)]) / np.sqrt(3.0)
     octahedron = Polytope(normals=signs, offsets_m=np.full(8, 1.0 / np.sqrt(3.0)))
     np.testing.assert_allclose(octahedron.largest_box(), [[-1 / 3] * 3, [1 / 3] * 3], atol=1e-5)
-    np.testing.assert_allclose(octahedron.largest_ball, [0.0, 0.0, 0.0, 1.0 / np.sqrt(3.0)], atol=1e-9)
+    np.testing.assert_allclose(
+        octahedron.largest_ball, [0.0, 0.0, 0.0, 1.0 / np.sqrt(3.0)], atol=1e-9
+    )
     assert ConvexHull(octahedron.vertices).volume == pytest.approx(4.0 / 3.0)
     more = octahedron.cut(np.eye(3), np.full(3, 2.0))
     assert len(more.normals) == 11
@@ -136,19 +165,26 @@ def test_the_largest_box_of_an_octahedron_is_known() -> None:
 
 
 def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:
-    flat = Polytope(normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=[1.0, 1.0, 0.0, 1.0, 1.0, 0.0])
-    with pytest.raises(InvalidInput, match=r"^polytope: expected one that is bounded and has an inside$"):
+    flat = Polytope(
+        normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=[1.0, 1.0, 0.0, 1.0, 1.0, 0.0]
+    )
+    with pytest.raises(
+        InvalidInput, match=r"^polytope: expected one that is bounded and has an inside$"
+    ):
         _ = flat.vertices
     parts = [link(f"{n}{i}") for n in "ab" for i in range(2)]
     for n in "ab":
         parts += [joint(f"{n}_{i}", ("base", f"{n}0")[i], f"{n}{i}", "0 0 -.3") for i in range(2)]
     with pytest.raises(
-        InvalidInput, match=r"^leg a: expected three joints or more for a workspace with an inside, got 2$"
+        InvalidInput,
+        match=r"^leg a: expected three joints or more for a workspace with an inside, got 2$",
     ):
         workspaces_of(model_of(robot(parts), feet={"a": "a1", "b": "b1"}), cached=False)
 
 
-def test_workspaces_are_kept_leg_by_leg_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workspaces_are_kept_leg_by_leg_and_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path))
     one = model_of(robot([leg(name) for name in list(HIPS)[:2]]))
     first = workspaces_of(one)
@@ -165,15 +201,21 @@ def test_workspaces_are_kept_leg_by_leg_and_read_again(tmp_path: Path, monkeypat
             after.outer.radius_m,
         )
     made = list[str]()
-    monkeypatch.setattr(workspace_cache, "workspace_of", lambda leg: made.append(leg.name) or first[0])
+    monkeypatch.setattr(
+        workspace_cache, "workspace_of", lambda leg: made.append(leg.name) or first[0]
+    )
     weak = model_of(robot([leg(name, effort=8.0) for name in list(HIPS)[:2]]))
     assert one.digest != weak.digest
-    assert [each.cover for each in workspaces_of(weak)] == [each.cover for each in first]  # the same legs: read
+    assert [each.cover for each in workspaces_of(weak)] == [
+        each.cover for each in first
+    ]  # the same legs: read
     assert made == []
     third = model_of(robot([leg(name) for name in list(HIPS)[1:3]]))
     assert workspaces_of(third)[0].cover == first[1].cover
     assert made == [third.leg_names[1]]  # the other is known
-    short = model_of(robot([leg(name) for name in list(HIPS)[:2]]).replace('lower="-0.7"', 'lower="-0.6"'))
+    short = model_of(
+        robot([leg(name) for name in list(HIPS)[:2]]).replace('lower="-0.7"', 'lower="-0.6"')
+    )
     workspaces_of(short)
     assert made == [third.leg_names[1], *short.leg_names]  # other limits: measured
     for file in second:
@@ -183,7 +225,9 @@ def test_workspaces_are_kept_leg_by_leg_and_read_again(tmp_path: Path, monkeypat
     assert all(len(file.read_bytes()) > len(content) // 2 for file in second)
 
 
-def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(measured: Measured) -> None:
+def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(
+    measured: Measured,
+) -> None:
     model, _ = measured
     rng = np.random.default_rng(4)
     legs = InverseKinematics([Seeds(each, each.random_angles(8000, rng)) for each in model.legs])
@@ -194,7 +238,9 @@ def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(
         angles = found.angles[i]
         assert np.all((angles >= each.lower_rad) & (angles <= each.upper_rad))
         np.testing.assert_allclose(
-            np.linalg.norm(each.chain.feet(angles) - feet[:, i], axis=1), found.error_m[:, i], atol=1e-12
+            np.linalg.norm(each.chain.feet(angles) - feet[:, i], axis=1),
+            found.error_m[:, i],
+            atol=1e-12,
         )
 
 
@@ -225,5 +271,7 @@ def test_joints_that_turn_freely_pass_the_end_of_their_range() -> None:
 def test_feet_of_another_shape_are_refused() -> None:
     each = hexapod_model().legs[0]
     legs = InverseKinematics([Seeds(each, each.random_angles(50, np.random.default_rng(0)))])
-    with pytest.raises(InvalidInput, match=r"^feet: expected shape \(any, 1, 3\), got \(2, 6, 3\)$"):
+    with pytest.raises(
+        InvalidInput, match=r"^feet: expected shape \(any, 1, 3\), got \(2, 6, 3\)$"
+    ):
         legs.solve(np.zeros((2, 6, 3)))

@@ -52,10 +52,15 @@ def test_with_other_polygons_and_not_equally_many_candidates_it_says_so_too(roug
         course = rough(seed, regions=2, ice=0.3)
         counts = [len(put.candidates) for put in course.footholds]
         assert min(counts) < max(counts)
-        singly = [planner.solve(course.with_choice(choice)) for choice in itertools.product(*map(range, counts))]
+        singly = [
+            planner.solve(course.with_choice(choice))
+            for choice in itertools.product(*map(range, counts))
+        ]
         outcome = planner.solve(course)
         seen.add(outcome.status)
-        assert (outcome.status is Status.FEASIBLE) == any(one.status is Status.FEASIBLE for one in singly)
+        assert (outcome.status is Status.FEASIBLE) == any(
+            one.status is Status.FEASIBLE for one in singly
+        )
         if outcome.status is Status.INFEASIBLE:
             assert check_certificate(outcome.certificate.of(course)).accepted
     assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
@@ -71,16 +76,23 @@ def test_nearest_is_the_first_candidate_with_friction(climb):
     assert choice.max() > 0
 
 
-def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_speak_for_it(programs, rough):
-    """A foothold with one candidate has nothing to weigh; what is missing has no entry in any cut."""
+def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_speak_for_it(
+    programs, rough
+):
+    """A foothold with one candidate has nothing to weigh; what is missing has no entry in any
+    cut."""
     course = rough(0, regions=3)
     scaled = Scaled.of(course)
     counts = np.array([len(put.candidates) for put in course.footholds])
     assert counts.min() == 1
     assert counts.max() == 3
-    search = ChoiceSearch(programs, scaled, lambda *_: None, SearchLimits(max_nodes=1), Clock.start(1.0))
+    search = ChoiceSearch(
+        programs, scaled, lambda *_: None, SearchLimits(max_nodes=1), Clock.start(1.0)
+    )
     cuts = search._cuts
-    cuts.tables = np.tile(np.where(scaled.opened() > 0.0, 1.0, np.inf), (20, 1, 1))  # violated by every choice
+    cuts.tables = np.tile(
+        np.where(scaled.opened() > 0.0, 1.0, np.inf), (20, 1, 1)
+    )  # violated by every choice
     cuts.constants = np.zeros(20)
     for start in range(5):
         choice = search._dive(_preference(scaled), nearest(scaled), np.random.default_rng(start))
@@ -97,20 +109,32 @@ def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, progra
     outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4, max_nodes=2).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert outcome.message == "the search for patches met its limit (2 nodes)"
-    assert outcome.bound <= TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course).objective
+    assert (
+        outcome.bound <= TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course).objective
+    )
 
 
 @pytest.mark.parametrize("most", [1, 4, 9])
-def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(climb, programs, monkeypatch, most):
+def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(
+    climb, programs, monkeypatch, most
+):
     """A busy one is a clock by which every look at it takes a second."""
     course = climb(8, **TORN)
     planner = TwoStageCoursePlanner(programs=programs, gap=1e-4, max_solves=most, time_limit_s=1e6)
     calm = planner.solve(course)
     assert calm.message == f"the search for patches met its limit ({most} solves)"
-    assert most <= calm.effort.solves <= most + 12  # it is looked at between projections, which take some
+    assert (
+        most <= calm.effort.solves <= most + 12
+    )  # it is looked at between projections, which take some
     late = itertools.count()
-    monkeypatch.setattr("stancekit.planners.search.clock.time.perf_counter", lambda: float(next(late)))
+    monkeypatch.setattr(
+        "stancekit.planners.search.clock.time.perf_counter", lambda: float(next(late))
+    )
     busy = planner.solve(course)
-    assert (busy.status, busy.effort.solves, busy.message) == (calm.status, calm.effort.solves, calm.message)
+    assert (busy.status, busy.effort.solves, busy.message) == (
+        calm.status,
+        calm.effort.solves,
+        calm.message,
+    )
     np.testing.assert_array_equal((busy.objective, busy.bound), (calm.objective, calm.bound))
     assert busy.effort.seconds > 5.0 * max(calm.effort.seconds, 0.1)

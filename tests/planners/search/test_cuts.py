@@ -1,4 +1,5 @@
-"""Cuts in space: postures as courses of one frame, courses of several, and every proof through the verifier."""
+"""Cuts in space: postures as courses of one frame, courses of several, and every proof through the
+verifier."""
 
 from __future__ import annotations
 
@@ -23,24 +24,35 @@ from stancekit.planners.verify.geometry import cut as cut_again
 from stancekit.planners.verify.geometry import sag
 
 SEEDS = st.integers(0, 2**32 - 1)
-CUT = [("wall-3", seed) for seed in (225, 234, 250, 275, 384)] + [("ground-3", 86), ("ground-3", 215)]
+CUT = [("wall-3", seed) for seed in (225, 234, 250, 275, 384)] + [
+    ("ground-3", 86),
+    ("ground-3", 215),
+]
 """Postures that the lift admits and cuts refute."""
 EASY = [("wall-3", seed) for seed in range(12)] + [("ground-3", seed) for seed in range(6)]
 
 
 def searched(programs, scaled, *, gap=1e-5, max_nodes=500):
     search = CutSearch(
-        programs, scaled, gap=gap, tolerance=1e-6, max_nodes=max_nodes, deadline=time.perf_counter() + 60.0
+        programs,
+        scaled,
+        gap=gap,
+        tolerance=1e-6,
+        max_nodes=max_nodes,
+        deadline=time.perf_counter() + 60.0,
     )
     search.run()
     return search
 
 
-# ----------------------------------------------------------------------------------------- a posture is a plan of one
+# ----------------------------------------------------------------------------------------- a
+# posture is a plan of one
 
 
 @pytest.mark.parametrize("scene", [*CUT, *EASY], ids=str)
-def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(programs, drawn, as_course, scene):
+def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(
+    programs, drawn, as_course, scene
+):
     problem = drawn(*scene)
     course = as_course(problem)
     posture, plan = (
@@ -52,7 +64,9 @@ def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(programs, draw
         assert check_plan(plan.solution).accepted
         return
     assert check_certificate(plan.certificate.of(course)).accepted
-    assert check_certificate(posture.certificate.of(course)).accepted  # either proof is one of the other
+    assert check_certificate(
+        posture.certificate.of(course)
+    ).accepted  # either proof is one of the other
     if scene in CUT:
         assert len(plan.certificate.multipliers) > 1
 
@@ -61,16 +75,23 @@ def test_their_lifts_are_the_same_number_for_number(programs, drawn, as_course):
     for scene in [*CUT, *EASY]:
         ours, theirs = (Scaled.of(subject) for subject in (drawn(*scene), as_course(drawn(*scene))))
         assert ours.layout == theirs.layout
-        ours, theirs = (solve_lift(programs, scaled, least_moment=True) for scaled in (ours, theirs))
+        ours, theirs = (
+            solve_lift(programs, scaled, least_moment=True) for scaled in (ours, theirs)
+        )
         assert ours.bound == pytest.approx(theirs.bound, abs=1e-12)
 
 
-# ------------------------------------------------------------------------------------------------------ of all sorts
+# ------------------------------------------------------------------------------------------------------
+# of all sorts
 
 
-def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and_toes_there_are(programs, rough, climb):
+def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and_toes_there_are(
+    programs, rough, climb
+):
     kinds, found = set(), 0
-    courses = [rough(seed) for seed in range(6)] + [rough(seed, frames=1, regions=2, ice=0.3) for seed in range(6)]
+    courses = [rough(seed) for seed in range(6)] + [
+        rough(seed, frames=1, regions=2, ice=0.3) for seed in range(6)
+    ]
     for course in [*courses, climb(0), climb(2), climb(3, frames=1)]:
         scaled = Scaled.of(course)
         search = searched(programs, scaled)
@@ -87,11 +108,17 @@ def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and
 
 
 def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
-    """The verifier takes it off every bound: where the least moment is as small, the patch is not to be cut."""
+    """The verifier takes it off every bound: where the least moment is as small, the patch is not
+    to be cut."""
     course = rough(775284, regions=2)
     share = 0.85
     footholds = tuple(
-        replace(put, candidates=tuple(patch.with_friction(share * patch.friction) for patch in put.candidates))
+        replace(
+            put,
+            candidates=tuple(
+                patch.with_friction(share * patch.friction) for patch in put.candidates
+            ),
+        )
         for put in course.footholds
     )
     course = replace(course, footholds=footholds)
@@ -99,11 +126,17 @@ def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
     assert outcome.status is Status.INFEASIBLE
     assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
     assert check_certificate(outcome.certificate.of(course)).figures["lower_bound"] < 2e-5
-    bent = [sag(patch.vertices_m / course.length_scale_m) for put in footholds for patch in put.candidates]
+    bent = [
+        sag(patch.vertices_m / course.length_scale_m)
+        for put in footholds
+        for patch in put.candidates
+    ]
     assert max(bent) > 5e-5
 
 
-def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_large(programs, drawn, as_course):
+def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_large(
+    programs, drawn, as_course
+):
     kinds = set()
     for scene, candidates in ((("wall-3", 234), 2), (("ground-3", 86), 2)):
         problem = drawn(*scene)
@@ -124,12 +157,21 @@ def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_la
     assert kinds >= {0.0, 1.0, 3.0}
 
 
-def test_a_stance_that_cannot_be_held_alone_refutes_the_course_and_a_plan_holds_every_stance(programs, climb, rough):
+def test_a_stance_that_cannot_be_held_alone_refutes_the_course_and_a_plan_holds_every_stance(
+    programs, climb, rough
+):
     refuted = held = 0
-    for course in [climb(0), climb(2), climb(1), climb(3, frames=3), *(rough(seed) for seed in range(4))]:
+    for course in [
+        climb(0),
+        climb(2),
+        climb(1),
+        climb(3, frames=3),
+        *(rough(seed) for seed in range(4)),
+    ]:
         scaled = Scaled.of(course)
         stances = [
-            searched(programs, alone(scaled, index)[0]).found is not None for index in range(len(course.stances))
+            searched(programs, alone(scaled, index)[0]).found is not None
+            for index in range(len(course.stances))
         ]
         outcome = TwoStageCoursePlanner(programs=programs).solve(course)
         if outcome.status is Status.FEASIBLE:
@@ -179,7 +221,8 @@ def test_spreads_are_what_sums_over_vertices_say(programs, climb):
     np.testing.assert_allclose(spreads(lift), expected, rtol=1e-9, atol=1e-12)
 
 
-# ----------------------------------------------------------------------------------------------------------- pieces
+# -----------------------------------------------------------------------------------------------------------
+# pieces
 
 
 @given(SEEDS)
@@ -193,7 +236,9 @@ def test_planner_and_verifier_cut_patches_alike(seed):
         for mine, theirs in zip(cut(piece, *chord), cut_again(piece, *chord), strict=True):
             np.testing.assert_array_equal(mine, theirs)
         first, second = np.sort(rng.uniform(0.0, len(piece), 2))
-        for mine, theirs in zip(cut(piece, first, second), cut_again(piece, first, second), strict=True):
+        for mine, theirs in zip(
+            cut(piece, first, second), cut_again(piece, first, second), strict=True
+        ):
             np.testing.assert_allclose(mine, theirs, atol=1e-12)
         piece = cut(piece, *chord)[int(rng.integers(2))]
 

@@ -1,4 +1,5 @@
-"""The decoupled planner: plans where forces come easily, fails where friction decides, proves what has no positions."""
+"""The decoupled planner: plans where forces come easily, fails where friction decides, proves what
+has no positions."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, program
     assert outcome.details["on_ice"] == 0.0
 
 
-def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_has_a_plan(planner, programs):
+def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_has_a_plan(
+    planner, programs
+):
     failed = on_ice = 0
     coupled = TwoStageCoursePlanner(programs=programs)
     for seed in range(8):
@@ -45,7 +48,9 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
             continue
         if theirs.status is Status.UNDECIDED and theirs.details.get("on_ice", 0.0) > 0.0:
             assert theirs.solution is None
-            assert theirs.message.startswith("the positions admit no forces that hold the robot: frame ")
+            assert theirs.message.startswith(
+                "the positions admit no forces that hold the robot: frame "
+            )
             failed += 1
             on_ice += theirs.details["on_ice"]
     assert failed > 3
@@ -53,12 +58,15 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
 
 
 def walls_of_ice(seed):
-    """The built-in walls with two candidates a toe, one of which grips: the nearer or the farther, by chance."""
+    """The built-in walls with two candidates a toe, one of which grips: the nearer or the farther,
+    by chance."""
     rng, course = np.random.default_rng(seed), read_course("icy-walls", frames=2)
     footholds = []
     for put in course.footholds:
         grips = int(rng.integers(2))
-        pair = [replace(patch, friction=float(r == grips)) for r, patch in enumerate(put.candidates[:2])]
+        pair = [
+            replace(patch, friction=float(r == grips)) for r, patch in enumerate(put.candidates[:2])
+        ]
         footholds.append(replace(put, candidates=tuple(pair)))
     terrain = tuple(patch for put in footholds for patch in put.candidates)
     return replace(course, terrain=terrain, footholds=tuple(footholds))
@@ -95,7 +103,9 @@ def test_the_positions_bound_the_objective_of_the_lift_from_below(climb, written
     assert looked_at == 2
 
 
-def test_steps_too_short_to_get_anywhere_are_refuted_with_a_certificate_without_forces(climb, planner):
+def test_steps_too_short_to_get_anywhere_are_refuted_with_a_certificate_without_forces(
+    climb, planner
+):
     course = climb(1)
     near = replace(course, steps=StepLimits(com_m=0.2, toe_m=1e-3, progress_m=0.01))
     outcome = planner.solve(near)

@@ -1,4 +1,5 @@
-"""P1 over envelopes for key frames: mirrored boxes, the signed margin of a course, and what a relaxation promises."""
+"""P1 over envelopes for key frames: mirrored boxes, the signed margin of a course, and what a
+relaxation promises."""
 
 from __future__ import annotations
 
@@ -63,19 +64,26 @@ def reflected(problem):
 
 
 def points_of(plan):
-    """[p, f] of every bearing at a plan, f in contact frames, from the plan's own SI numbers, shape (B, 6)."""
+    """[p, f] of every bearing at a plan, f in contact frames, from the plan's own SI numbers, shape
+    (B, 6)."""
     course, rows = plan.problem, []
     for index, stance in enumerate(course.stances):
         for limb in stance.limbs:
             foothold = course.holds[stance.frame, limb]
             p = (plan.toes_m[foothold] - plan.com_m[stance.frame]) / course.length_scale_m
-            f = course.patch(foothold, plan.choice).frame.T @ plan.forces_n[index, limb] / course.weight_n
+            f = (
+                course.patch(foothold, plan.choice).frame.T
+                @ plan.forces_n[index, limb]
+                / course.weight_n
+            )
             rows.append([*p, *f])
     return np.array(rows)
 
 
 @pytest.mark.parametrize("name", ["wall-3", "ground-3"])
-def test_a_mirrored_envelope_says_of_a_mirrored_posture_what_the_envelope_says_of_the_posture(name, learned, drawn):
+def test_a_mirrored_envelope_says_of_a_mirrored_posture_what_the_envelope_says_of_the_posture(
+    name, learned, drawn
+):
     envelopes, margins = learned[name], []
     image = mirrored(envelopes, hexapod())
     assert image.legs == ("LF", "LR", "RM")
@@ -94,7 +102,9 @@ def test_a_mirrored_envelope_says_of_a_mirrored_posture_what_the_envelope_says_o
 def test_mirroring_twice_gives_the_envelope_back(learned):
     again = mirrored(mirrored(learned["wall-3"], hexapod()), hexapod())
     assert again.legs == learned["wall-3"].legs
-    np.testing.assert_allclose(again.envelopes[0].to_vector(), learned["wall-3"].envelopes[0].to_vector())
+    np.testing.assert_allclose(
+        again.envelopes[0].to_vector(), learned["wall-3"].envelopes[0].to_vector()
+    )
     np.testing.assert_allclose(again.normals, learned["wall-3"].normals)
 
 
@@ -112,7 +122,9 @@ def test_the_margin_of_one_stance_is_that_of_its_posture_problem(seed, learned):
         box = image.envelopes[0] if not grown else _shrunk(image.envelopes[0], 0.55)
         posture = Scaled.of(problem)
         apart = McCormick(posture.layout).solve(posture, box)
-        (whole,) = boxes_of(course, replace(learned["wall-3"], envelopes=(_mirrored_back(image, box),)))
+        (whole,) = boxes_of(
+            course, replace(learned["wall-3"], envelopes=(_mirrored_back(image, box),))
+        )
         together = McCormick(scaled.layout).solve(scaled, whole)
         assert together.margin == pytest.approx(apart.margin, abs=2e-6)
 
@@ -158,11 +170,17 @@ def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, prog
     answer = McCormick(scaled.layout, axes, False).solve(scaled, box)
     assert answer.feasible
     assert answer.objective * course.length_scale_m**2 <= outcome.objective + 1e-7
-    assert answer.gap <= 0.02 * 0.02 + 1e-6  # the furthest that the envelope of a square of this size is from p f
+    assert (
+        answer.gap <= 0.02 * 0.02 + 1e-6
+    )  # the furthest that the envelope of a square of this size is from p f
 
 
-@pytest.mark.parametrize(("name", "of"), [("walls", "wall-3"), ("stairs", "ground-3"), ("icy-walls", "wall-3")])
-def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(name, of, learned, programs):
+@pytest.mark.parametrize(
+    ("name", "of"), [("walls", "wall-3"), ("stairs", "ground-3"), ("icy-walls", "wall-3")]
+)
+def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(
+    name, of, learned, programs
+):
     course = read_course(name, frames=3)
     wide = replace(learned[of], envelopes=(learned[of].envelopes[0].widened(0.05),))
     outcome = EnvelopeCoursePlanner(wide, programs=programs).solve(course)
@@ -173,7 +191,9 @@ def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(name,
 @pytest.mark.parametrize("projection", ["fix-p", "fix-toes"])
 def test_the_papers_projections_are_there_too(projection, learned, programs):
     course = read_course("walls", frames=3)
-    outcome = EnvelopeCoursePlanner(learned["wall-3"], projection=projection, programs=programs).solve(course)
+    outcome = EnvelopeCoursePlanner(
+        learned["wall-3"], projection=projection, programs=programs
+    ).solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
 
 
@@ -190,14 +210,20 @@ def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
     up = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
     away = Envelope(low=box.low + up, high=box.high + up)
     several = replace(learned["wall-3"], envelopes=(away, box))
-    outcome = EnvelopeCoursePlanner(several, programs=programs).solve(read_course("walls", frames=2))
+    outcome = EnvelopeCoursePlanner(several, programs=programs).solve(
+        read_course("walls", frames=2)
+    )
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.solution.modes is None  # envelopes of one terrain are no modes
 
 
 def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learned, programs):
     course = read_course("walls", frames=3)
-    short = replace(course, com_radius_m=np.full(3, 1e-3), steps=replace(course.steps, com_m=0.01, progress_m=0.0))
+    short = replace(
+        course,
+        com_radius_m=np.full(3, 1e-3),
+        steps=replace(course.steps, com_m=0.01, progress_m=0.0),
+    )
     outcome = EnvelopeCoursePlanner(learned["wall-3"], programs=programs).solve(short)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(short)).accepted
@@ -207,16 +233,27 @@ def test_stances_that_the_set_was_not_learned_for_are_named(learned):
     course = read_course("walls", frames=3)
     six = replace(course, lifts=((),) * 3, next_lift=(), footholds=course.footholds[:6])
     with pytest.raises(
-        InvalidInput, match=r"frame 0: expected a stance on RF, RR, LM or LF, LR, RM, .*got one on LF, "
+        InvalidInput,
+        match=r"frame 0: expected a stance on RF, RR, LM or LF, LR, RM, .*got one on LF, ",
     ):
         boxes_of(six, learned["wall-3"])
-    with pytest.raises(InvalidInput, match=r"frame 0, stance on .*: contacts\[\d\]\.normal: expected one within"):
+    with pytest.raises(
+        InvalidInput, match=r"frame 0, stance on .*: contacts\[\d\]\.normal: expected one within"
+    ):
         boxes_of(read_course("tube", frames=3), learned["wall-3"])
     turned = tuple(
-        replace(one, candidates=tuple(replace(p, shear_reference=np.array([1.0, 0, 0])) for p in one.candidates))
+        replace(
+            one,
+            candidates=tuple(
+                replace(p, shear_reference=np.array([1.0, 0, 0])) for p in one.candidates
+            ),
+        )
         for one in course.footholds
     )
-    with pytest.raises(InvalidInput, match=r"frame 0, stance on .*, limb \w\w: expected the shear axis z up on walls"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"frame 0, stance on .*, limb \w\w: expected the shear axis z up on walls",
+    ):
         boxes_of(replace(course, footholds=turned), learned["wall-3"])
 
 
@@ -225,11 +262,14 @@ def test_candidates_of_different_slopes_need_boxes_in_world_axes(learned):
     leaning = course.footholds[0].candidates[0]
     normal = np.array([0.0, np.cos(0.1), np.sin(0.1)]) * np.sign(leaning.normal[1])
     height = (leaning.vertices_m - leaning.centre_m) @ normal
-    other = replace(leaning, normal=normal, vertices_m=leaning.vertices_m - height[:, None] * normal)
+    other = replace(
+        leaning, normal=normal, vertices_m=leaning.vertices_m - height[:, None] * normal
+    )
     changed = replace(course.footholds[0], candidates=(leaning, other))
     several = replace(course, footholds=(changed, *course.footholds[1:]))
     with pytest.raises(
-        InvalidInput, match=r"frame 0, limb LF: expected candidate patches that share one contact frame"
+        InvalidInput,
+        match=r"frame 0, limb LF: expected candidate patches that share one contact frame",
     ):
         boxes_of(several, learned["wall-3"])
     (box,) = boxes_of(several, learned["wall-3"], "world")

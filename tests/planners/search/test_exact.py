@@ -1,4 +1,5 @@
-"""The exact planners: against statics on paper, IPOPT and SCIP, and never without a witness or a proof."""
+"""The exact planners: against statics on paper, IPOPT and SCIP, and never without a witness or a
+proof."""
 
 from __future__ import annotations
 
@@ -40,18 +41,38 @@ def planner(programs):
     return ExactPlanner(programs=programs)
 
 
-def rectangle(leg, centre, sides, normal, shear_reference, *, friction, most=1.0, reach=1.0, shoulder=(0, 0, 0)):
+def rectangle(
+    leg,
+    centre,
+    sides,
+    normal,
+    shear_reference,
+    *,
+    friction,
+    most=1.0,
+    reach=1.0,
+    shoulder=(0, 0, 0),
+):
     """A contact on a rectangle with two given half sides."""
     first, second = np.array(sides, dtype=float)
     vertices = np.add(centre, [first + second, first - second, -first - second, second - first])
-    patch = Patch(vertices_m=vertices, normal=normal, shear_reference=shear_reference, friction=friction)
+    patch = Patch(
+        vertices_m=vertices, normal=normal, shear_reference=shear_reference, friction=friction
+    )
     return Contact(
-        leg=leg, shoulder_m=shoulder, reach_m=reach, patch=patch, force_min=[0, -1, -1], force_max=[most, 1, 1]
+        leg=leg,
+        shoulder_m=shoulder,
+        reach_m=reach,
+        patch=patch,
+        force_min=[0, -1, -1],
+        force_max=[most, 1, 1],
     )
 
 
 def problem_of(*contacts, com=(0.0, 0.0, 0.0), radius=0.0, **rest):
-    return Problem.posture(contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest)
+    return Problem.posture(
+        contacts=contacts, mass_kg=10.0, com_nominal_m=com, com_radius_m=radius, **rest
+    )
 
 
 def scene_of(drawn, mixed, scene):
@@ -80,13 +101,17 @@ def confirm(problem, outcome):
         assert outcome.message
 
 
-# ------------------------------------------------------------------------------------------------------ closed forms
+# ------------------------------------------------------------------------------------------------------
+# closed forms
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.119, 0.121, 0.2, 0.3])
 def test_one_foot_holds_the_body_exactly_where_it_can_stand_below_the_com(planner, offset):
-    """Patch half width .04, COM radius .08: nearer than .12 m the toe is under the COM; .6 m is the unit of levers."""
-    foot = rectangle("RF", (offset, 0, -0.2), [(0.04, 0, 0), (0, 0.04, 0)], (0, 0, 1), (1, 0, 0), friction=0.6)
+    """Patch half width .04, COM radius .08: nearer than .12 m the toe is under the COM; .6 m is the
+    unit of levers."""
+    foot = rectangle(
+        "RF", (offset, 0, -0.2), [(0.04, 0, 0), (0, 0.04, 0)], (0, 0, 1), (1, 0, 0), friction=0.6
+    )
     outcome = planner.solve(problem_of(foot, radius=0.08))
     confirm(problem_of(foot, radius=0.08), outcome)
     short = offset - 0.12
@@ -95,12 +120,16 @@ def test_one_foot_holds_the_body_exactly_where_it_can_stand_below_the_com(planne
         assert outcome.bound == pytest.approx(short / 0.6, rel=1e-4)
 
 
-@pytest.mark.parametrize(("degrees", "holds"), [(29.0, True), (32.0, False), (-29.0, True), (-32.0, False)])
+@pytest.mark.parametrize(
+    ("degrees", "holds"), [(29.0, True), (32.0, False), (-29.0, True), (-32.0, False)]
+)
 def test_a_foot_on_a_slope_slips_beyond_the_angle_of_friction(planner, degrees, holds):
     """tan 30.96° = 0.6."""
     s, c = np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))
     sides = [(0.05 * c, 0, -0.05 * s), (0, 0.05, 0)]
-    problem = problem_of(rectangle("RF", (0, 0, -0.2), sides, (s, 0, c), (1, 0, 0), friction=0.6), radius=0.02)
+    problem = problem_of(
+        rectangle("RF", (0, 0, -0.2), sides, (s, 0, c), (1, 0, 0), friction=0.6), radius=0.02
+    )
     outcome = planner.solve(problem)
     confirm(problem, outcome)
     assert (outcome.status is Status.FEASIBLE) == holds
@@ -108,27 +137,37 @@ def test_a_foot_on_a_slope_slips_beyond_the_angle_of_friction(planner, degrees, 
 
 
 def brace(distance, ahead, height, friction, most):
-    """Two facing walls at ±distance, patches of this height; the COM is fixed ``ahead`` of the middle."""
+    """Two facing walls at ±distance, patches of this height; the COM is fixed ``ahead`` of the
+    middle."""
     contacts = []
     for leg, side in (("LM", 1), ("RM", -1)):
         sides = [(0.03, 0, 0), (0, 0, 0.5 * height)]
         centre = (0, side * distance, 0)
-        contacts.append(rectangle(leg, centre, sides, (0, -side, 0), (0, 0, 1), friction=friction, most=most))
+        contacts.append(
+            rectangle(leg, centre, sides, (0, -side, 0), (0, 0, 1), friction=friction, most=most)
+        )
     return problem_of(*contacts, com=(0, ahead, 0))
 
 
 @given(
-    st.floats(0.2, 0.6), st.floats(0.0, 0.9), st.floats(0.01, 0.3), st.floats(0.5, 1.0), st.floats(0.5, 1.9),
-)  # fmt: skip
+    st.floats(0.2, 0.6),
+    st.floats(0.0, 0.9),
+    st.floats(0.01, 0.3),
+    st.floats(0.5, 1.0),
+    st.floats(0.5, 1.9),
+)
 @example(0.4, 0.25, 0.1, 0.8, 1.01)
 @example(0.4, 0.25, 0.1, 0.8, 0.99)
 @example(0.4, 0.0, 0.1, 1.0, 1.01)
 @example(0.4, 0.0, 0.1, 1.0, 0.99)
-def test_two_walls_brace_the_body_exactly_where_friction_and_the_couple_allow(planner, d, share, h, most, ratio):
-    """Normal forces n, −n and vertical shears t₁ + t₂ = w; the moment about the COM at y = e is
-    t₁ (d − e) − t₂ (d + e) = n (z₁ − z₂), |z₁ − z₂| ≤ h. So t₁ = (w (d + e) − n h) / 2d at least, and with t₁ ≤ μ n,
-    n ≤ f_max the body is held where f_max (2 d μ + h) ≥ w (d + e), as it must be with t₂ = w − t₁ ≤ μ f_max.
-    """  # fmt: skip
+def test_two_walls_brace_the_body_exactly_where_friction_and_the_couple_allow(
+    planner, d, share, h, most, ratio
+):
+    """Normal forces n, −n and vertical shears t₁ + t₂ = w; the moment about the COM at y = e is t₁
+    (d − e) − t₂ (d + e) = n (z₁ − z₂), |z₁ − z₂| ≤ h. So t₁ = (w (d + e) − n h) / 2d at least, and
+    with t₁ ≤ μ n, n ≤ f_max the body is held where f_max (2 d μ + h) ≥ w (d + e), as it must be
+    with t₂ = w − t₁ ≤ μ f_max.
+    """
     assume(abs(ratio - 1.0) > 5e-3)
     e = share * d
     friction = ratio * max(((d + e) / most - h) / (2.0 * d), 0.5 / most)
@@ -152,9 +191,18 @@ def test_walls_without_friction_hold_nothing(planner):
 
 @pytest.mark.parametrize("friction", [0.3, 1e-3, 0.0])
 def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction):
-    """Both level patches begin .15 m ahead of the COM: the moment is .15 m of the .6 m unit at the least."""
+    """Both level patches begin .15 m ahead of the COM: the moment is .15 m of the .6 m unit at the
+    least."""
     feet = [
-        rectangle(leg, (x, 0, -0.2), [(0.05, 0, 0), (0, 0.05, 0)], (0, 0, 1), (1, 0, 0), friction=friction, most=2.0)
+        rectangle(
+            leg,
+            (x, 0, -0.2),
+            [(0.05, 0, 0), (0, 0.05, 0)],
+            (0, 0, 1),
+            (1, 0, 0),
+            friction=friction,
+            most=2.0,
+        )
         for leg, x in (("RF", 0.2), ("LF", 0.4))
     ]
     outcome = ExactPlanner(programs=programs, max_nodes=100).solve(problem_of(*feet))
@@ -163,15 +211,20 @@ def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction
     assert outcome.bound == pytest.approx(0.25, rel=1e-4)
 
 
-@pytest.mark.parametrize("scene", [("wall-3", 0), ("wall-3", 39), ("ground-3", 42), ("ground-3", 88)], ids=str)
+@pytest.mark.parametrize(
+    "scene", [("wall-3", 0), ("wall-3", 39), ("ground-3", 42), ("ground-3", 88)], ids=str
+)
 def test_scenes_with_one_foot_on_ice_are_decided(programs, drawn, scene):
     first, *others = drawn(*scene).contacts
     icy = replace(first, patch=replace(first.patch, friction=0.0))
-    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(drawn(*scene).posture_with(contacts=(icy, *others)))
+    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(
+        drawn(*scene).posture_with(contacts=(icy, *others))
+    )
     assert outcome.status is not Status.UNDECIDED
 
 
-# ------------------------------------------------------------------------------------------------------ many scenes
+# ------------------------------------------------------------------------------------------------------
+# many scenes
 
 
 @pytest.mark.parametrize("scene", NATURAL, ids=str)
@@ -184,7 +237,9 @@ def test_it_finds_what_ipopt_finds_and_proves_the_rest(planner, drawn, scene):
         assert outcome.status is Status.FEASIBLE
 
 
-@pytest.mark.parametrize("corners", [(4, 4, 4), (3, 4, 5), (4, 4), (6, 3, 4, 3), (5,), (3, 3, 3, 3, 3, 3)], ids=str)
+@pytest.mark.parametrize(
+    "corners", [(4, 4, 4), (3, 4, 5), (4, 4), (6, 3, 4, 3), (5,), (3, 3, 3, 3, 3, 3)], ids=str
+)
 def test_quads_mixed_polygons_and_any_number_of_limbs_are_decided(planner, mixed, corners):
     nlp = NlpPlanner(starts=2)
     statuses = set()
@@ -206,7 +261,8 @@ def test_both_answers_come_up_and_some_take_branching(planner, drawn):
     assert sum(0.0 < outcome.bound < np.inf for outcome in outcomes) >= 3
 
 
-# ------------------------------------------------------------------------------------------------------------ limits
+# ------------------------------------------------------------------------------------------------------------
+# limits
 
 
 def test_at_the_node_limit_it_is_undecided(programs, planner, drawn):
@@ -264,22 +320,33 @@ def test_a_corner_given_twice_changes_nothing(planner, drawn):
     for scene in [MANY_NODES, ("ground-3", 86), ("wall-3", 0)]:
         problem = drawn(*scene)
         patches = [
-            replace(c.patch, vertices_m=np.repeat(c.patch.vertices_m, [2, 1, 3], axis=0)) for c in problem.contacts
+            replace(c.patch, vertices_m=np.repeat(c.patch.vertices_m, [2, 1, 3], axis=0))
+            for c in problem.contacts
         ]
-        contacts = tuple(replace(c, patch=patch) for c, patch in zip(problem.contacts, patches, strict=True))
+        contacts = tuple(
+            replace(c, patch=patch) for c, patch in zip(problem.contacts, patches, strict=True)
+        )
         outcome = planner.solve(problem.posture_with(contacts=contacts))
         confirm(problem.posture_with(contacts=contacts), outcome)
         assert outcome.status is planner.solve(problem).status
 
 
-# ------------------------------------------------------------------------------------------------------- repeatable
+# -------------------------------------------------------------------------------------------------------
+# repeatable
 
 
 def words(outcome):
     """Everything about an outcome but its time."""
     proof = outcome.certificate and outcome.certificate.to_json()
     posture = outcome.solution and outcome.solution.to_json()
-    return outcome.status, proof, posture, outcome.effort.solves, outcome.bound, dict(outcome.details)
+    return (
+        outcome.status,
+        proof,
+        posture,
+        outcome.effort.solves,
+        outcome.bound,
+        dict(outcome.details),
+    )
 
 
 def test_it_answers_the_same_in_another_planner_and_after_other_problems(drawn, mixed):
@@ -297,9 +364,12 @@ def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length
         problem = drawn(*scene)
         ratio = problem.force_scale_n / force_n
         contacts = tuple(
-            replace(c, force_min=c.force_min * ratio, force_max=c.force_max * ratio) for c in problem.contacts
+            replace(c, force_min=c.force_min * ratio, force_max=c.force_max * ratio)
+            for c in problem.contacts
         )
-        scaled = problem.posture_with(force_scale_n=force_n, length_scale_m=length_m, contacts=contacts)
+        scaled = problem.posture_with(
+            force_scale_n=force_n, length_scale_m=length_m, contacts=contacts
+        )
         mine, theirs = planner.solve(problem), planner.solve(scaled)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
@@ -309,18 +379,24 @@ def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
 def test_a_turned_scene_has_the_same_answer(planner, drawn, mixed, quarters):
-    """Quarter turns about z, since the residual is the largest component and the tilt limit a box."""
+    """Quarter turns about z, since the residual is the largest component and the tilt limit a
+    box."""
     turn = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), quarters)
 
     def turned(contact):
         patch = contact.patch
-        moved = {name: getattr(patch, name) @ turn.T for name in ("vertices_m", "normal", "shear_reference")}
+        moved = {
+            name: getattr(patch, name) @ turn.T
+            for name in ("vertices_m", "normal", "shear_reference")
+        }
         return replace(contact, patch=replace(patch, **moved), shoulder_m=turn @ contact.shoulder_m)
 
     for scene in [*NATURAL, *((seed, (3, 4, 5)) for seed in range(4))]:
         problem = scene_of(drawn, mixed, scene)
         contacts = tuple(turned(c) for c in problem.contacts)
-        again = problem.posture_with(contacts=contacts, com_nominal_m=turn @ problem.com_nominal_m[0])
+        again = problem.posture_with(
+            contacts=contacts, com_nominal_m=turn @ problem.com_nominal_m[0]
+        )
         mine, theirs = planner.solve(problem), planner.solve(again)
         assert mine.status is theirs.status
         if mine.details["nodes"] == theirs.details["nodes"] == 1:
@@ -331,7 +407,10 @@ def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
     infeasible = 0
     for seed in range(12):
         plain = drawn("wall-3", seed)
-        contacts = tuple(replace(c, force_min=c.force_min / 1000, force_max=c.force_max / 1000) for c in plain.contacts)
+        contacts = tuple(
+            replace(c, force_min=c.force_min / 1000, force_max=c.force_max / 1000)
+            for c in plain.contacts
+        )
         huge = plain.posture_with(contacts=contacts, force_scale_n=98100.0, length_scale_m=600.0)
         truth = ExactPlanner(programs=programs).solve(plain).status
         infeasible += truth is Status.INFEASIBLE
@@ -340,7 +419,8 @@ def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
     assert infeasible >= 3
 
 
-# ---------------------------------------------------------------------------------------------------------- courses
+# ----------------------------------------------------------------------------------------------------------
+# courses
 
 
 @pytest.fixture(scope="module")
@@ -348,7 +428,9 @@ def courses(programs):
     return ExactCoursePlanner(programs=programs, time_limit_s=60.0)
 
 
-def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have_closed_some(climb, courses, programs):
+def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have_closed_some(
+    climb, courses, programs
+):
     seen, cuts = set(), 0.0
     for seed in (0, 1, 2, 5):
         course = climb(seed)
@@ -359,7 +441,9 @@ def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have
             assert outcome.bound <= outcome.objective * (1.0 + 1e-6)
             assert outcome.claim == "optimal"
             assert outcome.objective - outcome.bound <= 1.1e-3 * outcome.objective
-            assert TwoStageCoursePlanner(programs=programs).solve(course).objective >= outcome.bound * (1.0 - 1e-6)
+            assert TwoStageCoursePlanner(programs=programs).solve(
+                course
+            ).objective >= outcome.bound * (1.0 - 1e-6)
         else:
             assert check_certificate(outcome.certificate.of(course)).accepted
         cuts += outcome.details["cuts"]
@@ -390,18 +474,24 @@ def split(scaled, contact, axis, value):
     """Force boxes up to this value of a component, and from it on."""
     below, above = scaled.force_max.copy(), scaled.force_min.copy()
     below[contact, axis] = above[contact, axis] = value
-    return scaled.with_force_box(scaled.force_min, below), scaled.with_force_box(above, scaled.force_max)
+    return scaled.with_force_box(scaled.force_min, below), scaled.with_force_box(
+        above, scaled.force_max
+    )
 
 
 def test_parts_cover_the_course_and_never_lower_the_bound(climb, programs):
     whole = Scaled.of(climb(GAPPED[0]))
     root = objective(programs, whole)
-    halves = [whole.with_piece(1, half) for half in cut(whole.pieces[1], *halving_chord(whole.pieces[1]))]
+    halves = [
+        whole.with_piece(1, half) for half in cut(whole.pieces[1], *halving_chord(whole.pieces[1]))
+    ]
     for parts in (split(whole, 0, 0, 0.3), split(whole, 4, 2, 0.1), halves):
         bounds = [objective(programs, part) for part in parts]
         assert min(bounds) >= root - 1e-7
         assert max(bounds) > min(bounds)
-    areas = [_area(border) for border in (whole.pieces[1], halves[0].pieces[1], halves[1].pieces[1])]
+    areas = [
+        _area(border) for border in (whole.pieces[1], halves[0].pieces[1], halves[1].pieces[1])
+    ]
     assert areas[0] == pytest.approx(areas[1] + areas[2])
 
 
@@ -415,7 +505,11 @@ def test_a_box_of_no_size_about_a_plans_forces_makes_the_lift_exact(climb, progr
     outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course)
     whole = part = Scaled.of(course)
     stance, limb, foothold = whole.layout.contacts
-    forces = np.einsum("bji,bj->bi", whole.frames[foothold], outcome.solution.forces_n[stance, limb] / course.weight_n)
+    forces = np.einsum(
+        "bji,bj->bi",
+        whole.frames[foothold],
+        outcome.solution.forces_n[stance, limb] / course.weight_n,
+    )
     for b, f in enumerate(forces):
         for axis in range(3):
             part = split(split(part, b, axis, f[axis] + 1e-4)[0], b, axis, f[axis] - 1e-4)[1]
@@ -442,7 +536,9 @@ def test_at_its_limit_the_plan_stays_and_the_bound_says_how_far_it_may_be_off(cl
     assert outcome.claim == ""
     assert outcome.message == "the search met its limit (3 nodes)"
     assert outcome.bound < outcome.objective
-    assert outcome.details["gap"] == pytest.approx(1.0 - outcome.bound / outcome.objective, rel=1e-6)
+    assert outcome.details["gap"] == pytest.approx(
+        1.0 - outcome.bound / outcome.objective, rel=1e-6
+    )
 
 
 def test_bad_settings_are_refused():
@@ -457,13 +553,16 @@ def test_scip_finds_the_same_best_plan_and_its_bound_does_not_exclude_it(seed, c
     course, outcome = climb(seed), courses.solve(climb(seed))
     best, bound = scip(course, nodes=NODES)
     assert bound <= outcome.objective * 1.002  # what SCIP proved does not exclude the plan
-    assert best >= outcome.objective * (1.0 - 2e-3)  # nor does it find a better one; its tolerances are looser
+    assert best >= outcome.objective * (
+        1.0 - 2e-3
+    )  # nor does it find a better one; its tolerances are looser
     if np.isfinite(best):
         assert best >= outcome.bound * (1.0 - 1e-3)
 
 
 def scip(course, *, nodes):
-    """Best objective and bound [m²] that SCIP has for the true bilinear problem, written from the course's numbers."""
+    """Best objective and bound [m²] that SCIP has for the true bilinear problem, written from the
+    course's numbers."""
     pyscipopt = pytest.importorskip("pyscipopt")
     model = pyscipopt.Model()
     model.hideOutput()
@@ -480,23 +579,39 @@ def scip(course, *, nodes):
         return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
     tilt, frames = course.tilt_limit_rad, range(course.frames)
-    com = [free(course.com_nominal_m[k] - course.com_radius_m[k], course.com_nominal_m[k] + course.com_radius_m[k])
-           for k in frames]  # fmt: skip
+    com = [
+        free(
+            course.com_nominal_m[k] - course.com_radius_m[k],
+            course.com_nominal_m[k] + course.com_radius_m[k],
+        )
+        for k in frames
+    ]
     turn = [free([-tilt] * 3, [tilt] * 3) for _ in frames]
     toes = []
     for put in course.footholds:
         corners = put.candidates[0].vertices_m
-        share, toe = free([0] * len(corners), [1] * len(corners)), free(corners.min(axis=0), corners.max(axis=0))
+        share, toe = (
+            free([0] * len(corners), [1] * len(corners)),
+            free(corners.min(axis=0), corners.max(axis=0)),
+        )
         model.addCons(sum(share) == 1)
         for j in range(3):
-            model.addCons(sum(s * float(v) for s, v in zip(share, corners[:, j], strict=True)) == toe[j])
+            model.addCons(
+                sum(s * float(v) for s, v in zip(share, corners[:, j], strict=True)) == toe[j]
+            )
         toes.append(toe)
     for k in frames:
-        within([com[k][j] - float(course.com_nominal_m[k][j]) for j in range(3)], float(course.com_radius_m[k]))
+        within(
+            [com[k][j] - float(course.com_nominal_m[k][j]) for j in range(3)],
+            float(course.com_radius_m[k]),
+        )
         for i, limb in enumerate(course.robot.limbs):
             turned = cross(turn[k], [float(x) for x in limb.shoulder_m])
             toe = toes[course.holds[k, i]]
-            within([toe[j] - com[k][j] - float(limb.shoulder_m[j]) - turned[j] for j in range(3)], limb.reach_m)
+            within(
+                [toe[j] - com[k][j] - float(limb.shoulder_m[j]) - turned[j] for j in range(3)],
+                limb.reach_m,
+            )
     for stance in course.stances:
         net, moment = [0.0, 0.0, -1.0], [-com[stance.frame][1], 1.0 * com[stance.frame][0], 0.0]
         for i in stance.limbs:
@@ -513,9 +628,10 @@ def scip(course, *, nodes):
     cost += weights.goal * sum((com[-1][j] - float(course.goal_m[j])) ** 2 for j in range(3))
     cost += weights.tilt * sum(x * x for row in turn for x in row)
     cost += weights.com_path * sum(
-        (x - float(at)) ** 2 for row, nominal in zip(com, course.com_nominal_m, strict=True)
+        (x - float(at)) ** 2
+        for row, nominal in zip(com, course.com_nominal_m, strict=True)
         for x, at in zip(row, nominal, strict=True)
-    )  # fmt: skip
+    )
     for k in range(1, course.frames):
         step = [com[k][j] - com[k - 1][j] for j in range(3)]
         within(step, course.steps.com_m)

@@ -1,4 +1,5 @@
-"""Farkas cuts: a table that refutes no more than the verifier does, and whose blame is its own entries'."""
+"""Farkas cuts: a table that refutes no more than the verifier does, and whose blame is its own
+entries'."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
 
 
 def pulled(course: Problem, share: float) -> Problem:
-    """The course with another force and moment on the body at every frame, of up to this share of the weight."""
+    """The course with another force and moment on the body at every frame, of up to this share of
+    the weight."""
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(0.3 * course.length_scale_m,) * 3])
     wrench = np.random.default_rng(7).uniform(-share, share, (course.frames, 6)) * unit
     return replace(course, wrench=wrench) if share else course
@@ -53,7 +55,9 @@ def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
     assert min(agreed.values()) > 5
 
 
-def test_relief_is_the_share_that_the_kindest_candidates_take_from_every_cut_that_refutes_a_choice(climb, programs):
+def test_relief_is_the_share_that_the_kindest_candidates_take_from_every_cut_that_refutes_a_choice(
+    climb, programs
+):
     course = climb(5, **TORN)
     scaled = Scaled.of(course)
     lifted = solve_lift(programs, scaled, least_moment=False)
@@ -82,7 +86,9 @@ def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs, share
         for choice in np.random.default_rng(seed).integers(2, size=(3, len(course.footholds))):
             cuts = FarkasCuts(scaled)
             for stance in range(len(course.stances)):
-                lifted = solve_lift(programs, alone(scaled.chosen(choice), stance)[0], least_moment=True)
+                lifted = solve_lift(
+                    programs, alone(scaled.chosen(choice), stance)[0], least_moment=True
+                )
                 if lifted.bound > MARGIN:
                     row = of_stance(scaled, stance, lifted)
                     proof = Certificate(tree=LEAF, multipliers=row[None])
@@ -99,7 +105,11 @@ def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never
 ):
     said = {True: 0, False: 0}
     for seed in range(10):
-        course = rough(seed, regions=3, ice=0.5) if seed % 2 else climb(seed, frames=3, regions=2, ice=0.6)
+        course = (
+            rough(seed, regions=3, ice=0.5)
+            if seed % 2
+            else climb(seed, frames=3, regions=2, ice=0.6)
+        )
         course = pulled(course, 0.2 * (seed % 3))
         scaled, rng = Scaled.of(course), np.random.default_rng(seed)
         lifted = solve_lift(programs, scaled, least_moment=False)
@@ -107,13 +117,19 @@ def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never
             continue
         cuts = FarkasCuts(scaled)
         for strength in (1.0, 0.1, 0.01):  # what a perturbed ray still refutes
-            row = lifted.multipliers + (1.0 - strength) * 0.02 * rng.normal(size=lifted.multipliers.shape)
+            row = lifted.multipliers + (1.0 - strength) * 0.02 * rng.normal(
+                size=lifted.multipliers.shape
+            )
             progress = split(scaled, row)["progress"]
-            np.maximum(progress, 0.0, out=progress)  # a view: multipliers of inequalities are not negative
+            np.maximum(
+                progress, 0.0, out=progress
+            )  # a view: multipliers of inequalities are not negative
             number = cuts.add(row)
             least = np.where(scaled.opened() > 0.0, cuts.tables[number], np.inf).min(axis=1).sum()
             refutes = bool(least + cuts.constants[number] > MARGIN)
-            accepted = check_certificate(Certificate(tree=LEAF, multipliers=row[None]).of(course)).accepted
+            accepted = check_certificate(
+                Certificate(tree=LEAF, multipliers=row[None]).of(course)
+            ).accepted
             assert accepted or not refutes
             said[refutes] += 1
     assert said[True] >= 3
@@ -127,8 +143,17 @@ def test_the_groups_of_a_row_are_those_of_the_certificate(climb):
     parts = split(scaled, np.arange(float(count)))
     shapes = {name: part.shape for name, part in parts.items()}
     assert shapes == {
-        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
-        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (moves, 3),
-        "reach_rows": (frames, 0), "relative_reach": (0,), "linear_step": (frames - 1, 0),
-    }  # fmt: skip
-    np.testing.assert_array_equal(np.concatenate([part.ravel() for part in parts.values()]), np.arange(count))
+        "nu_F": (stances, 3),
+        "nu_M": (stances, 3),
+        "reach": (frames, limbs, 3),
+        "com_step": (frames - 1, 3),
+        "rotation_step": (frames - 1, 3),
+        "progress": (frames - 1,),
+        "toe_step": (moves, 3),
+        "reach_rows": (frames, 0),
+        "relative_reach": (0,),
+        "linear_step": (frames - 1, 0),
+    }
+    np.testing.assert_array_equal(
+        np.concatenate([part.ravel() for part in parts.values()]), np.arange(count)
+    )

@@ -1,4 +1,5 @@
-"""Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may be and no more."""
+"""Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may
+be and no more."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,10 +27,14 @@ class Picky:
         self.asked.append(friction)
         if friction < self.friction:
             return Answer(status=Status.INFEASIBLE, method=self.name, message="too slippery")
-        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course))
+        return Answer(
+            status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course)
+        )
 
 
-def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
+def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(
+    walk: Callable[..., Plan],
+) -> None:
     plan = walk()
     planner = Picky(plan, 0.85 * plan.problem.footholds[0].candidates[0].friction)
     outcome = plan_with_reserve(planner, plan.problem)
@@ -39,7 +44,9 @@ def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: C
     assert len(planner.asked) == 2
 
 
-def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(walk: Callable[..., Plan]) -> None:
+def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(
+    walk: Callable[..., Plan],
+) -> None:
     plan = walk()
     planner = Picky(plan, 1e6)
     outcome = plan_with_reserve(planner, plan.problem)
@@ -52,11 +59,17 @@ def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) ->
     dulled = slippery(course, 0.5)
     for before, after in zip(course.footholds, dulled.footholds, strict=True):
         assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
-        np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
-    assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]
+        np.testing.assert_array_equal(
+            after.candidates[0].vertices_m, before.candidates[0].vertices_m
+        )
+    assert [patch.friction for patch in dulled.terrain] == [
+        0.5 * patch.friction for patch in course.terrain
+    ]
 
 
-def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_time_limit_is_for_all_shares_together(
+    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
     now, given = [0.0], []
 
     @dataclass
@@ -69,7 +82,9 @@ def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], mo
             now[0] += self.time_limit_s
             return Answer(status=Status.UNDECIDED, method=self.name)
 
-    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr(
+        "stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0]
+    )
     course, planner = walk().problem, Slow()
     friction = float(course.terrain[0].friction)
     assert plan_with_reserve(planner, course).status is Status.UNDECIDED
@@ -94,11 +109,16 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
             now[0] += 4.0
             return Answer(status=Status.UNDECIDED, method=self.name)
 
-    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr(
+        "stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0]
+    )
     course, planner = walk().problem, Foreign()
     friction = float(course.terrain[0].friction)
     assert plan_with_reserve(planner, course, deadline=107.0).status is Status.UNDECIDED
-    assert planner.asked == [pytest.approx(0.8 * friction), friction]  # 0.9 would begin in the last share's time
+    assert planner.asked == [
+        pytest.approx(0.8 * friction),
+        friction,
+    ]  # 0.9 would begin in the last share's time
     late = plan_with_reserve(planner, course, deadline=107.0)
     assert late.status is Status.UNDECIDED
     assert late.message == "the time limit ended before the search for contacts began"
@@ -128,7 +148,9 @@ def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_to
                 effort=Effort(seconds=now[0] - began),
             )
 
-    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr(
+        "stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0]
+    )
     monkeypatch.setattr("stancekit.planners.search.friction_margin.push_share", lambda plan: 0.0)
     assert plan_with_reserve(Slow(), plan.problem, (1.0,), (0.2,)).status is Status.FEASIBLE
     assert 0.0 < sum(given[1:3]) <= 7.0

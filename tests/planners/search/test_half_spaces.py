@@ -1,4 +1,5 @@
-"""Reach as half-spaces, from a file to an answer: closed forms, a second formulation, proofs, and forged answers."""
+"""Reach as half-spaces, from a file to an answer: closed forms, a second formulation, proofs, and
+forged answers."""
 
 from __future__ import annotations
 
@@ -33,27 +34,44 @@ def planner(programs):
 
 
 def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
-    """One foot on level ground, which has to be below a fixed COM, of a limb whose box begins ``ahead_m`` ahead."""
-    square = 0.2 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    patch = Patch(vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
+    """One foot on level ground, which has to be below a fixed COM, of a limb whose box begins
+    ``ahead_m`` ahead."""
+    square = 0.2 * np.array(
+        [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
+    )
+    patch = Patch(
+        vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
+    )
     bounds = [ahead_m + 0.1, 0.06, 0.06 - HEIGHT_M, -ahead_m, 0.06, 0.06 + HEIGHT_M]
     contact = Contact(
-        leg="RF", shoulder_m=[0.0, 0.0, -HEIGHT_M], reach_m=BALL_M, patch=patch, force_min=[0.0, -1.0, -1.0],
-        force_max=np.ones(3), reach_rows=ReachRows(normals=CUBE, bounds_m=bounds),
-    )  # fmt: skip
+        leg="RF",
+        shoulder_m=[0.0, 0.0, -HEIGHT_M],
+        reach_m=BALL_M,
+        patch=patch,
+        force_min=[0.0, -1.0, -1.0],
+        force_max=np.ones(3),
+        reach_rows=ReachRows(normals=CUBE, bounds_m=bounds),
+    )
     return Problem.posture(
-        contacts=(contact,), mass_kg=10.0, com_nominal_m=[0.0, 0.0, HEIGHT_M], com_radius_m=0.0, tilt_limit_rad=tilt
+        contacts=(contact,),
+        mass_kg=10.0,
+        com_nominal_m=[0.0, 0.0, HEIGHT_M],
+        com_radius_m=0.0,
+        tilt_limit_rad=tilt,
     )
 
 
-@pytest.mark.parametrize(("ahead_m", "holds"), [(-0.05, True), (-1e-4, True), (2e-4, False), (0.04, False)])
+@pytest.mark.parametrize(
+    ("ahead_m", "holds"), [(-0.05, True), (-1e-4, True), (2e-4, False), (0.04, False)]
+)
 def test_without_a_tilt_a_half_space_decides_to_the_millimetre(planner, ahead_m, holds):
     outcome = planner.solve(on_one_foot(ahead_m))
     assert outcome.status is (Status.FEASIBLE if holds else Status.INFEASIBLE)
 
 
 def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planner):
-    """The row is −d_x − Θ_y d_z ≥ ahead with the toe at d = (0, 0, −h): it holds for Θ_y ≥ ahead / h."""
+    """The row is −d_x − Θ_y d_z ≥ ahead with the toe at d = (0, 0, −h): it holds for Θ_y ≥ ahead /
+    h."""
     tilt, found = 0.2, {}
     for share in (0.5, 0.9, 0.99, 1.01, 1.2, 2.0):
         outcome = planner.solve(on_one_foot(share * tilt * HEIGHT_M, tilt))
@@ -67,7 +85,8 @@ def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planne
 
 
 def test_a_box_is_its_six_rows_and_what_it_does_not_cut_changes_nothing(planner, drawn):
-    """Rows that touch the ball from outside change no verdict; a box inside the ball makes the ball idle."""
+    """Rows that touch the ball from outside change no verdict; a box inside the ball makes the ball
+    idle."""
     verdicts = {Status.FEASIBLE: 0, Status.INFEASIBLE: 0}
     for seed in range(16):
         problem = replace(drawn("wall-3", seed), tilt_limit_rad=0.0)
@@ -107,7 +126,9 @@ def test_a_courses_lift_is_that_of_a_second_formulation(ragged, bounded, written
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.15, 0.26])
-def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, programs, drawn, bounded, tilt):
+def test_answers_are_verified_and_no_postures_are_where_proofs_are(
+    planner, programs, drawn, bounded, tilt
+):
     """IPOPT has the true rows, bilinear as they are: it finds nothing where there is a proof."""
     found = {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
     for seed in range(16):
@@ -127,18 +148,22 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(planner, prog
 
 
 def worst_row(problem: Problem, posture: Plan) -> float:
-    """How far a toe is beyond a half-space that was turned with the body, one after the other [m]."""
+    """How far a toe is beyond a half-space that was turned with the body, one after the other
+    [m]."""
     turn = np.eye(3) + np.cross(posture.rotation_rad[0], np.eye(3)).T
     beyond = [
         (turn @ normal) @ (toe - posture.com_m[0]) - bound
         for contact, toe in zip(problem.contacts, posture.toes_m, strict=True)
-        for normal, bound in zip(contact.reach_rows.normals, contact.reach_rows.bounds_m, strict=True)
+        for normal, bound in zip(
+            contact.reach_rows.normals, contact.reach_rows.bounds_m, strict=True
+        )
     ]
     return max(beyond)
 
 
 def test_no_proof_is_one_of_a_problem_with_a_posture(planner, drawn, bounded):
-    """Proofs of problems with half-spaces, noise and all, against the same with these farther out, which have one."""
+    """Proofs of problems with half-spaces, noise and all, against the same with these farther out,
+    which have one."""
     rng, tried = np.random.default_rng(5), 0
     for seed in range(16):
         stiff = replace(drawn("wall-3", seed), tilt_limit_rad=0.0)
@@ -155,15 +180,22 @@ def test_no_proof_is_one_of_a_problem_with_a_posture(planner, drawn, bounded):
     assert tried > 5
 
 
-def test_batches_of_problems_with_and_without_half_spaces_have_the_bounds_of_each(planner, drawn, bounded):
+def test_batches_of_problems_with_and_without_half_spaces_have_the_bounds_of_each(
+    planner, drawn, bounded
+):
     pairs = []
     for seed in range(12):
-        for problem in (drawn("wall-3", seed), bounded(drawn("wall-3", seed), seed, 0.02, of=("LM", "RF"))):
+        for problem in (
+            drawn("wall-3", seed),
+            bounded(drawn("wall-3", seed), seed, 0.02, of=("LM", "RF")),
+        ):
             proof = planner.solve(problem).certificate
             pairs += [] if proof is None else [proof]
     assert len({len(proof.multipliers[0]) for proof in pairs}) == 2
     bounds = check_certificates(pairs)
-    np.testing.assert_allclose(bounds, [check_certificate(proof).figures["lower_bound"] for proof in pairs])
+    np.testing.assert_allclose(
+        bounds, [check_certificate(proof).figures["lower_bound"] for proof in pairs]
+    )
 
 
 def test_multipliers_of_half_spaces_below_zero_prove_nothing(planner):
@@ -172,7 +204,9 @@ def test_multipliers_of_half_spaces_below_zero_prove_nothing(planner):
     assert proof is not None
     rows = proof.multipliers.copy()
     rows[:, -1] = -rows[:, -1]
-    assert not check_certificate(Certificate(tree=proof.tree, multipliers=rows).of(problem)).accepted
+    assert not check_certificate(
+        Certificate(tree=proof.tree, multipliers=rows).of(problem)
+    ).accepted
 
 
 @pytest.fixture(scope="module")
@@ -194,28 +228,39 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
     turned = normal + np.cross(planned.rotation_rad[1], normal)
     for room, holds in ((1e-4, True), (-1e-4, False)):
         rows = ReachRows(normals=[normal], bounds_m=[turned @ toe + room])
-        limbs = [replace(one, reach_rows=rows if i == limb else None) for i, one in enumerate(course.robot.limbs)]
+        limbs = [
+            replace(one, reach_rows=rows if i == limb else None)
+            for i, one in enumerate(course.robot.limbs)
+        ]
         robot = replace(course.robot, limbs=tuple(limbs))
         report = check_plan(replace(planned, problem=replace(course, robot=robot)))
         reach = next(group for group in report.groups if group.name == "reach")
-        assert (reach.frame == 1 and reach.value == pytest.approx(1e-4)) or holds or reach.value > 1e-4
+        assert (
+            (reach.frame == 1 and reach.value == pytest.approx(1e-4)) or holds or reach.value > 1e-4
+        )
 
 
 def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
-    """Both ends lean as the row allows, the way between them does not: found without a point on the way."""
+    """Both ends lean as the row allows, the way between them does not: found without a point on the
+    way."""
     plan = walk(2, "shift")
     limb, toe = plan.problem.robot.limbs[0], plan.toes_m[0]
     turn = np.array([[0.0, 0.05, 0.0], [0.0, -0.05, 0.0]])
     com = plan.com_m.copy()
     normal = np.array([1.0, 0.0, 0.0])
     com[1] = com[0] + [-0.05 * (2.0 * com[0, 2] + 0.04), 0.0, 0.04]  # as far out at either end
-    value = [(normal + np.cross(theta, normal)) @ (toe - c) for theta, c in zip(turn, com, strict=True)]
+    value = [
+        (normal + np.cross(theta, normal)) @ (toe - c) for theta, c in zip(turn, com, strict=True)
+    ]
     between = max(
-        (normal + np.cross((1 - t) * turn[0] + t * turn[1], normal)) @ (toe - (1 - t) * com[0] - t * com[1])
+        (normal + np.cross((1 - t) * turn[0] + t * turn[1], normal))
+        @ (toe - (1 - t) * com[0] - t * com[1])
         for t in np.linspace(0.0, 1.0, 1001)
     )
     rows = ReachRows(normals=[normal], bounds_m=[max(value) + 1e-9])
-    robot = replace(plan.problem.robot, limbs=(replace(limb, reach_rows=rows), *plan.problem.robot.limbs[1:]))
+    robot = replace(
+        plan.problem.robot, limbs=(replace(limb, reach_rows=rows), *plan.problem.robot.limbs[1:])
+    )
     bowed = replace(plan, problem=replace(plan.problem, robot=robot), com_m=com, rotation_rad=turn)
     report = check_plan(bowed, between=False)
     reach = next(group for group in report.groups if group.name == "reach")
@@ -224,7 +269,9 @@ def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
     assert (reach.frame, reach.limb) == (0, limb.name)
 
 
-def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(drawn, bounded, ragged):
+def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(
+    drawn, bounded, ragged
+):
     problem = drawn("wall-3", 1)
     assert "reach_rows" not in json.dumps(problem.to_json())
     with_rows = bounded(problem, 1, of=("RF",))
@@ -252,7 +299,9 @@ def test_robots_that_differ_in_half_spaces_are_told_apart():
     from stancekit.runner.acceptance import _differs
 
     rows = ReachRows(normals=CUBE, bounds_m=np.ones(6))
-    plain = Robot(name="r", mass_kg=1.0, limbs=(Limb(name="a", shoulder_m=np.zeros(3), reach_m=1.0),))
+    plain = Robot(
+        name="r", mass_kg=1.0, limbs=(Limb(name="a", shoulder_m=np.zeros(3), reach_m=1.0),)
+    )
     other = replace(plain, limbs=(replace(plain.limbs[0], reach_rows=rows),))
     assert _differs(plain, plain) == _differs(other, other) == ""
     assert _differs(plain, other) == "limb a has other half-spaces of reach"

@@ -1,4 +1,5 @@
-"""A limit of the body's step in one axis: plans, proofs, forged ones, the reference, the NLP, files."""
+"""A limit of the body's step in one axis: plans, proofs, forged ones, the reference, the NLP,
+files."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def largest_yaw(plan) -> float:
 
 @pytest.fixture
 def turning(climb):
-    """Climbs whose plans turn about the vertical by more than ``YAW_RAD`` where nothing keeps them from it."""
+    """Climbs whose plans turn about the vertical by more than ``YAW_RAD`` where nothing keeps them
+    from it."""
     return [climb(seed, frames=3) for seed in range(12)]
 
 
@@ -59,7 +61,9 @@ def test_the_lift_is_that_of_the_reference_and_below_every_plan(turning, program
     reference, compared = Programs(engine="cvxpy"), 0
     for course in turning:
         scaled = Scaled.of(limited(course, YAW_RAD))
-        mine, theirs = (solve_lift(each, scaled, least_moment=False) for each in (programs, reference))
+        mine, theirs = (
+            solve_lift(each, scaled, least_moment=False) for each in (programs, reference)
+        )
         assert mine.status is theirs.status
         plan = TwoStageCoursePlanner(programs=programs).solve(limited(course, YAW_RAD))
         if plan.solution is not None:
@@ -78,7 +82,10 @@ def pinned(climb):
 
 
 def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan(pinned, programs):
-    planner, rng = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0), np.random.default_rng(4)
+    planner, rng = (
+        TwoStageCoursePlanner(programs=programs, time_limit_s=10.0),
+        np.random.default_rng(4),
+    )
     tight = limited(pinned, 0.0)
     assert planner.solve(pinned).solution is not None
     proof = planner.solve(tight).certificate
@@ -91,7 +98,9 @@ def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan
     for scale in (0.0, 0.01, 0.1, 1.0):
         for _ in range(20):
             noise = rng.normal(scale=scale, size=proof.multipliers.shape)
-            assert not check_certificate(replace(proof, multipliers=proof.multipliers + noise).of(wide)).accepted
+            assert not check_certificate(
+                replace(proof, multipliers=proof.multipliers + noise).of(wide)
+            ).accepted
     negative = proof.multipliers.copy()
     negative[0, -1] = -0.5
     assert not check_certificate(replace(proof, multipliers=negative).of(tight)).accepted

@@ -1,4 +1,5 @@
-"""Contract of every planner: its status speaks of the posture problem, and carries what can be checked."""
+"""Contract of every planner: its status speaks of the posture problem, and carries what can be
+checked."""
 
 import numpy as np
 import pytest
@@ -26,8 +27,16 @@ def whole(problems):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_answers_with_evidence_and_never_against_the_exact_one(method, problems, whole):
-    options = {"envelopes": whole} if method in ("p1", "two-stage") else {"intervals": 2} if method == "micp" else {}
+def test_every_method_answers_with_evidence_and_never_against_the_exact_one(
+    method, problems, whole
+):
+    options = (
+        {"envelopes": whole}
+        if method in ("p1", "two-stage")
+        else {"intervals": 2}
+        if method == "micp"
+        else {}
+    )
     planner = make_planner(method, **options)
     truth = [ExactPlanner().solve(problem).status for problem in problems]
     assert {Status.FEASIBLE, Status.INFEASIBLE} <= set(truth)
@@ -37,10 +46,15 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(meth
         assert (outcome.solution is not None) == (outcome.status is Status.FEASIBLE)
         assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
         assert outcome.solution is None or check_plan(outcome.solution).accepted
-        assert outcome.certificate is None or check_certificate(outcome.certificate.of(problem)).accepted
+        assert (
+            outcome.certificate is None
+            or check_certificate(outcome.certificate.of(problem)).accepted
+        )
         assert outcome.effort.seconds > 0.0
 
 
 def test_an_unknown_method_is_refused():
-    with pytest.raises(InvalidInput, match=r"exact, p1, lift, two-stage, nlp, micp, or FILE\.py:NAME, got 'magic'$"):
+    with pytest.raises(
+        InvalidInput, match=r"exact, p1, lift, two-stage, nlp, micp, or FILE\.py:NAME, got 'magic'$"
+    ):
         make_planner("magic", of="postures")

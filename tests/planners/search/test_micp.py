@@ -1,4 +1,5 @@
-"""The mixed-integer baseline: its grid leaves nothing out, and its claims are never taken for answers."""
+"""The mixed-integer baseline: its grid leaves nothing out, and its claims are never taken for
+answers."""
 
 from __future__ import annotations
 
@@ -26,23 +27,33 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan
 
-NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
-NEEDS_GUROBI = pytest.mark.skipif(importlib.util.find_spec("gurobipy") is None, reason="needs the exact extra")
+NEEDS_SCIP = pytest.mark.skipif(
+    importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra"
+)
+NEEDS_GUROBI = pytest.mark.skipif(
+    importlib.util.find_spec("gurobipy") is None, reason="needs the exact extra"
+)
 TWO = MicpGrid(intervals=2)
 
 
 @pytest.fixture(scope="module")
 def scenes():
-    """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left out."""
+    """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left
+    out."""
     rng, exact = np.random.default_rng(1), ExactPlanner()
-    answered = [(problem, exact.solve(problem)) for problem in (DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(30))]
+    answered = [
+        (problem, exact.solve(problem))
+        for problem in (DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(30))
+    ]
     return [(problem, outcome) for problem, outcome in answered if not outcome.details["trivial"]]
 
 
 @pytest.fixture(scope="module")
 def feasible(scenes):
     """The first six that have a witness."""
-    kept = [(problem, outcome) for problem, outcome in scenes if outcome.status is Status.FEASIBLE][:6]
+    kept = [(problem, outcome) for problem, outcome in scenes if outcome.status is Status.FEASIBLE][
+        :6
+    ]
     assert len(kept) == 6
     return kept
 
@@ -50,7 +61,9 @@ def feasible(scenes):
 @pytest.fixture(scope="module")
 def infeasible(scenes):
     """Those that have a certificate."""
-    kept = [(problem, outcome) for problem, outcome in scenes if outcome.status is Status.INFEASIBLE]
+    kept = [
+        (problem, outcome) for problem, outcome in scenes if outcome.status is Status.INFEASIBLE
+    ]
     assert len(kept) > 3
     return kept
 
@@ -62,14 +75,27 @@ def walls():
 
 @pytest.fixture(scope="module")
 def learned():
-    """A box for the legs of wall-3 such as is learned, written down: the mirror image of the course's own tripod."""
+    """A box for the legs of wall-3 such as is learned, written down: the mirror image of the
+    course's own tripod."""
     course = read_course("walls", frames=3)
-    problem = course.posture_problem(replace(course.stances[1], limbs=(3, 5, 1)), np.zeros(12, dtype=int))
+    problem = course.posture_problem(
+        replace(course.stances[1], limbs=(3, 5, 1)), np.zeros(12, dtype=int)
+    )
     assert problem.legs == ("RF", "RR", "LM")
-    low = np.array([[0.0, -0.75, -0.25, 0.2, -0.3, 0.0], [-0.5, -0.75, -0.25, 0.2, -0.3, 0.0],
-                    [-0.25, 0.55, -0.25, 0.4, -0.3, 0.2]])  # fmt: skip
-    high = np.array([[0.5, -0.5, 0.25, 0.9, 0.3, 0.6], [0.0, -0.5, 0.25, 0.9, 0.3, 0.6],
-                     [0.25, 0.8, 0.25, 1.0, 0.3, 0.8]])  # fmt: skip
+    low = np.array(
+        [
+            [0.0, -0.75, -0.25, 0.2, -0.3, 0.0],
+            [-0.5, -0.75, -0.25, 0.2, -0.3, 0.0],
+            [-0.25, 0.55, -0.25, 0.4, -0.3, 0.2],
+        ]
+    )
+    high = np.array(
+        [
+            [0.5, -0.5, 0.25, 0.9, 0.3, 0.6],
+            [0.0, -0.5, 0.25, 0.9, 0.3, 0.6],
+            [0.25, 0.8, 0.25, 1.0, 0.3, 0.8],
+        ]
+    )
     return EnvelopeSet.for_problems("wall-3", [problem], [Envelope(low=low, high=high)])
 
 
@@ -145,7 +171,9 @@ def test_one_piece_of_the_domain_is_the_mccormick_relaxation(scenes):
     for problem, _ in scenes:
         program, domain = asked(problem, MicpGrid(intervals=1))
         claims.append(program.solve(Scaled.of(problem), 60.0).claim)
-        if claims[-1] == "infeasible":  # its cones are wider, so what it refuses the relaxation refuses, too
+        if (
+            claims[-1] == "infeasible"
+        ):  # its cones are wider, so what it refuses the relaxation refuses, too
             answer = p1(Scaled.of(problem), domain, soft=True).solve()
             assert answer.status is ConicStatus.INFEASIBLE or answer.objective > 0.0
     assert set(claims) == {"feasible", "infeasible"}
@@ -160,7 +188,9 @@ def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
         p, f = coordinates(answer.point)[0, :, :3], answer.point.forces
         gap = np.abs(program.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9))
         (p_low, p_high), (f_low, f_high) = domain.position, domain.force
-        cell = ((p_high - p_low)[:, :, None] * (f_high - f_low)[:, None, :]).reshape(3, 9) / intervals**2
+        cell = ((p_high - p_low)[:, :, None] * (f_high - f_low)[:, None, :]).reshape(
+            3, 9
+        ) / intervals**2
         assert np.all(gap <= 0.25 * cell + 1e-6)  # McCormick's largest gap over a cell
         assert gap.max() <= cell_error(domain, (intervals, intervals)) + 1e-6
         gaps.append(gap.max())
@@ -172,7 +202,9 @@ def test_both_encodings_make_the_same_claim(scenes, cut):
     claims = []
     for problem, _ in scenes[:6]:
         log, unary = (
-            asked(problem, MicpGrid(intervals=2, encoding=encoding, cut=cut))[0].solve(Scaled.of(problem), 60.0).claim
+            asked(problem, MicpGrid(intervals=2, encoding=encoding, cut=cut))[0]
+            .solve(Scaled.of(problem), 60.0)
+            .claim
             for encoding in ("log", "unary")
         )
         assert log == unary
@@ -182,7 +214,10 @@ def test_both_encodings_make_the_same_claim(scenes, cut):
 
 def test_binaries_are_a_variable_and_not_a_cell(scenes):
     problem = scenes[0][0]
-    figures = {encoding: asked(problem, MicpGrid(encoding=encoding))[0].figures for encoding in ("log", "unary")}
+    figures = {
+        encoding: asked(problem, MicpGrid(encoding=encoding))[0].figures
+        for encoding in ("log", "unary")
+    }
     assert figures["log"]["binaries"] == 18 * 2
     assert figures["unary"]["binaries"] == 18 * 4
     assert asked(problem, MicpGrid(cut="position"))[0].figures["binaries"] == 9 * 2
@@ -225,11 +260,14 @@ def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
 
 def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
     for intervals in (1, 8):
-        planner = MicpPlanner(envelope=learned, grid=MicpGrid(envelope_use="shrink", intervals=intervals))
+        planner = MicpPlanner(
+            envelope=learned, grid=MicpGrid(envelope_use="shrink", intervals=intervals)
+        )
         box, answer = planner.box(walls), planner.program(walls).solve(Scaled.of(walls), 60.0)
         width = float(np.max(box.high - box.low) / intervals)
         assert answer.claim == "feasible"
-        # |m − p f| ≤ (cell of p)(cell of f)/4, and six such products make a component of the moments of three limbs
+        # |m − p f| ≤ (cell of p)(cell of f)/4, and six such products make a component of the
+        # moments of three limbs
         assert np.abs(answer.moments).max() <= 6.0 * width**2 / 4.0 + 1e-6
 
 
@@ -253,7 +291,9 @@ def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(w
 def test_a_claim_becomes_a_plan_that_the_verifier_accepts(solver, walls):
     outcome = MicpPlanner(solver=solver).solve(walls)
     assert (outcome.status, outcome.claim) == (Status.FEASIBLE, "feasible")
-    assert outcome.details["binaries"] == 3 * 6 * 2  # 3 limbs carry, 6 components each, log₂ 4 binaries a component
+    assert (
+        outcome.details["binaries"] == 3 * 6 * 2
+    )  # 3 limbs carry, 6 components each, log₂ 4 binaries a component
     assert check_plan(outcome.solution).accepted
 
 
@@ -263,8 +303,12 @@ def test_patches_are_chosen_by_binaries():
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.details["binaries"] == 36 + 4 * 6
     carrying = [course.holds[0, limb] for limb in course.stances[0].limbs]
-    assert any(len({patch.friction for patch in course.footholds[p].candidates}) == 2 for p in carrying)
-    assert all(course.patch(p, outcome.solution.choice).friction > 0.0 for p in carrying)  # three limbs, all needed
+    assert any(
+        len({patch.friction for patch in course.footholds[p].candidates}) == 2 for p in carrying
+    )
+    assert all(
+        course.patch(p, outcome.solution.choice).friction > 0.0 for p in carrying
+    )  # three limbs, all needed
 
 
 def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
@@ -276,7 +320,9 @@ def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
 
 
 def test_minimising_the_objective_bounds_it_from_below(walls):
-    course = replace(walls, goal_m=walls.goal_m + np.array([0.0, 0.0, 0.2]))  # out of the radius about the start
+    course = replace(
+        walls, goal_m=walls.goal_m + np.array([0.0, 0.0, 0.2])
+    )  # out of the radius about the start
     best = (0.2 - course.com_radius_m[0]) ** 2
     outcome = MicpPlanner(gap=0.05).solve(course)
     assert outcome.status is Status.FEASIBLE
@@ -287,7 +333,10 @@ def test_an_envelope_of_other_limbs_or_over_several_frames_is_refused(feasible, 
     envelope = Envelope(low=-np.ones((5, 6)), high=np.ones((5, 6)))
     with pytest.raises(InvalidInput, match=r"^contacts: expected 5 for this envelope, got 3$"):
         MicpPlanner(envelope=envelope).solve(feasible[0][0])
-    with pytest.raises(InvalidInput, match=r"^frame 0, limb LR: expected candidate patches that share one contact fr"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^frame 0, limb LR: expected candidate patches that share one contact fr",
+    ):
         MicpPlanner(envelope=envelope).solve(ragged(2, frames=1))
 
 
@@ -311,8 +360,12 @@ def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(sce
         own = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), TWO.counts), TWO)
         assert ours is planner.program(problem)
         assert ours.figures == own.figures
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # cvxpy's, on arrays of three dimensions
-            ours, theirs = (each.problem.get_problem_data(cp.HIGHS, solver_opts={})[0] for each in (ours, own))
+        with warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ):  # cvxpy's, on arrays of three dimensions
+            ours, theirs = (
+                each.problem.get_problem_data(cp.HIGHS, solver_opts={})[0] for each in (ours, own)
+            )
         assert ours.keys() == theirs.keys()
         np.testing.assert_allclose(ours["A"].toarray(), theirs["A"].toarray(), atol=1e-14)
         for name in ("b", "c"):
@@ -325,7 +378,10 @@ def test_scip_with_true_cones_agrees_with_highs(scenes):
     for problem, _ in scenes[:4]:
         programs = [asked(problem, solver=solver)[0] for solver in ("scip", "highs")]
         mine, theirs = (program.solve(Scaled.of(problem), 60.0).claim for program in programs)
-        assert mine == theirs or (mine, theirs) == ("infeasible", "feasible")  # HiGHS' cones are wider
+        assert mine == theirs or (mine, theirs) == (
+            "infeasible",
+            "feasible",
+        )  # HiGHS' cones are wider
 
 
 @NEEDS_GUROBI
@@ -339,11 +395,20 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: MicpPlanner(solver="cplex"), "solver: expected one of highs, scip, gurobi, got 'cplex'"),
+        (
+            lambda: MicpPlanner(solver="cplex"),
+            "solver: expected one of highs, scip, gurobi, got 'cplex'",
+        ),
         (lambda: MicpGrid(encoding="hot"), "encoding: expected one of log, unary, got 'hot'"),
         (lambda: MicpGrid(cut="force"), "cut: expected one of both, position, got 'force'"),
-        (lambda: MicpGrid(intervals=3), "intervals: expected 1 or more, and a power of two for 'log', got 3"),
-        (lambda: MicpGrid(envelope_use="cut"), "envelope_use: expected one of rows, shrink, got 'cut'"),
+        (
+            lambda: MicpGrid(intervals=3),
+            "intervals: expected 1 or more, and a power of two for 'log', got 3",
+        ),
+        (
+            lambda: MicpGrid(envelope_use="cut"),
+            "envelope_use: expected one of rows, shrink, got 'cut'",
+        ),
         (lambda: MicpGrid(domain="mine"), "domain: expected one of course, unit, got 'mine'"),
         (
             lambda: MicpPlanner(grid=MicpGrid(cones="exact")),

@@ -1,4 +1,5 @@
-"""IPOPT on postures and whole plans: agreement with what is proved, and no claim that it cannot show."""
+"""IPOPT on postures and whole plans: agreement with what is proved, and no claim that it cannot
+show."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from stancekit.planners.verify import check_plan
 
 @pytest.fixture(scope="module")
 def scenes():
-    """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left out."""
+    """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left
+    out."""
     rng, exact = np.random.default_rng(1), ExactPlanner()
     drawn = [DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(20)]
     answered = [(problem, exact.solve(problem)) for problem in drawn]
@@ -85,7 +87,9 @@ def test_ice_on_level_ground_is_no_obstacle(drawn):
 
 
 @pytest.mark.parametrize("start", STARTS)
-def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(start, ragged, programs):
+def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(
+    start, ragged, programs
+):
     planner, best = NlpPlanner(start=start, programs=programs), TwoStageCoursePlanner(gap=1e-4)
     found = refuted = 0
     for seed in range(19):
@@ -114,7 +118,8 @@ def test_a_built_in_course_of_one_frame_and_one_with_choices(programs):
         assert check_plan(outcome.solution).accepted
         assert 0.0 < outcome.effort.solver_s <= outcome.effort.seconds
     friction = [
-        outcome.solution.problem.patch(p, outcome.solution.choice).friction for p in range(len(outcome.solution.toes_m))
+        outcome.solution.problem.patch(p, outcome.solution.choice).friction
+        for p in range(len(outcome.solution.toes_m))
     ]
     assert min(friction) > 0.0
 
@@ -139,7 +144,11 @@ def test_starts_are_the_centroids_and_then_seeded_points_of_the_patches(drawn):
 def test_a_limit_leaves_the_problem_undecided(scenes, ragged, programs):
     problem = next(problem for problem, outcome in scenes if outcome.status is Status.FEASIBLE)
     few = NlpPlanner(max_iterations=1, starts=2).solve(problem)
-    assert (few.status, few.claim, few.effort.solves) == (Status.UNDECIDED, "Maximum_Iterations_Exceeded", 2)
+    assert (few.status, few.claim, few.effort.solves) == (
+        Status.UNDECIDED,
+        "Maximum_Iterations_Exceeded",
+        2,
+    )
     course = ragged(2, candidates=1, ice=0.0)
     assert solve_lift(programs, Scaled.of(course), least_moment=False).bound < np.inf
     for some in (problem, course):

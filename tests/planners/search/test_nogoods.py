@@ -1,4 +1,5 @@
-"""Nogoods: what one stance refutes is refuted in the course, on every part of the candidates that a nogood covers."""
+"""Nogoods: what one stance refutes is refuted in the course, on every part of the candidates that a
+nogood covers."""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ def learned(programs, course, *choices):
 
 @pytest.fixture(scope="module")
 def hard(programs, drawn, as_course, rough):
-    """(course, its nogoods) of courses that have some: of one frame with candidates to choose from, and of two;
-    the last with patches cut, too."""
+    """(course, its nogoods) of courses that have some: of one frame with candidates to choose from,
+    and of two; the last with patches cut, too."""
     made = [as_course(drawn(*scene), count, 0, spread) for scene, count, spread in SCENES]
     made.append(rough(2))
     found = [(course, learned(programs, course)) for course in made]
@@ -48,7 +49,12 @@ def restricted(course, opened):
     """The course with these candidates alone, and their new numbers."""
     number = np.cumsum(opened > 0.0, axis=1) - 1
     footholds = tuple(
-        replace(put, candidates=tuple(patch for patch, is_open in zip(put.candidates, row, strict=False) if is_open))
+        replace(
+            put,
+            candidates=tuple(
+                patch for patch, is_open in zip(put.candidates, row, strict=False) if is_open
+            ),
+        )
         for put, row in zip(course.footholds, opened > 0.0, strict=True)
     )
     return replace(course, footholds=footholds), number
@@ -95,7 +101,9 @@ def test_on_one_choice_only_cuts_and_forces_are_left_of_its_subtree(hard):
 
 
 def test_rows_of_all_kinds_come_up(hard):
-    kinds = {row[0] for _, nogoods in hard for entry in nogoods.entries for row in entry.root.rows()[0]}
+    kinds = {
+        row[0] for _, nogoods in hard for entry in nogoods.entries for row in entry.root.rows()[0]
+    }
     assert kinds == {0.0, 1.0, 2.0, 3.0}
 
 
@@ -127,7 +135,9 @@ def test_what_a_nogood_covers_is_what_its_mask_says(hard):
                 for r in range(options):
                     other = only.copy()
                     other[p] = np.eye(options)[r]
-                    assert count[r] == sum((entry.refuted >= other).all() for entry in nogoods.entries)
+                    assert count[r] == sum(
+                        (entry.refuted >= other).all() for entry in nogoods.entries
+                    )
 
 
 def test_blame_is_a_foothold_with_candidates_that_the_nogood_does_not_cover(hard):
@@ -153,7 +163,9 @@ def test_a_course_whose_stances_hold_teaches_nothing_and_nothing_is_looked_at_tw
     assert nogoods.refuting(Scaled.of(course).opened()) is None
 
 
-def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(programs, drawn, as_course):
+def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(
+    programs, drawn, as_course
+):
     course = as_course(drawn("wall-3", 225), 2)
     planner = TwoStageCoursePlanner(programs=programs, time_limit_s=300.0)
     search = planner.search(Scaled.of(course), Clock.start())
@@ -166,7 +178,9 @@ def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(pr
     assert outcome.details["cuts"] == 0.0
 
 
-def test_among_patches_of_which_most_cannot_be_held_the_search_finds_one_that_can(programs, drawn, as_course):
+def test_among_patches_of_which_most_cannot_be_held_the_search_finds_one_that_can(
+    programs, drawn, as_course
+):
     course = as_course(drawn("wall-3", 234), 3, 0, 2e-2)
     scaled, nogoods = Scaled.of(course), Nogoods(programs, Scaled.of(course), Clock.start())
     assert nogoods.learn(nearest(scaled), float("inf"))

@@ -1,4 +1,5 @@
-"""Long courses in pieces: one plan that the verifier accepts, shared frames, and what goes on after a stop."""
+"""Long courses in pieces: one plan that the verifier accepts, shared frames, and what goes on after
+a stop."""
 
 from __future__ import annotations
 
@@ -65,7 +66,9 @@ def piece_of(planner, fails=()):
     def piece(window, angles, end):
         calls.append(window.frames)
         if len(calls) in fails:
-            return Answer(status=Status.UNDECIDED, method="none", problem=window, message="made to fail")
+            return Answer(
+                status=Status.UNDECIDED, method="none", problem=window, message="made to fail"
+            )
         return planner.solve(window)
 
     return piece, calls
@@ -135,8 +138,11 @@ def test_a_piece_that_fails_goes_another_way_before_the_whole_fails(short, cours
 
     def detour(standing: Standing, avoid_m):
         asked.append(len(avoid_m))
-        at = round(12 * float((standing.com_m - course.com_nominal_m[0]) @ course.direction(1))
-                   / float(np.linalg.norm(course.com_nominal_m[-1] - course.com_nominal_m[0])))  # fmt: skip
+        at = round(
+            12
+            * float((standing.com_m - course.com_nominal_m[0]) @ course.direction(1))
+            / float(np.linalg.norm(course.com_nominal_m[-1] - course.com_nominal_m[0]))
+        )
         return course_window(course, at, 12, standing)
 
     found = plan_pieces(course, piece_of(planner, fails=(2,))[0], detour=detour)
@@ -180,7 +186,11 @@ def test_a_kept_beginning_whose_joints_do_not_stand_on_its_toes_counts_for_nothi
     course = read_course("stairs", frames=5)
     plan = stancekit.plan(course).solution
     kept = PartialPlan(tmp_path / "way.partial.json")
-    for joints in (plan.joints_rad + 0.2, plan.joints_rad[::-1], np.full_like(plan.joints_rad, 100.0)):
+    for joints in (
+        plan.joints_rad + 0.2,
+        plan.joints_rad[::-1],
+        np.full_like(plan.joints_rad, 100.0),
+    ):
         forged = replace(plan, joints_rad=joints)
         assert check_plan(forged).accepted  # contacts alone know nothing of it
         kept.keep(forged)
@@ -206,7 +216,9 @@ def test_a_long_course_of_the_library_is_planned_in_pieces_and_leaves_nothing_be
     pytest.importorskip("pinocchio")
     kept, told = tmp_path / "long.partial.json", list[tuple[int, int]]()
     course = read_course("stairs", frames=pieces.LONG + 2)
-    answer = stancekit.plan(course, checkpoint=kept, progress=lambda *at: told.append(at), time_limit_s=600.0)
+    answer = stancekit.plan(
+        course, checkpoint=kept, progress=lambda *at: told.append(at), time_limit_s=600.0
+    )
     assert answer.status is Status.FEASIBLE, answer.message
     assert answer.report.accepted
     assert answer.solution.provenance["pieces"] == len(told) >= 2

@@ -1,4 +1,5 @@
-"""One function answers a course: within inner sets, proved over outer ones, bent, judged, and within its time."""
+"""One function answers a course: within inner sets, proved over outer ones, bent, judged, and
+within its time."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ terrain: {{kind: flat, friction: 0.7}}
 
 @pytest.fixture(scope="module")
 def high(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Path]:
-    """The file of a course on which a quadruped stands so high [m]: 0.58 is out of its inner sets, 0.66 of all."""
+    """The file of a course on which a quadruped stands so high [m]: 0.58 is out of its inner sets,
+    0.66 of all."""
     folder = tmp_path_factory.mktemp("high")
     (folder / "dog.urdf").write_text(quadruped())
 
@@ -54,7 +56,9 @@ def high(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Path]:
     return high
 
 
-def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(high: Callable[[float], Path]) -> None:
+def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(
+    high: Callable[[float], Path],
+) -> None:
     course = read_course(high(0.5))
     assert sets_of(course.robot) == "inner"
     outer = replace(course, robot=course.robot.sets("outer"))
@@ -71,7 +75,10 @@ def test_inner_sets_prove_nothing_of_a_robot(high: Callable[[float], Path], laid
     course = read_course(path)
     inner = TwoStageCoursePlanner().solve(course)
     assert (inner.status, inner.sets) == (Status.INFEASIBLE, "inner")  # of these sets it is true
-    outcome = plan_course(course if laid_out else lambda sets, _: read_course(path, sets=sets), TwoStageCoursePlanner())
+    outcome = plan_course(
+        course if laid_out else lambda sets, _: read_course(path, sets=sets),
+        TwoStageCoursePlanner(),
+    )
     assert (outcome.status, outcome.message) == (Status.UNDECIDED, UNPROVED)
     assert outcome.certificate is None
     assert math.isnan(outcome.bound)
@@ -94,7 +101,9 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     assert stancekit.explain(outcome.certificate) == stancekit.explain(outcome)
 
 
-def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(high: Callable[[float], Path]) -> None:
+def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(
+    high: Callable[[float], Path],
+) -> None:
     path = high(0.62).with_name("unsaid.yaml")
     path.write_text(HIGH.format(0.62).replace(", tilt_limit_rad: 0.01", ""))
 
@@ -106,40 +115,67 @@ def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(high: Callabl
                 seen.append((sets_of(course.robot), course.tilt_limit_rad))
                 return super().solve(course)
 
-        assert plan_course(question, Listening(), shares=(1.0,), presses=()).status is Status.UNDECIDED
+        assert (
+            plan_course(question, Listening(), shares=(1.0,), presses=()).status is Status.UNDECIDED
+        )
         return seen
 
-    of_file, of_course = asked(lambda sets, _: read_course(path, sets=sets)), asked(read_course(path))
+    of_file, of_course = (
+        asked(lambda sets, _: read_course(path, sets=sets)),
+        asked(read_course(path)),
+    )
     assert of_file == of_course == [("inner", 0.1), ("outer", 0.2618)]
 
 
 def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[[float], Path]) -> None:
     course = read_course(high(0.5))
-    course = replace(course, weights=replace(course.weights, stance=0.0))  # which leaves no room for the next window
+    course = replace(
+        course, weights=replace(course.weights, stance=0.0)
+    )  # which leaves no room for the next window
     state = Standing.at_end(replan(None, course, horizon=1).solution)
-    raised = replace(course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.08]]))
+    raised = replace(
+        course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.08]])
+    )
     lifted = replan(state, raised, frame=1)
-    far = replan(state, replace(raised, com_nominal_m=raised.com_nominal_m + 0.2 * np.eye(3)[2]), frame=1)
+    far = replan(
+        state, replace(raised, com_nominal_m=raised.com_nominal_m + 0.2 * np.eye(3)[2]), frame=1
+    )
     assert (lifted.status, lifted.certificate) == (Status.UNDECIDED, None)
     assert (far.status, far.sets) == (Status.INFEASIBLE, "outer")
 
 
-def test_the_library_and_a_loaded_course_say_the_same_as_the_function(high: Callable[[float], Path]) -> None:
+def test_the_library_and_a_loaded_course_say_the_same_as_the_function(
+    high: Callable[[float], Path],
+) -> None:
     for height_m, status in ((0.58, Status.UNDECIDED), (0.66, Status.INFEASIBLE)):
         path = high(height_m)
-        assert stancekit.plan(path).status is stancekit.plan(stancekit.load(path, Problem)).status is status
+        assert (
+            stancekit.plan(path).status
+            is stancekit.plan(stancekit.load(path, Problem)).status
+            is status
+        )
 
 
 def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
     course = stancekit.load("walls", Problem)
-    slick = replace(course, footholds=tuple(
-        replace(put, candidates=tuple(patch.with_friction(0.05) for patch in put.candidates))
-        for put in course.footholds
-    ), terrain=tuple(patch.with_friction(0.05) for patch in course.terrain))  # fmt: skip
+    slick = replace(
+        course,
+        footholds=tuple(
+            replace(put, candidates=tuple(patch.with_friction(0.05) for patch in put.candidates))
+            for put in course.footholds
+        ),
+        terrain=tuple(patch.with_friction(0.05) for patch in course.terrain),
+    )
     outcome = stancekit.plan(slick)
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, None)
-    assert stancekit.explain(outcome.certificate.of(slick)).message == stancekit.explain(outcome).message
-    with pytest.raises(stancekit.InvalidInput, match="expected an answer that is infeasible, got one that is feasible"):
+    assert (
+        stancekit.explain(outcome.certificate.of(slick)).message
+        == stancekit.explain(outcome).message
+    )
+    with pytest.raises(
+        stancekit.InvalidInput,
+        match="expected an answer that is infeasible, got one that is feasible",
+    ):
         stancekit.explain(stancekit.plan("walls", frames=2))
 
 
@@ -152,7 +188,9 @@ class Walked:
         self.plan = plan
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        return Answer(status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course))
+        return Answer(
+            status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course)
+        )
 
 
 @pytest.fixture(scope="module")
@@ -180,15 +218,22 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
 
     late = plan_course(climb.problem, Slow(climb), deadline=110.0)
     assert late.status is Status.UNDECIDED
-    assert late.message == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
+    assert (
+        late.message
+        == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
+    )
     assert late.solution is not None
     assert late.report is not None
     assert late.report.contacts
-    assert late.report.message.startswith("accepted as far as checked: joints, torque, bodies and motion are not; ")
+    assert late.report.message.startswith(
+        "accepted as far as checked: joints, torque, bodies and motion are not; "
+    )
     assert check_plan(late.solution, joints=True).accepted  # with time there is nothing against it
 
 
-def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
+    climb: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
     now, laid = [100.0], list[str]()
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
 

@@ -1,4 +1,5 @@
-"""A course planned window by window: every window begins where the last one ended, and the walk is a plan again."""
+"""A course planned window by window: every window begins where the last one ended, and the walk is
+a plan again."""
 
 from __future__ import annotations
 
@@ -12,7 +13,13 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.plan_window import STANDING_M, Standing, course_window, joined, one_at_a_time
+from stancekit.planners.search.plan_window import (
+    STANDING_M,
+    Standing,
+    course_window,
+    joined,
+    one_at_a_time,
+)
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
@@ -39,7 +46,9 @@ def walked(planner, course, horizon):
     plans = [planner.solve(course_window(course, 0, 0)).solution]
     for first in range(0, course.frames - 1, horizon):
         last = min(first + horizon, course.frames - 1)
-        plans.append(planner.solve(course_window(course, first, last, Standing.at_end(plans[-1]))).solution)
+        plans.append(
+            planner.solve(course_window(course, first, last, Standing.at_end(plans[-1]))).solution
+        )
     return plans
 
 
@@ -57,7 +66,9 @@ def test_windows_join_to_a_walk_that_the_verifier_accepts(planner, course, horiz
     np.testing.assert_array_equal(walk.com_m[-1], plans[-1].com_m[-1])
     for before, after in pairwise(plans):
         assert np.linalg.norm(after.com_m[0] - before.com_m[-1]) <= STANDING_M + 1e-9
-        np.testing.assert_allclose(after.toes_at(0), before.toes_at(before.problem.frames - 1), atol=1e-9)
+        np.testing.assert_allclose(
+            after.toes_at(0), before.toes_at(before.problem.frames - 1), atol=1e-9
+        )
 
 
 def test_a_walk_that_stops_early_is_a_plan_of_the_beginning(planner, course):
@@ -78,14 +89,20 @@ def test_one_plan_joined_is_itself(course, plan):
 
 def test_windows_that_do_not_fit_together_are_refused_by_the_verifier(planner, course):
     plans = walked(planner, course, 2)
-    report = check_plan(joined(course, [plans[0], plans[2]]))  # as if it had leapt over the first window
+    report = check_plan(
+        joined(course, [plans[0], plans[2]])
+    )  # as if it had leapt over the first window
     assert not report.accepted
     assert report.groups
 
 
 def test_a_window_keeps_schedule_placements_and_modes(course, plan):
-    here = Standing(com_m=plan.com_m[1], rotation_rad=plan.rotation_rad[1], toes_m=plan.toes_at(1),
-                    patches=tuple(course.patch(int(i), plan.choice) for i in course.holds[1]))  # fmt: skip
+    here = Standing(
+        com_m=plan.com_m[1],
+        rotation_rad=plan.rotation_rad[1],
+        toes_m=plan.toes_at(1),
+        patches=tuple(course.patch(int(i), plan.choice) for i in course.holds[1]),
+    )
     window = course_window(course, 1, 3, here)
     assert window.lifts == ((), course.lifts[2], course.lifts[3])
     assert window.next_lift == course.lifts[4]
@@ -93,7 +110,9 @@ def test_a_window_keeps_schedule_placements_and_modes(course, plan):
     np.testing.assert_array_equal(window.com_nominal_m[1:], course.com_nominal_m[2:4])
     np.testing.assert_array_equal(window.goal_m, course.com_nominal_m[3])
     ours = [(p.frame, p.limb, id(p.candidates)) for p in window.footholds if p.frame]
-    assert ours == [(p.frame - 1, p.limb, id(p.candidates)) for p in course.footholds if 1 < p.frame <= 3]
+    assert ours == [
+        (p.frame - 1, p.limb, id(p.candidates)) for p in course.footholds if 1 < p.frame <= 3
+    ]
     for foothold, toe in zip(window.footholds, plan.toes_at(1), strict=False):
         np.testing.assert_array_equal(foothold.toe_m, toe)
 
@@ -108,7 +127,9 @@ def test_a_body_ahead_of_its_path_need_not_step_back_to_make_progress(course, pl
 
 @pytest.mark.parametrize(("first", "last"), [(0, 5), (3, 2), (-1, 2)])
 def test_frames_that_there_are_not_are_refused(course, plan, first, last):
-    with pytest.raises(InvalidInput, match=f"window: expected frames within 0 to 4, got {first} to {last}"):
+    with pytest.raises(
+        InvalidInput, match=f"window: expected frames within 0 to 4, got {first} to {last}"
+    ):
         course_window(course, first, last, Standing.at_end(plan))
 
 
@@ -123,9 +144,14 @@ def test_one_limb_at_a_time_is_a_longer_way_to_the_same_footholds(planner, cours
     assert [name for lifted in alone.lifts[2:5] for (name,) in [lifted]] == sorted(
         course.lifts[2], key=course.robot.limb_names.index
     )
-    ways = [{(each.limb, tuple(map(id, each.candidates))) for each in of.footholds} for of in (course, alone)]
+    ways = [
+        {(each.limb, tuple(map(id, each.candidates))) for each in of.footholds}
+        for of in (course, alone)
+    ]
     assert ways[0] == ways[1]
-    np.testing.assert_allclose(alone.com_nominal_m[[0, 1, 4, 7, 8]], course.com_nominal_m, atol=1e-12)
+    np.testing.assert_allclose(
+        alone.com_nominal_m[[0, 1, 4, 7, 8]], course.com_nominal_m, atol=1e-12
+    )
     steps = np.diff(alone.com_nominal_m[1:5], axis=0)
     np.testing.assert_allclose(steps, np.tile(steps.mean(axis=0), (3, 1)), atol=1e-12)
     assert alone.steps.progress_m == pytest.approx(course.steps.progress_m / 3.0)
@@ -137,5 +163,7 @@ def test_one_limb_at_a_time_is_a_longer_way_to_the_same_footholds(planner, cours
 
 @pytest.mark.parametrize(("first", "last"), [(0, 1), (2, 5), (3, 2)])
 def test_of_frames_that_there_are_not_nothing_is_lifted_alone(course, first, last):
-    with pytest.raises(InvalidInput, match=f"frames: expected within 1 to 4, got {first} to {last}"):
+    with pytest.raises(
+        InvalidInput, match=f"frames: expected within 1 to 4, got {first} to {last}"
+    ):
         one_at_a_time(course, first, last)

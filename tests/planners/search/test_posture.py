@@ -37,8 +37,13 @@ def truth(programs, drawn):
 @pytest.fixture(scope="module")
 def learned(truth):
     """Quantile boxes of the first witnesses, two of them."""
-    points = np.array([Scaled.of(p).point(o.solution) for p, o in truth if o.status is Status.FEASIBLE])
-    boxes = [Envelope(low=np.quantile(points, q, axis=0), high=np.quantile(points, 1 - q, axis=0)) for q in (0.2, 0.05)]
+    points = np.array(
+        [Scaled.of(p).point(o.solution) for p, o in truth if o.status is Status.FEASIBLE]
+    )
+    boxes = [
+        Envelope(low=np.quantile(points, q, axis=0), high=np.quantile(points, 1 - q, axis=0))
+        for q in (0.2, 0.05)
+    ]
     return EnvelopeSet.for_problems("wall-3", [problem for problem, _ in truth], boxes)
 
 
@@ -52,8 +57,12 @@ def point_box(value):
 
 @pytest.mark.parametrize("projection", [*PROJECTIONS.names(), None])
 @pytest.mark.parametrize("with_box", [True, False])
-def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, projection, with_box):
-    planner = TwoStagePlanner(envelopes=learned if with_box else None, projection=projection, programs=programs)
+def test_a_status_is_always_one_of_the_whole_problem(
+    programs, truth, learned, projection, with_box
+):
+    planner = TwoStagePlanner(
+        envelopes=learned if with_box else None, projection=projection, programs=programs
+    )
     seen = dict.fromkeys(Status, 0)
     for problem, exact in truth[:40]:
         outcome = planner.solve(problem)
@@ -85,7 +94,9 @@ def test_scp_from_the_lift_decides_nearly_all(programs, truth):
 
 @pytest.mark.parametrize("method", ["p1", "two-stage"])
 def test_a_box_that_refuses_a_problem_proves_nothing(programs, truth, learned, method):
-    planner = make_planner(method, PlannerOptions(programs=programs), envelopes=boxed(learned, point_box(0.0)))
+    planner = make_planner(
+        method, PlannerOptions(programs=programs), envelopes=boxed(learned, point_box(0.0))
+    )
     refused = 0
     for problem, exact in truth[:30]:
         outcome = planner.solve(problem)
@@ -110,7 +121,9 @@ def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, 
             outcome = planner.solve(problem)
             assert outcome.status is Status.INFEASIBLE
             assert outcome.bound == outcome.details["margin"] == np.inf
-            assert check_certificate(outcome.certificate.of(problem)).figures["lower_bound"] == np.inf
+            assert (
+                check_certificate(outcome.certificate.of(problem)).figures["lower_bound"] == np.inf
+            )
     assert trivial >= 8
 
 
@@ -143,7 +156,9 @@ def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, tr
 
 def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
     project = posture.project
-    monkeypatch.setattr(posture, "project", lambda *given: replace(project(*given), residual=float("inf")))
+    monkeypatch.setattr(
+        posture, "project", lambda *given: replace(project(*given), residual=float("inf"))
+    )
     problem = next(p for p, o in truth if o.status is Status.FEASIBLE)
     outcome = TwoStagePlanner(projection="fix-f", programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
@@ -163,7 +178,9 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monk
 
     monkeypatch.setattr(LiftProgram, "solve", gave_up)
     monkeypatch.setattr(McCormick, "solve_any_of_each", unknown)
-    outcome = TwoStagePlanner(envelopes=learned if with_box else None, programs=programs).solve(problem)
+    outcome = TwoStagePlanner(envelopes=learned if with_box else None, programs=programs).solve(
+        problem
+    )
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "the relaxation was not solved"
     assert outcome.claim == ""
@@ -182,18 +199,28 @@ def test_no_claim_is_believed(truth):
     infeasible = [(p, o) for p, o in truth if 1e-3 < o.bound < 1.0]
     (one, right), (_, wrong) = infeasible[:2]
     accept = Acceptance().answer
-    refused = accept(one, Claim(certificate=wrong.certificate, word="infeasible"), method="liar", clock=Clock.start())
+    refused = accept(
+        one,
+        Claim(certificate=wrong.certificate, word="infeasible"),
+        method="liar",
+        clock=Clock.start(),
+    )
     assert refused.status is Status.UNDECIDED
     assert refused.certificate is None
-    assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
+    assert refused.message.startswith(
+        "certificate refused: rejected: leaf 0 of 1 proves a residual of "
+    )
     witness = next(o.solution for _, o in truth if o.status is Status.FEASIBLE)
-    both = accept(one, Claim(found=witness, certificate=right.certificate), method="liar", clock=Clock.start())
+    both = accept(
+        one, Claim(found=witness, certificate=right.certificate), method="liar", clock=Clock.start()
+    )
     assert both.status is Status.INFEASIBLE
     assert both.solution is None
     assert both.residual > 1e-3
 
 
-# ------------------------------------------------------------------------------------------------------------- input
+# -------------------------------------------------------------------------------------------------------------
+# input
 
 
 def refusal(call, *values, **named):
@@ -214,10 +241,14 @@ def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
     assert refusal(planner.solve, replace(drawn("wall-3", 0), length_scale_m=0.5)) == (
         f"length_scale_m: expected 0.6 for {of}, got 0.5"
     )
-    up = replace(learned, normals=np.tile([0.0, 1.0, 0.0], (3, 1)), tilt_rad=np.full(3, np.deg2rad(30.0)))
+    up = replace(
+        learned, normals=np.tile([0.0, 1.0, 0.0], (3, 1)), tilt_rad=np.full(3, np.deg2rad(30.0))
+    )
     contact = drawn("ground-3", 0).contacts[0]
     lean = np.rad2deg(np.arccos(contact.patch.normal[1]))
-    assert refusal(TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)) == (
+    assert refusal(
+        TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)
+    ) == (
         f"contacts[0].normal: expected one within 40° of [0.0, 1.0, 0.0] for {of}, got one {lean:.0f}° off"
     )
 
@@ -248,14 +279,20 @@ def test_planners_are_made_by_name(learned):
     assert refusal(make_planner, "magic", of="postures") == (
         "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
     )
-    assert refusal(make_planner, "p1") == "envelopes: expected an envelope for the relaxation p1, got none"
-    assert make_planner("exact", PlannerOptions(of="postures", time_limit_s=0.5)).time_limit_s == 0.5
+    assert (
+        refusal(make_planner, "p1")
+        == "envelopes: expected an envelope for the relaxation p1, got none"
+    )
+    assert (
+        make_planner("exact", PlannerOptions(of="postures", time_limit_s=0.5)).time_limit_s == 0.5
+    )
     said = "envelopes: expected one envelope for micp, got 2"
     assert refusal(make_planner, "micp", envelopes=learned, of="postures") == said
 
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
-    """Where a residual is bounded away from 0 but below the gap, nothing is refused and nothing found."""
+    """Where a residual is bounded away from 0 but below the gap, nothing is refused and nothing
+    found."""
     problem, exact = next((p, o) for p, o in truth if 1e-3 < o.bound < 1.0)
     planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)

@@ -1,4 +1,5 @@
-"""Proposals: what the verifier accepts is used, what it refuses changes nothing, and nobody is believed."""
+"""Proposals: what the verifier accepts is used, what it refuses changes nothing, and nobody is
+believed."""
 
 from dataclasses import dataclass, field, replace
 
@@ -39,25 +40,33 @@ class Said:
 
 
 class Knowing(Said):
-    """A proposer that was told the answers: postures and proofs of these outcomes, in the order of the batch."""
+    """A proposer that was told the answers: postures and proofs of these outcomes, in the order of
+    the batch."""
 
     def __init__(self, batch, outcomes):
         scaled = ScaledBatch.of(batch)
         self.of = {scaled.vertices[k].tobytes(): k for k in range(len(batch))}
         self.outcomes, self.contacts = outcomes, len(batch.like.contacts)
-        super().__init__(PointBatch.none(self.contacts), np.zeros((len(batch), 1, 6 + 3 * self.contacts)))
+        super().__init__(
+            PointBatch.none(self.contacts), np.zeros((len(batch), 1, 6 + 3 * self.contacts))
+        )
 
     def postures(self, scaled):
-        known = [(n, self.outcomes[self.of[scaled.vertices[n].tobytes()]].solution) for n in range(len(scaled))]
+        known = [
+            (n, self.outcomes[self.of[scaled.vertices[n].tobytes()]].solution)
+            for n in range(len(scaled))
+        ]
         index = np.array([n for n, posture in known if posture is not None], dtype=np.intp)
         found = [posture for _, posture in known if posture is not None]
         like, some = scaled.like, scaled.select(index)
         pairs = some.pairs(found)
         com = np.array([each.com_m for each in found]).reshape(-1, 3) / like.length_m
         return index, PointBatch(
-            com=com, rotation=np.array([each.rotation_rad for each in found]).reshape(-1, 3),
-            toes=pairs[..., :3] + com[:, None], forces=pairs[..., 3:],
-        )  # fmt: skip
+            com=com,
+            rotation=np.array([each.rotation_rad for each in found]).reshape(-1, 3),
+            toes=pairs[..., :3] + com[:, None],
+            forces=pairs[..., 3:],
+        )
 
     def proofs(self, scaled):
         rows = np.zeros((len(scaled), 1, 6 + 3 * self.contacts))
@@ -77,7 +86,9 @@ def verdicts(outcomes):
 
 
 def decided(programs, batch, proposers=None):
-    return solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf, proposers=proposers), batch)
+    return solve_all(
+        ExactPlanner(programs=programs, time_limit_s=np.inf, proposers=proposers), batch
+    )
 
 
 def noise(name, size, contacts, rng):
@@ -85,9 +96,11 @@ def noise(name, size, contacts, rng):
     scale = {"random": 1.0, "huge": 1e300, "tiny": 1e-300, "nan": np.nan, "inf": np.inf}[name]
     with np.errstate(all="ignore"):
         points = PointBatch(
-            com=scale * rng.normal(size=(size, 3)), rotation=scale * rng.normal(size=(size, 3)),
-            toes=scale * rng.normal(size=(size, contacts, 3)), forces=scale * rng.normal(size=(size, contacts, 3)),
-        )  # fmt: skip
+            com=scale * rng.normal(size=(size, 3)),
+            rotation=scale * rng.normal(size=(size, 3)),
+            toes=scale * rng.normal(size=(size, contacts, 3)),
+            forces=scale * rng.normal(size=(size, contacts, 3)),
+        )
         return Said(points, scale * rng.normal(size=(size, 2, 6 + 3 * contacts)))
 
 
@@ -102,7 +115,9 @@ def test_what_is_right_settles_every_problem_that_it_is_of_without_a_solver(prog
     assert len(refuted) >= 0.7 * sum(leaf) > 0
     for k in refuted:
         assert check_certificate(after[k].certificate.of(batch.problems[k])).accepted
-        np.testing.assert_array_equal(after[k].certificate.multipliers, before[k].certificate.multipliers)
+        np.testing.assert_array_equal(
+            after[k].certificate.multipliers, before[k].certificate.multipliers
+        )
         assert after[k].bound == before[k].bound
     feasible = [k for k, one in enumerate(before) if one.status is Status.FEASIBLE]
     assert feasible
@@ -111,7 +126,9 @@ def test_what_is_right_settles_every_problem_that_it_is_of_without_a_solver(prog
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_a_witness_is_the_canonical_one_to_the_last_bit_whatever_posture_was_proposed(programs, name):
+def test_a_witness_is_the_canonical_one_to_the_last_bit_whatever_posture_was_proposed(
+    programs, name
+):
     batch = drawn(name)
     before = decided(programs, batch)
     after = decided(programs, batch, Knowing(batch, before))
@@ -119,7 +136,9 @@ def test_a_witness_is_the_canonical_one_to_the_last_bit_whatever_posture_was_pro
     assert len(ends) > 5
     for k in ends:
         for part in ("com_m", "rotation_rad", "toes_m", "forces_n"):
-            np.testing.assert_array_equal(getattr(after[k].solution, part), getattr(before[k].solution, part))
+            np.testing.assert_array_equal(
+                getattr(after[k].solution, part), getattr(before[k].solution, part)
+            )
 
 
 @pytest.mark.parametrize("kind", ["random", "huge", "tiny", "nan", "inf"])
@@ -135,7 +154,10 @@ def test_answers_of_other_problems_change_no_verdict(programs):
     batch = drawn("wall-3", 60)
     before = decided(programs, batch)
     told = Knowing(batch, before)
-    shifted = Said(told.postures(ScaledBatch.of(batch))[1], np.roll(told.proofs(ScaledBatch.of(batch)), 1, axis=0))
+    shifted = Said(
+        told.postures(ScaledBatch.of(batch))[1],
+        np.roll(told.proofs(ScaledBatch.of(batch)), 1, axis=0),
+    )
     after = decided(programs, batch, shifted)
     assert verdicts(after) == verdicts(before)
     for problem, outcome in zip(batch.problems, after, strict=True):
@@ -146,7 +168,9 @@ def test_answers_of_other_problems_change_no_verdict(programs):
 def test_a_proof_that_is_too_weak_for_the_gap_settles_nothing(programs):
     batch = drawn("wall-3")
     before = decided(programs, batch)
-    planner = ExactPlanner(programs=programs, time_limit_s=np.inf, max_nodes=50, proposers=Knowing(batch, before))
+    planner = ExactPlanner(
+        programs=programs, time_limit_s=np.inf, max_nodes=50, proposers=Knowing(batch, before)
+    )
     finite = [one.bound for one in before if np.isfinite(one.bound) and one.bound > 0.0]
     planner.acceptance = replace(planner.acceptance, gap=1.01 * max(finite))
     looked = 0

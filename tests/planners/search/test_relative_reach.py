@@ -1,4 +1,5 @@
-"""Reach of feet from one another, from a course to an answer: closed forms, proofs, forged answers, other planners."""
+"""Reach of feet from one another, from a course to an answer: closed forms, proofs, forged answers,
+other planners."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ def farthest(course: Problem, toes_m: np.ndarray) -> float:
     for frame, lifted in enumerate(course.lifts):
         for pair in course.robot.relative_reach:
             if pair.limb in lifted:
-                here, there = (course.holds[frame, names.index(name)] for name in (pair.limb, pair.other))
+                here, there = (
+                    course.holds[frame, names.index(name)] for name in (pair.limb, pair.other)
+                )
                 apart = toes_m[there] - toes_m[here]
                 worst = max(worst, float((pair.rows.normals @ apart - pair.rows.bounds_m).max()))
     return worst
@@ -50,8 +53,14 @@ def test_plans_keep_feet_within_reach_of_one_another(ragged, paired, programs, m
     assert broken > 0
 
 
-def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(ragged, paired, programs):
-    planner, proved, rng = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0), 0, np.random.default_rng(3)
+def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(
+    ragged, paired, programs
+):
+    planner, proved, rng = (
+        TwoStageCoursePlanner(programs=programs, time_limit_s=10.0),
+        0,
+        np.random.default_rng(3),
+    )
     for seed in SEEDS:
         free = ragged(seed, frames=2)
         if planner.solve(free).status is not Status.FEASIBLE:
@@ -72,13 +81,21 @@ def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(ragge
 
 
 def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, programs):
-    """All limbs have room but one pair, whose distance along x is pinned beyond what the patches leave."""
+    """All limbs have room but one pair, whose distance along x is pinned beyond what the patches
+    leave."""
     planner = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0)
-    free = next(c for c in (ragged(s, frames=2) for s in SEEDS) if planner.solve(c).status is Status.FEASIBLE)
+    free = next(
+        c
+        for c in (ragged(s, frames=2) for s in SEEDS)
+        if planner.solve(c).status is Status.FEASIBLE
+    )
     limb = free.lifts[1][0]
     other = next(name for name in free.robot.limb_names if name != limb)
     feet = [free.holds[1, free.robot.limb_names.index(name)] for name in (limb, other)]
-    corners = [np.concatenate([patch.vertices_m for patch in free.footholds[p].candidates])[:, 0] for p in feet]
+    corners = [
+        np.concatenate([patch.vertices_m for patch in free.footholds[p].candidates])[:, 0]
+        for p in feet
+    ]
     toe_m = free.footholds[feet[1]].toe_m
     most = float((corners[1].max() if toe_m is None else toe_m[0]) - corners[0].min())
     for beyond, holds in ((1e-3, False), (-5.0, True)):
@@ -113,7 +130,9 @@ def test_pairs_that_are_none_are_refused(ragged, paired):
     pair = robot.relative_reach[0]
     with pytest.raises(InvalidInput, match=r"^relative_reach: expected two limbs, got LF twice$"):
         replace(pair, limb="LF", other="LF")
-    with pytest.raises(InvalidInput, match=r"relative_reach: expected each pair once, in order of the limbs$"):
+    with pytest.raises(
+        InvalidInput, match=r"relative_reach: expected each pair once, in order of the limbs$"
+    ):
         replace(robot, relative_reach=(pair, pair))
     with pytest.raises(InvalidInput, match=r"^leg: expected one of .*, got 'tail'$"):
         replace(robot, relative_reach=(replace(pair, other="tail"),))

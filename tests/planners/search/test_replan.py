@@ -36,10 +36,15 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
         assert outcome.status is Status.FEASIBLE
         assert outcome.solution.problem.frames == 3 - (frame + 2 > course.frames - 1)
         if state is not None:
-            np.testing.assert_array_equal(outcome.solution.toes_m[: len(state.toes_m)], state.toes_m)
+            np.testing.assert_array_equal(
+                outcome.solution.toes_m[: len(state.toes_m)], state.toes_m
+            )
             assert np.linalg.norm(outcome.solution.com_m[0] - state.com_m) <= 1.001e-4
         plans.append(outcome.solution)
-        state, frame = Standing.at_end(outcome.solution), frame + outcome.solution.problem.frames - 1
+        state, frame = (
+            Standing.at_end(outcome.solution),
+            frame + outcome.solution.problem.frames - 1,
+        )
     walk = joined(course, plans)
     assert walk.problem.frames == course.frames
     assert check_plan(walk).accepted
@@ -56,7 +61,9 @@ def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_le
 def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
     state = Standing.at_end(replan(None, course, horizon=2).solution)
     planner = TwoStageCoursePlanner(programs=Programs())
-    first, kept = (replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner))
+    first, kept = (
+        replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner)
+    )
     same(first, kept)
     for other in (climb(5, regions=2), rough(2), read_course("icy-walls", frames=3)):
         planner.solve(other)
@@ -84,7 +91,9 @@ def test_with_shares_it_keeps_a_reserve_of_friction_where_there_is_one(course):
     assert outcome.solution.provenance["friction_share"] == 0.9
     assert check_plan(outcome.solution).accepted
     window = slippery(course_window(course, 0, 1), 0.9)
-    np.testing.assert_array_equal(outcome.solution.com_m, TwoStageCoursePlanner().solve(window).solution.com_m)
+    np.testing.assert_array_equal(
+        outcome.solution.com_m, TwoStageCoursePlanner().solve(window).solution.com_m
+    )
 
 
 def test_a_frame_that_cannot_be_held_has_no_plan_and_a_proof(course):
@@ -104,7 +113,8 @@ def test_frames_that_there_are_not_are_refused(course):
 
 
 def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
-    """Windows of two steps, each from where the one before ended, where the second asks for more than 10 Nm."""
+    """Windows of two steps, each from where the one before ended, where the second asks for more
+    than 10 Nm."""
     pytest.importorskip("pinocchio")
     limits, state, bent = WholeBodyLimits(torque_nm=10.0), None, 0
     for frame in (0, 2):
@@ -112,9 +122,14 @@ def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
         outcome = replan(state, course, frame=frame, horizon=2, limits=limits)
         assert outcome.status is Status.FEASIBLE, outcome.message
         assert set(outcome.details) - set(plain.details) == {
-            "torque_steps", "torque_nm_before", "torque_nm", "torque_share_before", "torque_share", "depth_m_before",
+            "torque_steps",
+            "torque_nm_before",
+            "torque_nm",
+            "torque_share_before",
+            "torque_share",
+            "depth_m_before",
             "depth_m",
-        }  # fmt: skip
+        }
         assert outcome.details["torque_nm"] <= 10.0
         assert outcome.details["depth_m"] <= 0.001
         bent += outcome.details["torque_nm_before"] > 10.0
@@ -122,7 +137,9 @@ def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
         assert report.accepted
         assert report.checked[-1] == "motion"
         if state is not None:
-            np.testing.assert_allclose(outcome.solution.toes_m[: len(state.toes_m)], state.toes_m, atol=1e-9)
+            np.testing.assert_allclose(
+                outcome.solution.toes_m[: len(state.toes_m)], state.toes_m, atol=1e-9
+            )
             assert np.linalg.norm(outcome.solution.com_m[0] - state.com_m) <= 1.001e-4
         state = Standing.at_end(outcome.solution)
     assert bent >= 1

@@ -1,4 +1,5 @@
-"""What is said before a lift is solved, and by searches that only want one answer, is what the exact planner says."""
+"""What is said before a lift is solved, and by searches that only want one answer, is what the
+exact planner says."""
 
 import numpy as np
 import pytest
@@ -36,9 +37,14 @@ def test_where_nothing_carries_the_weight_the_verifier_accepts_a_direction_as_th
     assert 0.6 * trivial < len(found) <= trivial
 
 
-def test_what_stands_on_the_corners_near_its_shoulders_is_feasible_and_most_that_is_feasible_does(drawn):
+def test_what_stands_on_the_corners_near_its_shoulders_is_feasible_and_most_that_is_feasible_does(
+    drawn,
+):
     batch, scaled, planner, outcomes = drawn
-    said = [stands(planner.programs, scaled.problem(k), scaled.near_corners[k]) for k in range(len(batch))]
+    said = [
+        stands(planner.programs, scaled.problem(k), scaled.near_corners[k])
+        for k in range(len(batch))
+    ]
     feasible = [outcome.status is Status.FEASIBLE for outcome in outcomes]
     assert all(one for one, stood in zip(feasible, said, strict=True) if stood)
     assert sum(said) > 0.8 * sum(feasible) > 0
@@ -48,7 +54,9 @@ def test_no_corner_of_a_patch_is_nearer_to_the_shoulder(drawn):
     _, scaled, _, _ = drawn
     for k in range(len(scaled)):
         numbers = scaled.problem(k)
-        for patch, corner, shoulder in zip(numbers.patches, scaled.near_corners[k], numbers.shoulders, strict=True):
+        for patch, corner, shoulder in zip(
+            numbers.patches, scaled.near_corners[k], numbers.shoulders, strict=True
+        ):
             away = np.linalg.norm(patch - numbers.com[0] - shoulder, axis=1)
             assert corner.tolist() == patch[away.argmin()].tolist()
 
@@ -57,13 +65,21 @@ def test_what_stands_is_what_fix_toes_leaves_no_moment_of(drawn):
     batch, scaled, planner, _ = drawn
     for k in range(len(batch)):
         numbers, toes = scaled.problem(k), scaled.near_corners[k]
-        start = Point(com=np.zeros((1, 3)), rotation=np.zeros((1, 3)), toes=toes, forces=toes, residual=float("inf"))
+        start = Point(
+            com=np.zeros((1, 3)),
+            rotation=np.zeros((1, 3)),
+            toes=toes,
+            forces=toes,
+            residual=float("inf"),
+        )
         left = project(planner.programs, "fix-toes", numbers, start).residual
         assert stands(planner.programs, numbers, toes) == (left <= SURFACE)
 
 
 @pytest.mark.parametrize("wanted", [Status.FEASIBLE, Status.INFEASIBLE])
-def test_a_search_for_one_answer_gives_that_answer_to_the_last_bit_and_else_never_another(drawn, wanted):
+def test_a_search_for_one_answer_gives_that_answer_to_the_last_bit_and_else_never_another(
+    drawn, wanted
+):
     _, scaled, planner, _ = drawn
     met = 0
     for k in range(len(scaled)):
@@ -82,7 +98,8 @@ def test_a_search_for_one_answer_gives_that_answer_to_the_last_bit_and_else_neve
 
 
 def test_a_search_for_a_proof_ends_at_a_point_that_no_proof_can_be_above():
-    """A problem whose least moment residual lies between what is feasible and what can be proved."""
+    """A problem whose least moment residual lies between what is feasible and what can be
+    proved."""
     source, rng = distribution("wall-3"), np.random.default_rng(5)
     source.skip(rng, 73 * 64)
     numbers, planner = ScaledBatch.of(source.batch(rng, 64)).problem(52), ExactPlanner(max_nodes=40)

@@ -1,4 +1,5 @@
-"""Soles from a file to an answer: the support polygon in closed form, yaws that are chosen, proofs, forged answers."""
+"""Soles from a file to an answer: the support polygon in closed form, yaws that are chosen, proofs,
+forged answers."""
 
 from __future__ import annotations
 
@@ -31,7 +32,12 @@ from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_postures
+from stancekit.planners.verify import (
+    check_certificate,
+    check_certificates,
+    check_plan,
+    check_postures,
+)
 
 HEIGHT_M, HALF_M, BALL_M = 0.3, (0.1, 0.05), 1e-4
 SOLE = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * HALF_M
@@ -79,35 +85,57 @@ def planner(programs):
 
 
 def ground(size_m: float = 1.0) -> Patch:
-    square = size_m * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    return Patch(vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
+    square = size_m * np.array(
+        [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
+    )
+    return Patch(
+        vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
+    )
 
 
 def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) -> Problem:
-    """A sole whose centre is held at the origin, and a fixed COM above a point so far away in that direction."""
+    """A sole whose centre is held at the origin, and a fixed COM above a point so far away in that
+    direction."""
     com = np.array([away_m * np.cos(direction), away_m * np.sin(direction), HEIGHT_M])
     contact = Contact(
-        leg="RF", shoulder_m=-com, reach_m=BALL_M, patch=ground(), force_min=[0.0, -1.0, -1.0], force_max=np.ones(3),
-        sole_m=sole, yaw_rad=yaw,
-    )  # fmt: skip
-    return Problem.posture(contacts=(contact,), mass_kg=50.0, com_nominal_m=com, com_radius_m=0.0, tilt_limit_rad=0.0)
+        leg="RF",
+        shoulder_m=-com,
+        reach_m=BALL_M,
+        patch=ground(),
+        force_min=[0.0, -1.0, -1.0],
+        force_max=np.ones(3),
+        sole_m=sole,
+        yaw_rad=yaw,
+    )
+    return Problem.posture(
+        contacts=(contact,), mass_kg=50.0, com_nominal_m=com, com_radius_m=0.0, tilt_limit_rad=0.0
+    )
 
 
-@pytest.mark.parametrize(("direction", "yaw"), [(0.0, 0.0), (0.5 * np.pi, 0.0), (0.0, 0.5 * np.pi), (2.0, 0.7)])
+@pytest.mark.parametrize(
+    ("direction", "yaw"), [(0.0, 0.0), (0.5 * np.pi, 0.0), (0.0, 0.5 * np.pi), (2.0, 0.7)]
+)
 def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
-    """The edge of a rectangle at this yaw, in this direction: a quarter turn swaps length and width."""
+    """The edge of a rectangle at this yaw, in this direction: a quarter turn swaps length and
+    width."""
     turned = direction - yaw
     edge = min(
-        half / max(abs(part), 1e-12) for half, part in zip(HALF_M, (np.cos(turned), np.sin(turned)), strict=True)
+        half / max(abs(part), 1e-12)
+        for half, part in zip(HALF_M, (np.cos(turned), np.sin(turned)), strict=True)
     )
-    inside, outside = on_one_sole(edge - 3e-4, direction, yaw), on_one_sole(edge + 5e-4, direction, yaw)
+    inside, outside = (
+        on_one_sole(edge - 3e-4, direction, yaw),
+        on_one_sole(edge + 5e-4, direction, yaw),
+    )
     found, refuted = planner.solve(inside), planner.solve(outside)
     assert found.status is Status.FEASIBLE
     assert refuted.status is Status.INFEASIBLE
     assert check_plan(found.solution).accepted
     assert check_certificate(refuted.certificate.of(outside)).accepted
     assert not check_certificate(refuted.certificate.of(inside)).accepted
-    assert planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE  # a point foot tips
+    assert (
+        planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE
+    )  # a point foot tips
 
 
 def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
@@ -134,7 +162,12 @@ def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
     turned = 0.1 * np.cross([0.0, 0.0, 1.0], points - toe)
     bent = points.copy()
     bent[0, 0, 2] += 1e-3
-    for wrong in (bent, toe + 1.02 * (points - toe), points + turned, np.add(points, [1e-3, 0.0, 0.0])):
+    for wrong in (
+        bent,
+        toe + 1.02 * (points - toe),
+        points + turned,
+        np.add(points, [1e-3, 0.0, 0.0]),
+    ):
         report = check_plan(replace(posture, points_m=wrong))
         assert not report.accepted
         assert max(report.groups, key=lambda group: group.worst).name == "patch"
@@ -142,7 +175,9 @@ def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
     yawed = problem.posture_with(contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
     assert not check_plan(replace(posture, problem=yawed)).accepted
     small = replace(ground(), vertices_m=ground().vertices_m * [0.09, 1.0, 1.0])
-    with pytest.raises(InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"):
+    with pytest.raises(
+        InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"
+    ):
         problem.posture_with(contacts=(replace(problem.contacts[0], patch=small),))
 
 
@@ -151,9 +186,18 @@ def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
     more = posture.point_forces_n.copy()
     more[0, 0, 0] += 1.0
     for changes, message in (
-        ({"point_forces_n": more}, "rejected: point_forces_n: expected forces that add up to forces_n"),
-        ({"point_forces_n": None}, "rejected: point_forces_n: expected shape (1, 4, 3), got nothing"),
-        ({"points_m": posture.points_m[:, :3]}, "rejected: points_m: expected shape (1, 4, 3), got (1, 3, 3)"),
+        (
+            {"point_forces_n": more},
+            "rejected: point_forces_n: expected forces that add up to forces_n",
+        ),
+        (
+            {"point_forces_n": None},
+            "rejected: point_forces_n: expected shape (1, 4, 3), got nothing",
+        ),
+        (
+            {"points_m": posture.points_m[:, :3]},
+            "rejected: points_m: expected shape (1, 4, 3), got (1, 3, 3)",
+        ),
     ):
         assert check_plan(replace(posture, **changes)).message == message
     shifted = more.copy()
@@ -163,18 +207,24 @@ def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
 
 
 def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, walk):
-    """Nothing would judge them, or worse: a batch would judge the forces at them in place of those on the feet."""
+    """Nothing would judge them, or worse: a batch would judge the forces at them in place of those
+    on the feet."""
     _, posture = stood
     point = on_one_sole(0.0, 0.0, sole=None)
     held = Plan.of_posture(
-        point, com_m=point.com_nominal_m[0], rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
+        point,
+        com_m=point.com_nominal_m[0],
+        rotation_rad=np.zeros(3),
+        toes_m=np.zeros((1, 3)),
         forces_n=[[0.0, 0.0, point.weight_n]],
-    )  # fmt: skip
+    )
     floating = replace(held, forces_n=np.zeros((1, 1, 3)))
     assert check_plan(held).accepted
-    for wrong in (replace(floating, points_m=held.toes_m[:, None], point_forces_n=held.forces_n[:, :, None]),
-                  replace(held, points_m=np.full((3, 4, 3), np.nan)),
-                  replace(held, point_forces_n=np.zeros((1, 1, 4, 3)))):  # fmt: skip
+    for wrong in (
+        replace(floating, points_m=held.toes_m[:, None], point_forces_n=held.forces_n[:, :, None]),
+        replace(held, points_m=np.full((3, 4, 3), np.nan)),
+        replace(held, point_forces_n=np.zeros((1, 1, 4, 3))),
+    ):
         name = "points_m" if wrong.points_m is not None else "point_forces_n"
         report, array = check_plan(wrong), getattr(wrong, name)
         shape = array.shape if name == "points_m" else array[0].shape  # as files have it
@@ -196,10 +246,14 @@ def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
 
 
 def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
-    """Also those in which only point feet carry, or only soles with fewer points than others have."""
+    """Also those in which only point feet carry, or only soles with fewer points than others
+    have."""
     plan, soles = walk(3), {"RF": SOLE, "RR": SOLE[:3], "LM": SOLE}
     robot = plan.problem.robot
-    limbs = tuple(replace(limb, sole_m=0.1 * soles[limb.name] if limb.name in soles else None) for limb in robot.limbs)
+    limbs = tuple(
+        replace(limb, sole_m=0.1 * soles[limb.name] if limb.name in soles else None)
+        for limb in robot.limbs
+    )
     course = replace(plan.problem, robot=replace(robot, limbs=limbs))
     shares = np.zeros((len(limbs), 4))  # (q_1 + q_3) / 2 is the centre
     shares[:, 0] = [0.5 if limb.sole_m is not None else 1.0 for limb in limbs]
@@ -210,7 +264,10 @@ def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
         points[p, : len(its)] += its
         assert len(its) == len(soles.get(put.limb, [0]))
     on_soles = replace(
-        plan, problem=course, points_m=points, point_forces_n=plan.forces_n[:, :, None] * shares[None, :, :, None]
+        plan,
+        problem=course,
+        points_m=points,
+        point_forces_n=plan.forces_n[:, :, None] * shares[None, :, :, None],
     )
     assert check_plan(on_soles).accepted
     kinds = set()
@@ -231,7 +288,8 @@ def test_answers_and_problems_come_back_from_their_files(stood):
 
 @pytest.mark.parametrize("name", PROJECTIONS.names())
 def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, name):
-    """From the lift's point, or near it; what the program calls balanced the verifier calls a posture."""
+    """From the lift's point, or near it; what the program calls balanced the verifier calls a
+    posture."""
     arrived = 0
     for seed in range(10):
         problem = soled(drawn("wall-5", seed), seed) if seed != 3 else on_one_sole(0.03, 0.1)
@@ -239,7 +297,11 @@ def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, 
         lift = solve_lift(programs, scaled, least_moment=True)
         if lift.bound > 1e-9:
             continue
-        start = project(programs, "fix-toes", scaled, lift.rounded()[1]) if name == "fix-f" else lift.rounded()[1]
+        start = (
+            project(programs, "fix-toes", scaled, lift.rounded()[1])
+            if name == "fix-f"
+            else lift.rounded()[1]
+        )
         point = project(programs, name, scaled, start)
         if point.residual <= SURFACE:
             assert check_plan(plan_of(problem, scaled, scaled.numbers, point)).accepted
@@ -248,17 +310,23 @@ def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, 
 
 
 def test_a_sole_holds_whatever_a_point_foot_at_its_centre_holds(planner, soled, drawn):
-    """The centre is a convex combination of the points, and forces of no bound that matters are shared out by it."""
+    """The centre is a convex combination of the points, and forces of no bound that matters are
+    shared out by it."""
     wide = {"force_min": np.array([0.0, -9.0, -9.0]), "force_max": np.full(3, 9.0)}
     feasible = refuted = 0
     for seed in range(24):
         problem = soled(drawn("wall-3", seed), seed)
         soles = tuple(replace(contact, **wide) for contact in problem.contacts)
         points = tuple(replace(c, sole_m=None, patch=c.region, **wide) for c in problem.contacts)
-        one, other = (planner.solve(problem.posture_with(contacts=some)).status for some in (soles, points))
+        one, other = (
+            planner.solve(problem.posture_with(contacts=some)).status for some in (soles, points)
+        )
         assert one is Status.FEASIBLE or other is not Status.FEASIBLE
         assert one is not Status.INFEASIBLE or other is Status.INFEASIBLE
-        feasible, refuted = feasible + (other is Status.FEASIBLE), refuted + (one is Status.INFEASIBLE)
+        feasible, refuted = (
+            feasible + (other is Status.FEASIBLE),
+            refuted + (one is Status.INFEASIBLE),
+        )
     assert min(feasible, refuted) > 2
 
 
@@ -278,7 +346,9 @@ def test_proofs_with_soles_are_no_proofs_of_what_can_be_held(planner, soled, dra
                 tried += 1
     assert tried > 10
     bounds = check_certificates(proofs)
-    np.testing.assert_allclose(bounds, [check_certificate(proof).figures["lower_bound"] for proof in proofs])
+    np.testing.assert_allclose(
+        bounds, [check_certificate(proof).figures["lower_bound"] for proof in proofs]
+    )
 
 
 def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_course_takes(
@@ -301,15 +371,23 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
 
 
 def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Problem:
-    """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one frame."""
+    """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one
+    frame."""
     problem = on_one_sole(com_y, 0.5 * np.pi)
     limb = Limb(name="RF", shoulder_m=problem.contacts[0].shoulder_m, reach_m=BALL_M, sole_m=SOLE)
     return Problem(
-        name="lean", robot=Robot(name="monopod", mass_kg=50.0, limbs=(limb,)), terrain=(ground(),),
-        footholds=(Foothold(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),), lifts=((),),
-        com_nominal_m=problem.com_nominal_m, com_radius_m=np.zeros(1), goal_m=problem.com_nominal_m[0],
+        name="lean",
+        robot=Robot(name="monopod", mass_kg=50.0, limbs=(limb,)),
+        terrain=(ground(),),
+        footholds=(
+            Foothold(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),
+        ),
+        lifts=((),),
+        com_nominal_m=problem.com_nominal_m,
+        com_radius_m=np.zeros(1),
+        goal_m=problem.com_nominal_m[0],
         tilt_limit_rad=0.0,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("make", [TwoStageCoursePlanner, ExactCoursePlanner])
@@ -349,10 +427,9 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
     yaws = [put.yaws_rad[chosen] for put, chosen in zip(course.footholds, plan.choice, strict=True)]
     for k, put in enumerate(course.footholds):  # all corners on one step, by hand
         c, s = np.cos(yaws[k]), np.sin(yaws[k])
-        corners = plan.toes_m[k, :2] + np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]) @ [
-            [c, s],
-            [-s, c],
-        ]
+        corners = plan.toes_m[k, :2] + np.array(
+            [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]
+        ) @ [[c, s], [-s, c]]
         np.testing.assert_allclose(plan.points_m[k, :, :2], corners, atol=1e-9)
         low, high = put.candidates[plan.choice[k]].vertices_m[:, :2].min(axis=0), None
         high = put.candidates[plan.choice[k]].vertices_m[:, :2].max(axis=0)
@@ -379,12 +456,21 @@ def test_forged_plans_with_soles_are_refused(climbed):
     moved[3] += [1e-3, 0.0, 0.0]
     other = plan.choice.copy()
     put = plan.problem.footholds[3]
-    same = [r for r, patch in enumerate(put.candidates) if patch is put.candidates[other[3]] and r != other[3]]
+    same = [
+        r
+        for r, patch in enumerate(put.candidates)
+        if patch is put.candidates[other[3]] and r != other[3]
+    ]
     other[3] = same[0]
     forces = plan.point_forces_n.copy()
     forces[0, :, 0] += [0.0, 0.0, 5.0]
     forces[0, :, 1] -= [0.0, 0.0, 5.0]
-    for changes in ({"points_m": bent}, {"points_m": moved}, {"choice": other}, {"point_forces_n": forces}):
+    for changes in (
+        {"points_m": bent},
+        {"points_m": moved},
+        {"choice": other},
+        {"point_forces_n": forces},
+    ):
         assert not check_plan(replace(plan, **changes)).accepted
     report = check_plan(replace(plan, points_m=bent))
     worst = max(report.groups, key=lambda group: group.worst)
@@ -404,7 +490,9 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     rest = replan(standing, course, frame=4)
     assert rest.status is Status.FEASIBLE
     np.testing.assert_allclose(
-        rest.solution.points_m[:2], begin.solution.points_m[begin.solution.problem.holds[-1]], atol=1e-9
+        rest.solution.points_m[:2],
+        begin.solution.points_m[begin.solution.problem.holds[-1]],
+        atol=1e-9,
     )
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
@@ -421,7 +509,9 @@ def test_plans_with_soles_are_not_executed(climbed):
         "plan.json: expected a plan that can be executed, this one cannot: its feet are soles, and only point feet are "
         "executed"
     )
-    with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
+    with pytest.raises(
+        InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"
+    ):
         hexapod_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
@@ -430,25 +520,41 @@ def test_envelopes_are_for_point_feet(planner, soled, drawn):
     scaled = Scaled.of(soled(drawn("wall-3", 1), 1))
     with pytest.raises(InvalidInput) as refused:
         Programs().get(McCormick, scaled.layout)
-    assert str(refused.value) == "envelopes: expected point feet, got soles, which the lift can plan for"
+    assert (
+        str(refused.value)
+        == "envelopes: expected point feet, got soles, which the lift can plan for"
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (("&sole [[0.11, 0.05], [0.11, -0.05]", "&sole [[0.11, 0.05], [0.11, 0.05]"), ""),
-        (("&sole [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]", "&sole [[0.11, 0.05], [0.0, 0.0]]"),
-         "robot.limbs.LF.sole_m: expected 3 to 16 points of a sole, got 2"),
-        (("[[1, 0, 0], [-1, 0, 0]", "[[0, 0, 0], [-1, 0, 0]"),
-         "robot.limbs.LF.reach_rows.normals[0]: expected a non-zero vector, got none"),
-        (("-0.55, 0.88", "-0.55, 0.38"),
-         "robot.limbs.LF.reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set"),
+        (
+            (
+                "&sole [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]",
+                "&sole [[0.11, 0.05], [0.0, 0.0]]",
+            ),
+            "robot.limbs.LF.sole_m: expected 3 to 16 points of a sole, got 2",
+        ),
+        (
+            ("[[1, 0, 0], [-1, 0, 0]", "[[0, 0, 0], [-1, 0, 0]"),
+            "robot.limbs.LF.reach_rows.normals[0]: expected a non-zero vector, got none",
+        ),
+        (
+            ("-0.55, 0.88", "-0.55, 0.38"),
+            "robot.limbs.LF.reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set",
+        ),
         (("[1.5707963, 0.0, 0.4]", "[]"), "candidates.yaws_rad: List should have at least 1 item"),
-        (("0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]",
-          "9.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]"),
-         "frame 0, limb LF: expected room for its sole at one of 3 yaws on the surfaces within reach, got none on 3"),
+        (
+            (
+                "0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]",
+                "9.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]",
+            ),
+            "frame 0, limb LF: expected room for its sole at one of 3 yaws on the surfaces within reach, got none on 3",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_files_are_refused_in_one_line(tmp_path, change, message):
     path = tmp_path / "bad.yaml"
     assert change[0] in STAIRS

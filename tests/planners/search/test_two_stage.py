@@ -1,4 +1,5 @@
-"""The two-stage planner of courses: plans at their bounds, answers that are checked, and the same ones every time."""
+"""The two-stage planner of courses: plans at their bounds, answers that are checked, and the same
+ones every time."""
 
 from __future__ import annotations
 
@@ -43,8 +44,14 @@ def test_a_built_in_course_gets_a_verified_plan_at_its_bound(name, planner):
 def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projection(
     climb, rough, programs, planner, projection
 ):
-    ours, seen = TwoStageCoursePlanner(projection=projection, programs=programs, time_limit_s=20.0), set()
-    for course in [*(climb(seed) for seed in (0, 1, 3, 5)), *(rough(seed, regions=2, ice=0.2) for seed in (0, 1, 3))]:
+    ours, seen = (
+        TwoStageCoursePlanner(projection=projection, programs=programs, time_limit_s=20.0),
+        set(),
+    )
+    for course in [
+        *(climb(seed) for seed in (0, 1, 3, 5)),
+        *(rough(seed, regions=2, ice=0.2) for seed in (0, 1, 3)),
+    ]:
         outcome, full = ours.solve(course), planner.solve(course)
         seen.add(outcome.status)
         if outcome.status is Status.FEASIBLE:
@@ -73,7 +80,9 @@ def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_th
     assert sharp.details["cuts"] > 1.0
 
 
-def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(climb, rough, programs, planner):
+def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(
+    climb, rough, programs, planner
+):
     seen = set()
     for course in [climb(0), climb(1), climb(2), rough(2), rough(4), climb(5, **TORN)]:
         found, proof, nodes = decide(programs, Scaled.of(course), Clock.start(30.0), 500)
@@ -90,7 +99,10 @@ def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(climb, ro
 
 
 def test_the_first_plan_may_be_far_from_the_best_and_a_gap_closes_that(climb, programs):
-    first, best = (TwoStageCoursePlanner(programs=programs, gap=gap).solve(climb(7, **TORN)) for gap in (None, 1e-4))
+    first, best = (
+        TwoStageCoursePlanner(programs=programs, gap=gap).solve(climb(7, **TORN))
+        for gap in (None, 1e-4)
+    )
     assert first.details["guessed"]
     assert best.objective < 0.5 * first.objective
     assert best.bound <= best.objective * (1.0 + 1e-6)
@@ -109,12 +121,16 @@ def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
     courses = [climb(1), climb(5, **TORN), rough(1, regions=2), climb(2, frames=1), rough(2)]
     shared, few = Programs(), Programs(most=2)
     for course in [*courses, *courses[::-1]]:
-        said = [TwoStageCoursePlanner(programs=some).solve(course) for some in (Programs(), shared, few)]
+        said = [
+            TwoStageCoursePlanner(programs=some).solve(course) for some in (Programs(), shared, few)
+        ]
         for other in said[1:]:
             assert (other.status, other.effort.solves) == (said[0].status, said[0].effort.solves)
             if other.solution is None:
                 np.testing.assert_array_equal(other.certificate.tree, said[0].certificate.tree)
-                np.testing.assert_array_equal(other.certificate.multipliers, said[0].certificate.multipliers)
+                np.testing.assert_array_equal(
+                    other.certificate.multipliers, said[0].certificate.multipliers
+                )
             else:
                 np.testing.assert_array_equal(other.solution.com_m, said[0].solution.com_m)
                 np.testing.assert_array_equal(other.solution.forces_n, said[0].solution.forces_n)
@@ -136,7 +152,8 @@ def test_bad_settings_are_refused():
         TwoStageCoursePlanner(gap=0.0)
 
 
-# -------------------------------------------------------------------------------------------------------- acceptance
+# --------------------------------------------------------------------------------------------------------
+# acceptance
 
 
 def test_no_claim_about_a_course_is_believed(climb, planner):
@@ -148,7 +165,9 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
 
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)
-    assert wrong.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
+    assert wrong.message.startswith(
+        "certificate refused: rejected: leaf 0 of 1 proves a residual of "
+    )
     moved = replace(feasible.solution, com_m=feasible.solution.com_m + np.array([0.0, 0.02, 0.0]))
     both = accept(1, found=moved, certificate=refuted.certificate)
     assert (both.status, both.solution) == (Status.UNDECIDED, None)
@@ -165,5 +184,8 @@ def test_toes_on_stairs_keep_a_foots_radius_from_risers(planner):
     assert len(risers) == 4
     toes = outcome.solution.toes_m
     assert len(toes) == len(course.footholds)
-    gaps = [np.linalg.norm(toes - np.clip(toes, riser.min(axis=0), riser.max(axis=0)), axis=1) for riser in risers]
+    gaps = [
+        np.linalg.norm(toes - np.clip(toes, riser.min(axis=0), riser.max(axis=0)), axis=1)
+        for riser in risers
+    ]
     assert np.min(gaps) > FOOT_RADIUS_M

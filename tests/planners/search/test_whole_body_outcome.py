@@ -30,7 +30,9 @@ def planned() -> Answer[Plan]:
     return plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=4))
 
 
-def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: Answer[Plan]) -> None:
+def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
+    planned: Answer[Plan],
+) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
     said = outcome.report
     assert outcome.solution is not None
@@ -43,7 +45,9 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
     assert said.to_json() == report.to_json()
     assert outcome.objective == objective_of(outcome.solution) != planned.objective
     assert outcome.residual <= 1e-6
-    assert outcome.details["torque_nm"] == pytest.approx(report.group("torque").figures["torque_nm"])
+    assert outcome.details["torque_nm"] == pytest.approx(
+        report.group("torque").figures["torque_nm"]
+    )
     assert outcome.details["torque_nm"] <= 10.0 < outcome.details["torque_nm_before"]
     assert outcome.details["torque_steps"] >= 1.0
     assert set(planned.details) <= set(outcome.details)
@@ -51,7 +55,9 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
 
 def test_the_same_comes_of_the_library(planned: Answer[Plan]) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=12.0, share=0.8))
-    same = stancekit.plan("walls", frames=4, body=stancekit.WholeBodyLimits(torque_nm=12.0, share=0.8))
+    same = stancekit.plan(
+        "walls", frames=4, body=stancekit.WholeBodyLimits(torque_nm=12.0, share=0.8)
+    )
     assert outcome.solution is not None
     assert same.solution is not None
     np.testing.assert_array_equal(same.solution.com_m, outcome.solution.com_m)
@@ -86,7 +92,10 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
     assert outcome.solution is planned.solution
     assert (outcome.status, outcome.details) == (planned.status, planned.details)
     assert outcome.report is not None
-    assert (outcome.report.accepted, outcome.report.group("joints").verdict) == (True, "not checked")
+    assert (outcome.report.accepted, outcome.report.group("joints").verdict) == (
+        True,
+        "not checked",
+    )
     assert outcome.report.message == (
         "accepted as far as checked: joints, torque, bodies and motion are not; no constraint is violated"
     )
@@ -95,10 +104,16 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
 
 
 @pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])
-def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: Answer[Plan], written: object) -> None:
+def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(
+    planned: Answer[Plan], written: object
+) -> None:
     assert planned.solution is not None
-    forged = replace(planned.solution, provenance={**planned.solution.provenance, "torque_nm": written})
-    assert check_plan(forged, joints=True).group("torque") == check_plan(planned.solution, joints=True).group("torque")
+    forged = replace(
+        planned.solution, provenance={**planned.solution.provenance, "torque_nm": written}
+    )
+    assert check_plan(forged, joints=True).group("torque") == check_plan(
+        planned.solution, joints=True
+    ).group("torque")
 
 
 def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
@@ -120,4 +135,7 @@ def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
     assert tips.status is Status.UNDECIDED
     assert tips.report is not None
     assert tips.report.accepted  # what the verifier says of a file does not change
-    assert re.match(r"margin: \w+( \w+)* at frame \d bear a push of [\d.]+ N, expected [\d.]+ N or more", tips.message)
+    assert re.match(
+        r"margin: \w+( \w+)* at frame \d bear a push of [\d.]+ N, expected [\d.]+ N or more",
+        tips.message,
+    )

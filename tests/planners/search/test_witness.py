@@ -1,4 +1,5 @@
-"""Canonical witnesses are postures that follow from their problems alone; batches are decided as one by one."""
+"""Canonical witnesses are postures that follow from their problems alone; batches are decided as
+one by one."""
 
 from __future__ import annotations
 
@@ -61,7 +62,9 @@ def test_points_without_moments_violate_nothing_else(name):
     batch = batch_of(name)
     index, points = witnesses(ScaledBatch.of(batch), LONG, moments=False)
     assert len(index) > len(witnesses(ScaledBatch.of(batch), LONG)[0])
-    for posture in ScaledBatch.of(batch).select(index).plans(points, [batch.problems[k] for k in index]):
+    for posture in (
+        ScaledBatch.of(batch).select(index).plans(points, [batch.problems[k] for k in index])
+    ):
         worst = {group.name: group.worst for group in check_plan(posture).groups}
         assert max(value for group, value in worst.items() if group != "moment_balance") <= 1e-9
 
@@ -85,7 +88,8 @@ def test_the_same_witness_is_found_in_fewer_steps_where_it_is_found(name):
 
 @NAMES
 def test_no_solver_takes_part_in_a_witness(name, programs):
-    """What another solver, with other settings, would make of the problem cannot move it: labels are its check."""
+    """What another solver, with other settings, would make of the problem cannot move it: labels
+    are its check."""
     batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), batch)
@@ -101,7 +105,11 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
 def test_nothing_infeasible_is_ever_claimed(name, programs):
     batch = batch_of(name, 120)
     planner = ExactPlanner(programs=programs, time_limit_s=np.inf)
-    infeasible = {k for k, problem in enumerate(batch.problems) if planner.solve(problem).status is Status.INFEASIBLE}
+    infeasible = {
+        k
+        for k, problem in enumerate(batch.problems)
+        if planner.solve(problem).status is Status.INFEASIBLE
+    }
     assert infeasible
     assert not infeasible & set(canonical(batch))
 
@@ -131,8 +139,11 @@ def test_forces_stay_in_boxes_that_cut_the_cones(low):
     assert 10 < len(found) < len(canonical(batch))
     for posture, _ in found.values():
         assert check_plan(posture).accepted
-    normal = min(float(c.patch.frame[:, 0] @ f) for k, (a, _) in found.items()
-                 for c, f in zip(narrow.problems[k].contacts, a.forces_n[0], strict=True))  # fmt: skip
+    normal = min(
+        float(c.patch.frame[:, 0] @ f)
+        for k, (a, _) in found.items()
+        for c, f in zip(narrow.problems[k].contacts, a.forces_n[0], strict=True)
+    )
     assert normal > low * narrow.like.force_scale_n
 
 
@@ -156,20 +167,29 @@ def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
         assert together.bound == pytest.approx(alone.bound, rel=1e-12)
         assert together.details["trivial"] == alone.details["trivial"]
         if alone.solution is not None:
-            assert check_plan(together.solution).worst == pytest.approx(together.residual, abs=1e-15)
+            assert check_plan(together.solution).worst == pytest.approx(
+                together.residual, abs=1e-15
+            )
             assert k not in found or together.solution.to_json() == found[k]
         if alone.certificate is not None:
-            assert (together.effort.solves, dict(together.details)) == (alone.effort.solves, dict(alone.details))
+            assert (together.effort.solves, dict(together.details)) == (
+                alone.effort.solves,
+                dict(alone.details),
+            )
             assert together.certificate.to_json() == alone.certificate.to_json()
     assert {answer.status for answer in answers} == {Status.FEASIBLE, Status.INFEASIBLE}
 
 
 def test_what_neither_iteration_nor_lift_decides_goes_through_the_search(programs, monkeypatch):
-    planner = ExactPlanner(programs=programs, acceptance=Acceptance(gap=0.3), max_nodes=3, time_limit_s=np.inf)
+    planner = ExactPlanner(
+        programs=programs, acceptance=Acceptance(gap=0.3), max_nodes=3, time_limit_s=np.inf
+    )
     batch = batch_of("wall-3", 40)
     asked = []
     solve = planner.solve
-    monkeypatch.setattr(planner, "solve", lambda problem, root: asked.append(problem) or solve(problem, root=root))
+    monkeypatch.setattr(
+        planner, "solve", lambda problem, root: asked.append(problem) or solve(problem, root=root)
+    )
     answers = solve_all(planner, batch)
     assert 0 < len(asked) < 40
     assert [a.status for a in answers] == [solve(p).status for p in batch.problems]
@@ -202,7 +222,9 @@ def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(pro
     held = []
 
     def none_but_of_held_toes(iteration, until):
-        if np.ptp(iteration.scaled.vertices, axis=2).max(initial=0.0) > 0.0 or not len(iteration.scaled):
+        if np.ptp(iteration.scaled.vertices, axis=2).max(initial=0.0) > 0.0 or not len(
+            iteration.scaled
+        ):
             return empty
         held.append(len(iteration.scaled))
         return real(iteration, until)

@@ -14,7 +14,11 @@ from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import PostureBatch, Problem
-from stancekit.planners.projection.force_distribution import ForceDistribution, standing_forces, wrench_at
+from stancekit.planners.projection.force_distribution import (
+    ForceDistribution,
+    standing_forces,
+    wrench_at,
+)
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
@@ -31,19 +35,27 @@ def random_wrench(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["wall-3", "ground-3", "wall-5"])
-def test_every_method_carries_a_wrench_or_proves_that_none_can(drawn: Callable[[str, int], Problem], name: str) -> None:
+def test_every_method_carries_a_wrench_or_proves_that_none_can(
+    drawn: Callable[[str, int], Problem], name: str
+) -> None:
     rng, statuses = np.random.default_rng(0), []
     for seed in range(8):
         plain = drawn(name, seed)
         problem = plain.posture_with(wrench=random_wrench(plain, rng))
         assert problem.wrench is not None
-        found = {method: stancekit.solve(problem, method) for method in ("exact", "two-stage", "nlp", "lift")}
+        found = {
+            method: stancekit.solve(problem, method)
+            for method in ("exact", "two-stage", "nlp", "lift")
+        }
         for method, answer in found.items():
             where = f"{name} {seed} {method}"
             if answer.solution is not None and answer.status is Status.FEASIBLE:
                 posture, wrench = answer.solution, problem.wrench[0]
                 force = posture.forces_n[0].sum(axis=0) + wrench[:3] - [0.0, 0.0, problem.weight_n]
-                moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0) + wrench[3:]
+                moment = (
+                    np.cross(posture.toes_m - posture.com_m, posture.forces_n[0]).sum(axis=0)
+                    + wrench[3:]
+                )
                 np.testing.assert_allclose([*force, *moment], 0.0, atol=2e-4, err_msg=where)
             if answer.certificate is not None:
                 assert check_certificate(answer.certificate).accepted, where
@@ -59,7 +71,10 @@ def test_a_batch_decides_as_its_problems_do_one_by_one(programs: Programs) -> No
     wrench = random_wrench(problems[0], np.random.default_rng(2))
     batch = PostureBatch.stacked([problem.posture_with(wrench=wrench) for problem in problems])
     planner = ExactPlanner(programs=programs)
-    together, alone = decide_all(planner, batch).outcomes, [planner.solve(problem) for problem in batch.problems]
+    together, alone = (
+        decide_all(planner, batch).outcomes,
+        [planner.solve(problem) for problem in batch.problems],
+    )
     assert [answer.status for answer in together] == [answer.status for answer in alone]
     refused = unsupported(ScaledBatch.of(batch))
     counts = {Status.FEASIBLE: 0, Status.INFEASIBLE: 0}
@@ -81,7 +96,9 @@ def test_problems_with_other_wrenches_are_of_no_batch(drawn: Callable[[str, int]
         PostureBatch.stacked([problem, problem.posture_with(wrench=[1.0, 0, 0, 0, 0, 0])])
 
 
-def test_boxes_are_cut_until_a_wrench_is_carried_or_refuted(drawn: Callable[[str, int], Problem], programs) -> None:
+def test_boxes_are_cut_until_a_wrench_is_carried_or_refuted(
+    drawn: Callable[[str, int], Problem], programs
+) -> None:
     rng, decided = np.random.default_rng(4), 0
     for seed in range(6):
         plain = drawn("wall-3", seed)
@@ -103,7 +120,9 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
     statuses = []
     for seed in range(12):
         plain, rng = ragged(seed, frames=2), np.random.default_rng(seed)
-        course = replace(plain, wrench=np.array([0.4 * random_wrench(plain, rng) for _ in range(plain.frames)]))
+        course = replace(
+            plain, wrench=np.array([0.4 * random_wrench(plain, rng) for _ in range(plain.frames)])
+        )
         best = ExactCoursePlanner(programs=programs, time_limit_s=20.0).solve(course)
         found = TwoStageCoursePlanner(programs=programs).solve(course)
         for answer in (best, found):
@@ -123,7 +142,10 @@ def test_a_wrench_of_zeros_is_none(ragged: Callable[..., Problem], programs: Pro
     planner, compared = TwoStageCoursePlanner(programs=programs), 0
     for seed in range(10):
         course = ragged(seed, frames=2)
-        plain, zeros = planner.solve(course), planner.solve(replace(course, wrench=np.zeros((2, 6))))
+        plain, zeros = (
+            planner.solve(course),
+            planner.solve(replace(course, wrench=np.zeros((2, 6)))),
+        )
         assert plain.status is zeros.status
         if plain.solution is not None:
             assert plain.objective == pytest.approx(zeros.objective, abs=1e-5)
@@ -138,7 +160,9 @@ def test_forces_that_are_distributed_anew_carry_the_wrench() -> None:
     course, wrench = plan.problem, plan.problem.wrench
     assert wrench is not None
     distribution = ForceDistribution(6)
-    anew = [(stance.frame, distribution.solve(plan, row)) for row, stance in enumerate(course.stances)]
+    anew = [
+        (stance.frame, distribution.solve(plan, row)) for row, stance in enumerate(course.stances)
+    ]
     anew += list(standing_forces(plan, Kinematics(course.robot)).items())
     assert len(anew) > len(course.stances)
     for frame, forces in anew:
@@ -149,4 +173,6 @@ def test_forces_that_are_distributed_anew_carry_the_wrench() -> None:
     share = wrench_at(course, 0)
     assert share is not None
     np.testing.assert_allclose(share[:3] * course.weight_n, [2.0, -4.0, -15.0])
-    np.testing.assert_allclose(share[3:] * course.weight_n * course.length_scale_m, [0.5, 1.0, -0.3])
+    np.testing.assert_allclose(
+        share[3:] * course.weight_n * course.length_scale_m, [0.5, 1.0, -0.3]
+    )

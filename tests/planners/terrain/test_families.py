@@ -1,4 +1,5 @@
-"""Families of terrain: equal for equal seeds, what their figures say, harder only where the level says so."""
+"""Families of terrain: equal for equal seeds, what their figures say, harder only where the level
+says so."""
 
 from __future__ import annotations
 
@@ -55,7 +56,9 @@ def test_equal_seeds_give_equal_scenes_and_others_others(family):
 def test_the_level_leaves_what_is_drawn_alone(family):
     easy, hard = (family_terrain(family, level, 3).figures for level in (0.2, 0.8))
     drawn = {"friction", "run_m", "offset_m"} | ({"middle_m"} if family == "gaps" else set())
-    assert {name: easy[name] for name in drawn & set(easy)} == {name: hard[name] for name in drawn & set(hard)}
+    assert {name: easy[name] for name in drawn & set(easy)} == {
+        name: hard[name] for name in drawn & set(hard)
+    }
     assert any(easy[name] != hard[name] for name in easy)
 
 
@@ -82,10 +85,13 @@ def test_a_gap_wider_than_a_shoulder_and_its_legs_reach_has_no_footing():
 
 
 def test_walls_have_no_footing_just_where_one_is_out_of_reach_of_a_corner_leg():
-    """The outermost of a front toe: its shoulder's y, moved by the COM's ball and √3 · tilt · ‖s‖, and its reach."""
+    """The outermost of a front toe: its shoulder's y, moved by the COM's ball and √3 · tilt · ‖s‖,
+    and its reach."""
     limb = hexapod().limbs[0]
     course = read_course("walls:0:0")
-    moved = course.com_radius_m[0] + np.sqrt(3.0) * course.tilt_limit_rad * np.linalg.norm(limb.shoulder_m)
+    moved = course.com_radius_m[0] + np.sqrt(3.0) * course.tilt_limit_rad * np.linalg.norm(
+        limb.shoulder_m
+    )
     most, seen = limb.shoulder_m[1] + moved + limb.reach_m, set()
     for seed in range(12):
         figures = family_terrain("walls", 1.0, seed).figures
@@ -120,7 +126,8 @@ def test_what_a_scene_is_made_of_is_what_its_figures_say():
 
 
 def test_all_that_a_limb_may_reach_is_offered():
-    """Points of the terrain at random: one within a limb's reach of some place of its shoulder is in a candidate."""
+    """Points of the terrain at random: one within a limb's reach of some place of its shoulder is
+    in a candidate."""
     course = read_course("rubble:0.5:3")
     rng, foothold = np.random.default_rng(0), course.footholds[0]
     limb, offered = hexapod().limbs[0], 0
@@ -132,7 +139,10 @@ def test_all_that_a_limb_may_reach_is_offered():
             turned = np.cross(rng.uniform(-1.0, 1.0, 3) * course.tilt_limit_rad, limb.shoulder_m)
             moved = rng.uniform(-1.0, 1.0, 3) * course.com_radius_m[0] / np.sqrt(3.0)
             shoulder = course.com_nominal_m[0] + limb.shoulder_m + turned + moved
-            if np.linalg.norm(point - shoulder) > limb.reach_m or patch.normal @ (shoulder - point) <= 0.0:
+            if (
+                np.linalg.norm(point - shoulder) > limb.reach_m
+                or patch.normal @ (shoulder - point) <= 0.0
+            ):
                 continue
             offered += 1
             assert any(_holds(piece, point) for piece in foothold.candidates)
@@ -152,7 +162,10 @@ def _holds(patch, point):
     ("name", "said"),
     [
         ("stairs:high", "course: expected stairs:LEVEL:SEED as in stairs:0.5:7, got 'stairs:high'"),
-        ("stairs:0.5:1:2", "course: expected stairs:LEVEL:SEED as in stairs:0.5:7, got 'stairs:0.5:1:2'"),
+        (
+            "stairs:0.5:1:2",
+            "course: expected stairs:LEVEL:SEED as in stairs:0.5:7, got 'stairs:0.5:1:2'",
+        ),
         ("gaps:0.5:-1", "seed: expected a whole number of 0 or more, got -1"),
     ],
 )
@@ -170,12 +183,16 @@ def test_a_level_outside_0_to_1_is_refused(level):
 
 def test_walls_are_no_height_field():
     assert family_terrain("walls", 0.5, 0).heights is None
-    with pytest.raises(InvalidInput, match=r"^terrain: expected ground to walk on, got walls, whose surfaces are up"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"^terrain: expected ground to walk on, got walls, whose surfaces are up",
+    ):
         named_terrain("walls:0.5:0")
 
 
 def under(pieces, rng, count=20):
-    """Places at random under every patch that faces up, shape (K, 3) [m], and how far each is from its border [m]."""
+    """Places at random under every patch that faces up, shape (K, 3) [m], and how far each is from
+    its border [m]."""
     places, borders = [], []
     for patch in pieces:
         if patch.normal[2] < UPRIGHT:
@@ -189,7 +206,8 @@ def under(pieces, rng, count=20):
 
 
 def below_an_edge(places, patches):
-    """Which places are where something higher falls off, within its drop over SLOPE, a radius and two grid lines."""
+    """Which places are where something higher falls off, within its drop over SLOPE, a radius and
+    two grid lines."""
     found = np.zeros(len(places), dtype=bool)
     for patch in patches:
         if patch.normal[2] < UPRIGHT:
@@ -204,16 +222,23 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 20 draws, levels from 0.05 to 1."""
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 20 draws, levels from 0.05 to
+    1."""
     rng, looked = np.random.default_rng(0), 0
     for seed in range(20):
         level = (seed + 1) / 20
-        scene, whole = family_terrain(family, level, seed), family_terrain(family, level, seed, WIDE)
+        scene, whole = (
+            family_terrain(family, level, seed),
+            family_terrain(family, level, seed, WIDE),
+        )
         places, borders = under(scene.patches, rng)
         kept = ~below_an_edge(places, whole.patches)
         off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])[kept]
         assert off.max(initial=0.0) < 8e-3, (seed, off.max())
-        assert off[borders[kept] > 0.05].max(initial=0.0) < 1e-3, (seed, off[borders[kept] > 0.05].max())
+        assert off[borders[kept] > 0.05].max(initial=0.0) < 1e-3, (
+            seed,
+            off[borders[kept] > 0.05].max(),
+        )
         looked += len(off)
     assert looked > 300
 
@@ -249,25 +274,39 @@ def test_the_ground_about_a_start_is_part_of_all_the_ground(family):
         np.testing.assert_allclose(whole.grid(x[1:-1], y[1:-1]), inside, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["stairs:0.3:7", "stones:0.2:7", "rubble:0.2:1", "rough:0.4:7", "ramps:0.5:3"])
+@pytest.mark.parametrize(
+    "name", ["stairs:0.3:7", "stones:0.2:7", "rubble:0.2:1", "rough:0.4:7", "ramps:0.5:3"]
+)
 def test_a_name_is_one_ground_for_key_frames_walks_and_footholds(name):
     family, level, seed = read_draw(name, "course")
     scene, walked = family_terrain(family, level, seed), named_terrain(name)
     np.testing.assert_array_equal(walked.heights_m, scene.heights.heights_m)
     course = read_course(name)
-    assert [patch.vertices_m.tolist() for patch in course.terrain] == [p.vertices_m.tolist() for p in scene.patches]
-    places, _ = under([piece.patch for piece in footholds_of(named_surface(name)).pieces], np.random.default_rng(0), 4)
+    assert [patch.vertices_m.tolist() for patch in course.terrain] == [
+        p.vertices_m.tolist() for p in scene.patches
+    ]
+    places, _ = under(
+        [piece.patch for piece in footholds_of(named_surface(name)).pieces],
+        np.random.default_rng(0),
+        4,
+    )
     places = places[walked.contains(places[:, :2])]  # stones go on over the end of the heights
     if family in SCENES:
         places = places[~below_an_edge(places, family_terrain(family, level, seed, WIDE).patches)]
-    assert np.abs(walked.height(places[:, :2]) - places[:, 2]).max() < (8e-3 if family in SCENES else 18e-3)
+    assert np.abs(walked.height(places[:, :2]) - places[:, 2]).max() < (
+        8e-3 if family in SCENES else 18e-3
+    )
 
 
 @pytest.mark.parametrize(("old", "new"), [("stairs-spline", "stairs"), ("stones-spline", "stones")])
 def test_the_ground_that_walks_had_is_there_under_its_old_name_for_a_release(old, new):
-    with pytest.warns(DeprecationWarning, match=f"^{old} is what walks had as {new}, for one more release: "):
+    with pytest.warns(
+        DeprecationWarning, match=f"^{old} is what walks had as {new}, for one more release: "
+    ):
         field = named_terrain(f"{old}:0.5:7")
-    assert np.ptp(field.heights_m) == pytest.approx({"stairs": 0.3872, "stones": 0.3662}[new], abs=1e-4)
+    assert np.ptp(field.heights_m) == pytest.approx(
+        {"stairs": 0.3872, "stones": 0.3662}[new], abs=1e-4
+    )
     assert old not in TERRAIN_FAMILIES.names()
 
 

@@ -1,4 +1,5 @@
-"""Footholds are where one may stand: free above, outside of solids, flat; of broken meshes and noisy maps as well."""
+"""Footholds are where one may stand: free above, outside of solids, flat; of broken meshes and
+noisy maps as well."""
 
 import numpy as np
 import pytest
@@ -36,10 +37,14 @@ def test_places_inside_and_under_other_solids_are_none(tmp_path):
     assert found.refused_m2["inside"] == pytest.approx(1.0, rel=1e-4)
     assert found.refused_m2["covered"] == pytest.approx(1.0, rel=1e-4)
     high = block((0.5, 1.5), (-0.5, 0.5), 0.15, 0.6)
-    assert read_footholds(saved(tmp_path / "h.stl", floor, standing, high), limits=PLAIN).area_m2 == pytest.approx(9.0)
+    assert read_footholds(
+        saved(tmp_path / "h.stl", floor, standing, high), limits=PLAIN
+    ).area_m2 == pytest.approx(9.0)
 
 
-def test_a_sheet_that_is_there_from_both_sides_has_one_surface_and_stacked_boxes_keep_all_of_theirs(tmp_path):
+def test_a_sheet_that_is_there_from_both_sides_has_one_surface_and_stacked_boxes_keep_all_of_theirs(
+    tmp_path,
+):
     corners = np.array([[0.0, 0.0, 0.1], [2.0, 0.0, 0.1], [2.0, 1.0, 0.3], [0.0, 1.0, 0.3]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0]])
     sheet = trimesh.Trimesh(corners, faces, process=False)
@@ -61,7 +66,9 @@ def test_a_box_without_a_bottom_hides_the_ground_under_it(tmp_path):
     assert found.refused_m2["inside"] == pytest.approx(1.0, rel=1e-3)
 
 
-@pytest.mark.parametrize(("slope_rad", "area"), [(0.3, 1.0), (0.5, 1.0 + 1.0 / np.cos(0.4)), (3.2, None)])
+@pytest.mark.parametrize(
+    ("slope_rad", "area"), [(0.3, 1.0), (0.5, 1.0 + 1.0 / np.cos(0.4)), (3.2, None)]
+)
 def test_the_slope_is_an_option(slope_rad, area, tmp_path):
     ramp = np.tan(0.4)
     corners = [
@@ -86,7 +93,9 @@ def test_the_slope_is_an_option(slope_rad, area, tmp_path):
 
 def test_the_margin_is_kept_from_the_border_and_not_from_cuts_between_pieces(tmp_path):
     l_shape = (block((0.0, 2.0), (0.0, 1.0), 0.0, 0.1), block((0.0, 1.0), (1.0, 2.0), 0.0, 0.1))
-    found = read_footholds(saved(tmp_path / "l.stl", *l_shape), limits=FootholdLimits(margin_m=0.1, width_m=0.01))
+    found = read_footholds(
+        saved(tmp_path / "l.stl", *l_shape), limits=FootholdLimits(margin_m=0.1, width_m=0.01)
+    )
     assert found.area_m2 == pytest.approx(1.8 * 0.8 + 0.8 * 1.0, rel=1e-4)
     assert len({piece.surface for piece in found.pieces}) == 1
 
@@ -101,14 +110,17 @@ TRUTH = {
 
 
 def good_share(found, truth, limits, rng):
-    """Share of points on footholds about which the true terrain keeps to the foothold's plane under a foot."""
+    """Share of points on footholds about which the true terrain keeps to the foothold's plane under
+    a foot."""
     counts = np.zeros(2)
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
         weights = rng.dirichlet(np.ones(len(corners)), 20)
         points = weights @ corners
         foot = points[:, None, :2] + 0.02 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-        i, j = (np.clip(np.round((foot[..., k] - GRID[0]) / 0.02).astype(int), 0, 199) for k in range(2))
+        i, j = (
+            np.clip(np.round((foot[..., k] - GRID[0]) / 0.02).astype(int), 0, 199) for k in range(2)
+        )
         plane = corners[0, 2] - (foot - corners[0, :2]) @ normal[:2] / normal[2]
         off = np.abs(truth[i, j] - plane).max(axis=1)
         counts += piece.area_m2 * np.array([np.mean(off < 0.02), 1.0])
@@ -121,7 +133,9 @@ def test_footholds_of_a_noisy_map_are_good_on_the_true_terrain(name):
     limits = FootholdLimits(noise_m=0.01)
     heights = TRUTH[name] + 0.01 * rng.standard_normal(X.shape)
     heights[rng.random(X.shape) < 0.02] = np.nan
-    found = footholds_of(ElevationMap(x_m=GRID, y_m=GRID, heights_m=heights, name=name).filled(), limits)
+    found = footholds_of(
+        ElevationMap(x_m=GRID, y_m=GRID, heights_m=heights, name=name).filled(), limits
+    )
     assert good_share(found, TRUTH[name], limits, rng) > 0.95
     assert found.area_m2 > 5.0
     assert all(0.005 < piece.rms_m < 0.02 and piece.samples > 10 for piece in found.pieces)
@@ -136,16 +150,24 @@ def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path
     course = build_course(spec)
     assert course.com_nominal_m[0, :2] == pytest.approx([-0.413, 0.017], abs=1e-12)
     assert course.com_nominal_m[-1, :2] == pytest.approx([1.3, 0.0])
-    pieces = np.array([np.ptp(piece.vertices_m, axis=0).max() for p in course.footholds for piece in p.candidates])
+    pieces = np.array(
+        [np.ptp(piece.vertices_m, axis=0).max() for p in course.footholds for piece in p.candidates]
+    )
     reach = np.mean([limb.reach_m for limb in course.robot.limbs])
     assert pieces.max() == pytest.approx(0.8 * reach, abs=1e-9)
     assert course.com_nominal_m[-1, 2] - course.com_nominal_m[0, 2] == pytest.approx(0.08, abs=1e-3)
     assert all(len(foothold.candidates) >= 1 for foothold in course.footholds)
-    with pytest.raises(InvalidInput, match=r"start: expected a place on the terrain, got \(-5, 0\), 4 m beyond"):
+    with pytest.raises(
+        InvalidInput, match=r"start: expected a place on the terrain, got \(-5, 0\), 4 m beyond"
+    ):
         course_between(terrain, (-5.0, 0.0), (1.3, 0.0))
-    with pytest.raises(InvalidInput, match=r"goal: expected a place on the terrain, got \(9, 0\), 7 m beyond"):
+    with pytest.raises(
+        InvalidInput, match=r"goal: expected a place on the terrain, got \(9, 0\), 7 m beyond"
+    ):
         course_between(terrain, (0.0, 0.0), (9.0, 0.0))
-    with pytest.raises(InvalidInput, match=r"goal: expected a place 0.04 m or more from the start, got 0.01 m"):
+    with pytest.raises(
+        InvalidInput, match=r"goal: expected a place 0.04 m or more from the start, got 0.01 m"
+    ):
         course_between(terrain, (0.0, 0.0), (0.01, 0.0))
 
 
@@ -170,7 +192,8 @@ def islands(step):
 
 
 def test_islands_are_of_one_plane_only_as_far_as_each_fits_it():
-    """Sheets that rise by 0.15 mm each are pairwise of one plane, and 2.85 mm from end to end are not."""
+    """Sheets that rise by 0.15 mm each are pairwise of one plane, and 2.85 mm from end to end are
+    not."""
     sheets, found = islands(1.5e-4)
     assert found.refused_m2["inside"] == 0.0  # the higher one of a plane is not above the lower one
     assert found.area_m2 == pytest.approx(20 * 0.04, rel=1e-6)

@@ -67,7 +67,9 @@ def test_of_a_mesh_with_an_overhang_the_top_counts(tmp_path):
     roof.apply_translation([0.0, 0.0, 0.5])
     trimesh.util.concatenate([roof, low]).export(tmp_path / "two.stl")
     field = read_heights(tmp_path / "two.stl")
-    np.testing.assert_allclose(field.heights_m, 0.5 + wave(field.x_m[:, None], field.y_m), atol=2e-6)
+    np.testing.assert_allclose(
+        field.heights_m, 0.5 + wave(field.x_m[:, None], field.y_m), atol=2e-6
+    )
 
 
 def test_millimetres_are_noticed_and_read_with_their_unit(tmp_path):
@@ -82,7 +84,9 @@ def test_millimetres_are_noticed_and_read_with_their_unit(tmp_path):
 
 
 def test_a_hole_in_a_mesh_says_where_it_is(tmp_path):
-    mesh(skip=[820, 2420]).export(tmp_path / "holed.stl")  # both triangles of the cell at (.025, .025)
+    mesh(skip=[820, 2420]).export(
+        tmp_path / "holed.stl"
+    )  # both triangles of the cell at (.025, .025)
     with pytest.raises(InvalidInput) as caught:
         read_heights(tmp_path / "holed.stl", ImportOptions(spacing_m=0.025))
     assert str(caught.value).endswith(
@@ -103,7 +107,9 @@ def test_a_wall_that_its_spline_cannot_hold_is_refused_by_millimetres_and_may_be
         f"step.npy: finer than its spline can hold: between grid points it swings {1e3 * beyond:.0f} mm beyond the "
         "heights about ("
     )
-    assert str(caught.value).endswith("m, expected 25 mm or less; take a finer grid, or smooth it, e.g. smooth_m=0.05")
+    assert str(caught.value).endswith(
+        "m, expected 25 mm or less; take a finer grid, or smooth it, e.g. smooth_m=0.05"
+    )
     smooth = read_heights(tmp_path / "step.npy", smooth_m=0.05)
     assert np.ptp(smooth.heights_m) == pytest.approx(0.6, abs=0.01)
     assert read_heights(tmp_path / "step.npy", tolerance_m=0.1).heights_m.max() == 0.6
@@ -117,7 +123,12 @@ def written(path, content):
 @pytest.mark.parametrize(
     ("name", "content", "options", "message"),
     [
-        ("h.csv", b"1,2,3,4\n1,,3,4\n" * 2, {}, "got holes at 2 of 16 grid points, the first at (-0.025, -0.025) m"),
+        (
+            "h.csv",
+            b"1,2,3,4\n1,,3,4\n" * 2,
+            {},
+            "got holes at 2 of 16 grid points, the first at (-0.025, -0.025) m",
+        ),
         ("h.csv", b"1,2,3,4\n1,2,3\n", {}, "line 2: expected 4 numbers, got 3"),
         ("h.csv", b"x,y\n1,2\n", {}, "line 1: expected numbers, got 'x,y'"),
         ("h.csv", b"1,2,3,4\n", {}, "h.csv: x_m: expected 4 or more grid lines, got 1"),
@@ -126,12 +137,17 @@ def written(path, content):
         ("h.npy", b"no", {}, "h.npy: expected arrays without pickle: "),
         ("h.npy", b"", {}, "expected a terrain, the file is empty"),
         ("h.png", b"no", {"height_m": (0.0, 1.0)}, "expected a .png picture, cannot read it"),
-        ("h.png", b"no", {}, "expected height_m with a .png, the heights of black and white [m], got none"),
+        (
+            "h.png",
+            b"no",
+            {},
+            "expected height_m with a .png, the heights of black and white [m], got none",
+        ),
         ("h.stl", b"no", {}, "h.stl: expected a mesh: it is cut off, and it has 2 bytes"),
         ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .dae, .off, .glb, .pcd, .xyz, got .tif"),
         ("h.csv", b"1", {"height_m": (0.0, 1.0)}, "height_m: expected a .png with it"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_file_is_said(tmp_path, name, content, options, message):
     with pytest.raises(InvalidInput) as caught:
         read_heights(written(tmp_path / name, content), ImportOptions(**options))
@@ -143,13 +159,16 @@ def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
     pixels = np.full((6, 6, 2), 255, dtype=np.uint8)
     pixels[2, 3, 1] = 0
     Image.fromarray(pixels, "LA").save(tmp_path / "holes.png")
-    with pytest.raises(InvalidInput, match="expected a height everywhere, got holes at 1 of 36 grid points"):
+    with pytest.raises(
+        InvalidInput, match="expected a height everywhere, got holes at 1 of 36 grid points"
+    ):
         read_heights(tmp_path / "holes.png", ImportOptions(height_m=(0.0, 1.0)))
 
 
 def test_a_pickle_is_not_opened(tmp_path):
     np.save(tmp_path / "object.npy", np.array([[None] * 5] * 5), allow_pickle=True)
     with pytest.raises(
-        InvalidInput, match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object"
+        InvalidInput,
+        match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object",
     ):
         read_heights(tmp_path / "object.npy")

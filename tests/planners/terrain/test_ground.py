@@ -13,7 +13,9 @@ def test_the_depth_of_points_that_are_inside_is_their_depth(name):
     (x0, x1), (y0, y1) = ground.heights.domain_m
     rng = np.random.default_rng(3)
     xy = rng.uniform([x0, y0], [x1, y1], (4000, 2))
-    points = np.column_stack([xy, ground.heights.height(xy) + rng.normal(0.0, 0.1, 4000)]).reshape(50, 80, 3)
+    points = np.column_stack([xy, ground.heights.height(xy) + rng.normal(0.0, 0.1, 4000)]).reshape(
+        50, 80, 3
+    )
     depth, inside = ground.depth(points), ground.depth_inside(points)
     assert 1000 < np.count_nonzero(depth > 0.0) < 3000
     assert np.array_equal(inside, np.where(depth > 0.0, depth, -np.inf))

@@ -10,7 +10,12 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.families import MIXED
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.reference import TERRAINS, named_terrain, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import (
+    TERRAINS,
+    named_terrain,
+    reference_tasks,
+    reference_terrain,
+)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +38,9 @@ def test_the_surface_agrees_with_scipys_spline_away_from_the_ends(rough):
     other = RectBivariateSpline(rough.x_m, rough.y_m, rough.heights_m, kx=3, ky=3, s=0)
     at = np.random.default_rng(1).uniform(-3.0, 3.0, (500, 2))
     np.testing.assert_allclose(rough.height(at), other.ev(at[:, 0], at[:, 1]), atol=1e-8)
-    np.testing.assert_allclose(rough.gradient(at)[:, 0], other.ev(at[:, 0], at[:, 1], dx=1), atol=1e-6)
+    np.testing.assert_allclose(
+        rough.gradient(at)[:, 0], other.ev(at[:, 0], at[:, 1], dx=1), atol=1e-6
+    )
 
 
 def test_the_gradient_is_the_finite_difference_inside_and_outside(rough):
@@ -62,7 +69,9 @@ def test_normals_are_upward_units_across_the_tangents_and_frames_are_rotations(r
     for axis in range(2):
         tangent = np.concatenate([np.tile(np.eye(2)[axis], (len(at), 1)), slope[:, [axis]]], axis=1)
         assert np.max(np.abs(np.sum(tangent * normal, axis=1))) < 1e-12
-    np.testing.assert_allclose(np.swapaxes(frame, 1, 2) @ frame, np.tile(np.eye(3), (len(at), 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        np.swapaxes(frame, 1, 2) @ frame, np.tile(np.eye(3), (len(at), 1, 1)), atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-12)
     np.testing.assert_allclose(frame[:, :, 2], normal, atol=1e-12)
 
@@ -72,7 +81,9 @@ def test_smoothing_a_wave_lowers_it_by_the_gaussians_factor():
     wave = HeightField.from_function(lambda x, y: 0.1 * np.sin(k * x))
     low = wave.smoothed(sigma)
     at = np.stack([np.linspace(-1.0, 1.0, 50), np.zeros(50)], axis=1)
-    np.testing.assert_allclose(low.height(at), np.exp(-0.5 * (k * sigma) ** 2) * wave.height(at), atol=1e-4)
+    np.testing.assert_allclose(
+        low.height(at), np.exp(-0.5 * (k * sigma) ** 2) * wave.height(at), atol=1e-4
+    )
 
 
 def test_scaled_heights_and_arrays_go_round(rough):
@@ -85,8 +96,12 @@ def test_scaled_heights_and_arrays_go_round(rough):
 def test_an_uneven_grid_is_interpolated_but_not_smoothed():
     x = np.array([0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
     field = HeightField(x, x, np.add.outer(x, 2.0 * x), "uneven")
-    np.testing.assert_allclose(field.height(np.array([[1.1, 0.2], [-1.0, 5.0]])), [1.5, 9.0], atol=1e-9)
-    with pytest.raises(InvalidInput, match=r"^uneven: expected an even grid to smooth, got uneven spacing$"):
+    np.testing.assert_allclose(
+        field.height(np.array([[1.1, 0.2], [-1.0, 5.0]])), [1.5, 9.0], atol=1e-9
+    )
+    with pytest.raises(
+        InvalidInput, match=r"^uneven: expected an even grid to smooth, got uneven spacing$"
+    ):
         field.smoothed(0.1)
 
 
@@ -99,23 +114,37 @@ def test_reference_splines_hold_their_formulas(name):
     assert np.allclose(np.diff(field.x_m), formula.spacing_m)
 
 
-@pytest.mark.parametrize(("name", "degrees"), [("hill", 60), ("pit", 79), ("pit-84", 84), ("pit-87", 87)])
+@pytest.mark.parametrize(
+    ("name", "degrees"), [("hill", 60), ("pit", 79), ("pit-84", 84), ("pit-87", 87)]
+)
 def test_walls_are_as_steep_as_they_are_named(name, degrees):
     radii = np.linspace(1.0, 1.6, 4001)
-    slope = np.linalg.norm(reference_terrain(name).gradient(np.stack([radii, 0.0 * radii], axis=1)), axis=1)
+    slope = np.linalg.norm(
+        reference_terrain(name).gradient(np.stack([radii, 0.0 * radii], axis=1)), axis=1
+    )
     assert np.rad2deg(np.arctan(slope.max())) == pytest.approx(degrees, abs=1.0)
 
 
 def test_tasks_are_those_of_the_paper():
-    assert [len(reference_tasks(name)) for name in ("ripple", "cone", "hill", "pit")] == [24, 24, 15, 15]
+    assert [len(reference_tasks(name)) for name in ("ripple", "cone", "hill", "pit")] == [
+        24,
+        24,
+        15,
+        15,
+    ]
     ripple, cone = reference_tasks("ripple"), reference_tasks("cone")
-    assert all(np.linalg.norm(task.goal_xy_m) == pytest.approx(2.0) and not any(task.adhesive) for task in ripple)
+    assert all(
+        np.linalg.norm(task.goal_xy_m) == pytest.approx(2.0) and not any(task.adhesive)
+        for task in ripple
+    )
     np.testing.assert_allclose(ripple[6].goal_xy_m, [2.0, 0.0], atol=1e-12)
     assert all(np.allclose(task.start_xy_m, -task.goal_xy_m) for task in cone)
     for name in ("hill", "pit"):
         field, tasks = reference_terrain(name), reference_tasks(name)
         assert all(task.adhesive == (True, True, False, False) for task in tasks)
-        climbs = [float(field.height(task.goal_xy_m) - field.height(task.start_xy_m)) for task in tasks]
+        climbs = [
+            float(field.height(task.goal_xy_m) - field.height(task.start_xy_m)) for task in tasks
+        ]
         assert min(climbs) > 0.95
         assert len({tuple(task.goal_xy_m) for task in tasks}) == 15
 
@@ -140,8 +169,14 @@ HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: HeightField(FOUR[:1], FOUR, LEVEL[:1]), "terrain: x_m: expected 4 or more grid lines, got 1"),
-        (lambda: HeightField(FOUR, FOUR, LEVEL[:, :3], "t"), "t: heights_m: expected shape (4, 4), got (4, 3)"),
+        (
+            lambda: HeightField(FOUR[:1], FOUR, LEVEL[:1]),
+            "terrain: x_m: expected 4 or more grid lines, got 1",
+        ),
+        (
+            lambda: HeightField(FOUR, FOUR, LEVEL[:, :3], "t"),
+            "t: heights_m: expected shape (4, 4), got (4, 3)",
+        ),
         (
             lambda: HeightField(FOUR[[0, 2, 1, 3]], FOUR, LEVEL),
             "terrain: x_m: expected increasing values, got a step of -1 m",
@@ -184,11 +219,15 @@ def test_a_function_finer_than_its_spline_says_by_how_many_millimetres():
     assert words.startswith("comb: finer than a spline of 50 mm spacing can hold: it misses by ")
     said = float(words.split("misses by ")[1].split(" mm")[0])
     assert 5.0 < said < 40.0
-    HeightField.from_function(lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), spacing_m=0.01, name="comb")
+    HeightField.from_function(
+        lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), spacing_m=0.01, name="comb"
+    )
 
 
 def test_rows_of_several_lengths_are_no_heights() -> None:
-    with pytest.raises(InvalidInput, match=r"terrain: expected heights of shape \(n, m\), got rows that differ"):
+    with pytest.raises(
+        InvalidInput, match=r"terrain: expected heights of shape \(n, m\), got rows that differ"
+    ):
         HeightField.from_array([[1.0], [2.0, 3.0]])  # type: ignore[arg-type]
 
 

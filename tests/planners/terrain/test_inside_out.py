@@ -1,4 +1,5 @@
-"""Solids that show their insides: told apart where they touch, whatever their file keeps of what hangs together."""
+"""Solids that show their insides: told apart where they touch, whatever their file keeps of what
+hangs together."""
 
 from itertools import product
 from pathlib import Path
@@ -13,8 +14,22 @@ from stancekit.planners.terrain.inside_out import inside_out
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
 UNIT = np.array(list(product((0.0, 1.0), repeat=3)))
-FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-                  [0, 6, 4], [1, 7, 3], [1, 5, 7]])  # fmt: skip
+FACES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 7, 5],
+        [4, 6, 7],
+        [0, 5, 1],
+        [0, 4, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 7, 3],
+        [1, 5, 7],
+    ]
+)
 
 
 def box(low, high, flipped=False):

@@ -1,4 +1,5 @@
-"""Solids of maps and clouds: what was drawn is found, ground is none, and what hangs over it may be walked below."""
+"""Solids of maps and clouds: what was drawn is found, ground is none, and what hangs over it may be
+walked below."""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ def test_level_ground_steps_and_ramps_have_no_solids(noise_m):
     for ground in (np.zeros((81, 61)), steps, ramp):
         measured = heights().heights_m + ground + noise_m * rng.standard_normal(ground.shape)
         found = standing_boxes(
-            ElevationMap(x_m=heights().x_m, y_m=heights().y_m, heights_m=measured, name="ground"), noise_m
+            ElevationMap(x_m=heights().x_m, y_m=heights().y_m, heights_m=measured, name="ground"),
+            noise_m,
         )
         assert len(found) == 0
 
@@ -89,8 +91,13 @@ def test_what_hangs_over_a_cloud_is_found_with_its_ground_below():
     assert not inside(over.boxes_m, line - np.array([0.0, 0.0, 0.1])).any()
     assert over.ground_m[:, 2].max() == 0.0
     found = footholds_of(ElevationMap.of_points(cloud(bar), SPACING_M, "cloud"))
-    below = [p for p in found.pieces if abs(p.patch.centre_m[2]) < 0.01 and p.patch.vertices_m[:, 0].min() < 1.4
-             and p.patch.vertices_m[:, 0].max() > 1.7]  # fmt: skip
+    below = [
+        p
+        for p in found.pieces
+        if abs(p.patch.centre_m[2]) < 0.01
+        and p.patch.vertices_m[:, 0].min() < 1.4
+        and p.patch.vertices_m[:, 0].max() > 1.7
+    ]
     assert below, "footholds go through below the bar"
 
 

@@ -1,4 +1,5 @@
-"""Mesh files become the convex facets that their shapes have, and what is no terrain is refused in one line."""
+"""Mesh files become the convex facets that their shapes have, and what is no terrain is refused in
+one line."""
 
 from __future__ import annotations
 
@@ -19,7 +20,11 @@ KINDS = ("stl", "obj", "ply")
 def read_mesh(path, *, friction, **named):
     mesh = read_terrain(path, ImportOptions(**named))
     mesh.check_size(named.get("unit_m", 1.0))
-    return tuple(facet.plane.patch(piece, friction) for facet in facets_of(mesh) for piece in facet.pieces(1e-3))
+    return tuple(
+        facet.plane.patch(piece, friction)
+        for facet in facets_of(mesh)
+        for piece in facet.pieces(1e-3)
+    )
 
 
 @pytest.fixture
@@ -37,10 +42,17 @@ def prism(plan, height):
     outline = np.array(plan, dtype=float)
     count = len(outline)
     vertices = np.vstack(
-        [np.column_stack([outline, np.zeros(count)]), np.column_stack([outline, np.full(count, height)])]
+        [
+            np.column_stack([outline, np.zeros(count)]),
+            np.column_stack([outline, np.full(count, height)]),
+        ]
     )
-    sides = [face for i in range(count) for j in [(i + 1) % count]
-             for face in ((i, j, j + count), (i, j + count, i + count))]  # fmt: skip
+    sides = [
+        face
+        for i in range(count)
+        for j in [(i + 1) % count]
+        for face in ((i, j, j + count), (i, j + count, i + count))
+    ]
     return vertices, sides, count
 
 
@@ -84,13 +96,17 @@ def test_a_convex_solid_gets_a_patch_a_facet(mesh, facets, corners, kind, saved)
     assert {patch.friction for patch in patches} == {0.4}
 
 
-@pytest.mark.parametrize(("mesh", "top"), [(letter_l(), 2), (trimesh.creation.annulus(0.3, 0.6, 0.2, sections=12), 12)])
+@pytest.mark.parametrize(
+    ("mesh", "top"), [(letter_l(), 2), (trimesh.creation.annulus(0.3, 0.6, 0.2, sections=12), 12)]
+)
 def test_a_facet_that_is_not_convex_or_has_a_hole_becomes_a_few_convex_patches(mesh, top, saved):
     patches = read_mesh(saved(mesh), friction=0.4)
     upward = [patch for patch in patches if patch.normal[2] > 0.9]
     assert 2 <= len(upward) <= top
     height = mesh.vertices[:, 2].max()
-    expected = mesh.area_faces[np.all(mesh.vertices[mesh.faces][:, :, 2] > height - 1e-9, axis=1)].sum()
+    expected = mesh.area_faces[
+        np.all(mesh.vertices[mesh.faces][:, :, 2] > height - 1e-9, axis=1)
+    ].sum()
     assert sum(area(patch) for patch in upward) == pytest.approx(expected, rel=1e-6)
     for patch in upward:  # every patch lies inside the facet
         middles = 0.5 * (patch.vertices_m + np.roll(patch.vertices_m, -1, axis=0))
@@ -116,15 +132,26 @@ def test_a_course_on_a_mesh_beside_its_file(saved, tmp_path):
     saved(trimesh.creation.box((3.0, 3.0, 0.1)), "stl")
     path = tmp_path / "course.yaml"
     terrain = {"kind": "mesh", "file": "mesh.stl", "friction": 0.6, "offset_m": [0.0, 0.0, -0.05]}
-    path.write_text(yaml.safe_dump({
-        "name": "slab", "frames": 4, "start_m": [0, 0, 0.2], "goal_m": [0.2, 0, 0.2], "terrain": terrain,
-    }))  # fmt: skip
+    path.write_text(
+        yaml.safe_dump(
+            {
+                "name": "slab",
+                "frames": 4,
+                "start_m": [0, 0, 0.2],
+                "goal_m": [0.2, 0, 0.2],
+                "terrain": terrain,
+            }
+        )
+    )
     course = read_course(path)
     assert len(course.terrain) == 6
-    assert {round(float(v), 6) for p in course.footholds for v in p.candidates[0].vertices_m[:, 2]} == {0.0}
+    assert {
+        round(float(v), 6) for p in course.footholds for v in p.candidates[0].vertices_m[:, 2]
+    } == {0.0}
 
 
-# ----------------------------------------------------------------------------------------------------------- refusals
+# -----------------------------------------------------------------------------------------------------------
+# refusals
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -138,7 +165,9 @@ def test_a_mesh_in_millimetres_is_recognised_by_its_size(kind, saved):
 
 def test_a_mesh_smaller_than_a_foot_is_refused(saved):
     message = refusal(saved(trimesh.creation.box((0.001, 0.002, 0.001))))
-    assert "expected a terrain of at least 0.01 m from end to end, got 0.002 m; see unit_m" in message
+    assert (
+        "expected a terrain of at least 0.01 m from end to end, got 0.002 m; see unit_m" in message
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -148,7 +177,9 @@ def test_an_edge_of_three_triangles_spoils_no_facet(kind, saved):
     mesh = trimesh.Trimesh(fin, np.vstack([box.faces, [[*box.faces[0][:2], 8]]]), process=False)
     areas = sorted(area(patch) for patch in read_mesh(saved(mesh, kind), friction=0.5))
     assert len(areas) == 7
-    np.testing.assert_allclose([a for a in areas if abs(a - mesh.area_faces[-1]) > 1e-4], 1.0, atol=1e-5)
+    np.testing.assert_allclose(
+        [a for a in areas if abs(a - mesh.area_faces[-1]) > 1e-4], 1.0, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -156,7 +187,9 @@ def test_a_triangle_that_faces_the_other_way_is_a_facet_of_its_own(kind, saved):
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     faces = box.faces.copy()
     faces[3] = faces[3][::-1]
-    patches = read_mesh(saved(trimesh.Trimesh(box.vertices, faces, process=False), kind), friction=0.5)
+    patches = read_mesh(
+        saved(trimesh.Trimesh(box.vertices, faces, process=False), kind), friction=0.5
+    )
     assert sorted(round(area(patch), 4) for patch in patches) == [0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0]
     assert sum(patch.normal @ patch.centre_m < 0.0 for patch in patches) == 1
 
@@ -164,18 +197,36 @@ def test_a_triangle_that_faces_the_other_way_is_a_facet_of_its_own(kind, saved):
 def test_what_covers_a_place_twice_counts_once(saved):
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     twice = trimesh.Trimesh(box.vertices, np.vstack([box.faces, box.faces]), process=False)
-    assert sum(area(patch) for patch in read_mesh(saved(twice), friction=0.5)) == pytest.approx(6.0, rel=1e-5)
+    assert sum(area(patch) for patch in read_mesh(saved(twice), friction=0.5)) == pytest.approx(
+        6.0, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("mesh.stl", b"solid nothing\nendsolid nothing\n", "expected a mesh with triangles, got an empty one"),
+        (
+            "mesh.stl",
+            b"solid nothing\nendsolid nothing\n",
+            "expected a mesh with triangles, got an empty one",
+        ),
         ("mesh.obj", b"# nothing\n", "expected a mesh"),
-        ("mesh.ply", b"not a mesh at all", "expected a mesh: expected a header from ply to end_header"),
+        (
+            "mesh.ply",
+            b"not a mesh at all",
+            "expected a mesh: expected a header from ply to end_header",
+        ),
         ("mesh.ply", b"", "expected a mesh"),
-        ("mesh.tif", b"", "expected a terrain that ends in .npy, .npz, .csv, .png, .stl, .obj, .ply, .dae"),
-        ("mesh.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "expected a mesh with triangles, got an empty one"),
+        (
+            "mesh.tif",
+            b"",
+            "expected a terrain that ends in .npy, .npz, .csv, .png, .stl, .obj, .ply, .dae",
+        ),
+        (
+            "mesh.obj",
+            b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n",
+            "expected a mesh with triangles, got an empty one",
+        ),
         ("mesh.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "expected a mesh"),
     ],
 )
@@ -186,4 +237,7 @@ def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, message, tm
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    assert refusal(tmp_path / "no.stl") == f"{tmp_path / 'no.stl'}: expected a file, found nothing there"
+    assert (
+        refusal(tmp_path / "no.stl")
+        == f"{tmp_path / 'no.stl'}: expected a file, found nothing there"
+    )

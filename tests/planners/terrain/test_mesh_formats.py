@@ -1,4 +1,5 @@
-"""Readers of mesh files: what trimesh writes is read as it was, and what is damaged is refused, never believed."""
+"""Readers of mesh files: what trimesh writes is read as it was, and what is damaged is refused,
+never believed."""
 
 from __future__ import annotations
 
@@ -88,8 +89,10 @@ def test_a_ply_may_have_other_properties_and_faces_of_several_sizes(order: str) 
         "property float z\nproperty short y\nelement edge 1\nproperty list uchar int pair\nelement face 2\n"
         "property list ushort uint vertex_index\nproperty float weight\nend_header\n"
     )
-    rows = np.array([(1, 0, 0, 0), (1, 2, 0, 0), (1, 2, 0, 3), (1, 0, 5, 3)],
-                    dtype=f"u1,{mark}f8,{mark}f4,{mark}i2")  # fmt: skip
+    rows = np.array(
+        [(1, 0, 0, 0), (1, 2, 0, 0), (1, 2, 0, 3), (1, 0, 5, 3)],
+        dtype=f"u1,{mark}f8,{mark}f4,{mark}i2",
+    )
     edge = b"\x02" + np.array([0, 1], dtype=f"{mark}i4").tobytes()
     faces = [[0, 1, 2, 3], [0, 1, 2]]
     body = b"".join(
@@ -158,8 +161,5 @@ def test_a_node_within_itself_ends() -> None:
 def test_other_endings_are_refused(tmp_path: Path) -> None:
     for name in ("mesh.fbx", "mesh", "mesh.gltf"):
         (tmp_path / name).write_bytes(b"x")
-        with pytest.raises(
-            InvalidInput,
-            match=r"expected a mesh that ends in \.stl, .*, got ",
-        ):
+        with pytest.raises(InvalidInput, match=r"expected a mesh that ends in \.stl, .*, got "):
             read_corners(tmp_path / name)

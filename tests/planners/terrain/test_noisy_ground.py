@@ -29,7 +29,9 @@ def noisy_steps(noise_m, seed=5):
 
 def cloud_of_steps(noise_m, count=60_000):
     rng = np.random.default_rng(5)
-    points = np.column_stack([rng.uniform(-1.0, 2.0, count), rng.uniform(-0.9, 0.9, count), np.zeros(count)])
+    points = np.column_stack(
+        [rng.uniform(-1.0, 2.0, count), rng.uniform(-0.9, 0.9, count), np.zeros(count)]
+    )
     points[:, 2] = steps(points[:, 0]) + rng.normal(0.0, noise_m, count)
     return ElevationMap.of_points(points, 0.02, "cloud")
 
@@ -73,10 +75,16 @@ def test_planes_of_wide_surfaces_are_off_by_what_they_say_and_noise_parts_none()
         assert len({piece.surface for piece in found.pieces}) <= 4
         for place in np.array([[-0.3, 0.2], [0.5, 0.0], [1.3, 0.2]]):
             level = np.searchsorted(EDGES, place[0])
-            its = [piece for piece in found.pieces if np.searchsorted(EDGES, piece.patch.centre_m[0]) == level]
+            its = [
+                piece
+                for piece in found.pieces
+                if np.searchsorted(EDGES, piece.patch.centre_m[0]) == level
+            ]
             patch = max(its, key=lambda piece: piece.area_m2).patch
             off = patch.vertices_m[0] - [*place, steps(place[0])]
-            standard.append(off @ patch.normal / patch.normal[2] / patch.certainty.height_sd_m(place))
+            standard.append(
+                off @ patch.normal / patch.normal[2] / patch.certainty.height_sd_m(place)
+            )
     assert 0.7 < np.sqrt(np.mean(np.square(standard))) < 1.3
     assert np.abs(standard).max() < 3.5
 
@@ -84,7 +92,9 @@ def test_planes_of_wide_surfaces_are_off_by_what_they_say_and_noise_parts_none()
 def test_noise_is_estimated_and_what_is_exact_has_none():
     assert GroundCells.of_map(noisy_steps(0.0)).noise_m() < 1e-9
     for noise_m in (0.005, 0.02):
-        assert GroundCells.of_map(noisy_steps(noise_m)).noise_m() == pytest.approx(noise_m, rel=0.05)
+        assert GroundCells.of_map(noisy_steps(noise_m)).noise_m() == pytest.approx(
+            noise_m, rel=0.05
+        )
     told = footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.025))
     assert (told.noise_m, told.noise_source) == (0.025, "as given")
     assert footholds_of(noisy_steps(0.0)).pieces[0].height_sd_m is None
@@ -92,7 +102,8 @@ def test_noise_is_estimated_and_what_is_exact_has_none():
 
 def test_noise_with_which_nothing_is_known_a_map_of_one_row_and_a_cloud_of_one_point_are_refused_in_a_line():
     with pytest.raises(
-        InvalidInput, match=r"^steps: noise_m: expected 0.16 m or less, with which a plane .*, got 5 m$"
+        InvalidInput,
+        match=r"^steps: noise_m: expected 0.16 m or less, with which a plane .*, got 5 m$",
     ):
         footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=5.0))
     assert footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.03)).pieces
@@ -109,5 +120,7 @@ def test_a_covariance_that_is_none_is_refused(entry):
     covariance = np.diag([1e-6, 1e-6, 1e-6])
     assert Certainty(about_m=[0.0, 0.0], covariance=covariance).tilt_sd_rad == pytest.approx(1e-3)
     covariance[i, j] = value
-    with pytest.raises(InvalidInput, match="covariance: expected a symmetric matrix without negative eigenvalues"):
+    with pytest.raises(
+        InvalidInput, match="covariance: expected a symmetric matrix without negative eigenvalues"
+    ):
         Certainty(about_m=[0.0, 0.0], covariance=covariance)

@@ -27,7 +27,9 @@ def ell() -> list[Patch]:
                 a, b = (0.5 * np.eye(3)[k] for k in range(3) if k != axis)
                 corners = middle + 0.5 * normal + np.array([-a - b, a - b, a + b, b - a])
                 shear = np.eye(3)[(axis + 1) % 3]
-                found.append(Patch(vertices_m=corners, normal=normal, shear_reference=shear, friction=0.7))
+                found.append(
+                    Patch(vertices_m=corners, normal=normal, shear_reference=shear, friction=0.7)
+                )
     return found
 
 
@@ -45,7 +47,8 @@ def test_the_winding_number_knows_inside_from_outside() -> None:
     (surface,) = Obstacles.of(ell()).closed
     points = np.random.default_rng(3).uniform([-0.5, -0.5, -0.5], [2.5, 2.5, 1.5], size=(400, 3))
     inside = [
-        0.0 < z < 1.0 and any(x < px < x + 1 and y < py < y + 1 for x, y in SQUARES) for px, py, z in points.tolist()
+        0.0 < z < 1.0 and any(x < px < x + 1 and y < py < y + 1 for x, y in SQUARES)
+        for px, py, z in points.tolist()
     ]
     assert 20 < sum(inside) < 200
     np.testing.assert_array_equal(surface.holds(points), inside)
@@ -63,7 +66,12 @@ def test_a_surface_that_is_open_or_turned_inside_out_holds_nothing() -> None:
     patches = ell()
     assert Obstacles.of(patches[:-1]).closed == ()
     turned = [
-        Patch(vertices_m=p.vertices_m, normal=-p.normal, shear_reference=p.shear_reference, friction=0.7)
+        Patch(
+            vertices_m=p.vertices_m,
+            normal=-p.normal,
+            shear_reference=p.shear_reference,
+            friction=0.7,
+        )
         for p in patches
     ]
     assert Obstacles.of(turned).closed == ()

@@ -1,4 +1,5 @@
-"""Convex polygons cut and shrunk as half-planes say (scipy's Qhull), and surfaces that hand out pieces of them."""
+"""Convex polygons cut and shrunk as half-planes say (scipy's Qhull), and surfaces that hand out
+pieces of them."""
 
 from __future__ import annotations
 
@@ -28,17 +29,22 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def polygon_of(rng):
-    """A convex polygon of 3 to about 8 corners within a metre or so, its corners either way round."""
+    """A convex polygon of 3 to about 8 corners within a metre or so, its corners either way
+    round."""
     points = rng.normal(size=(int(rng.integers(3, 12)), 2)) * rng.uniform(0.1, 1.0, 2)
     corners = points[ConvexHull(points).vertices] + rng.normal(size=2)
     return corners if rng.random() < 0.5 else corners[::-1]
 
 
 def intersection(normals, offsets):
-    """Area and corners of an intersection of half-planes by Qhull; None where it has no interior to speak of."""
+    """Area and corners of an intersection of half-planes by Qhull; None where it has no interior to
+    speak of."""
     lengths = np.linalg.norm(normals, axis=1)
     found = linprog(
-        [0.0, 0.0, -1.0], np.column_stack([normals, lengths]), offsets, bounds=[(None, None)] * 2 + [(0.0, None)]
+        [0.0, 0.0, -1.0],
+        np.column_stack([normals, lengths]),
+        offsets,
+        bounds=[(None, None)] * 2 + [(0.0, None)],
     )
     if found.status != 0 or found.x[2] < SMALLEST_M:
         return None
@@ -52,10 +58,16 @@ def tilted(rng, corners):
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     normal = np.cross(axes[:, 0], axes[:, 1])
     vertices = rng.normal(size=3) + corners @ axes[:, :2].T
-    return Patch(vertices_m=vertices, normal=normal, shear_reference=axes[:, 0] + 0.3 * axes[:, 1], friction=0.5)
+    return Patch(
+        vertices_m=vertices,
+        normal=normal,
+        shear_reference=axes[:, 0] + 0.3 * axes[:, 1],
+        friction=0.5,
+    )
 
 
-# ----------------------------------------------------------------------------------------------------------- polygons
+# -----------------------------------------------------------------------------------------------------------
+# polygons
 
 
 @given(SEEDS)
@@ -113,9 +125,13 @@ def test_the_nearest_point_is_the_least_squares_point_of_the_half_planes(seed):
     assert np.max(normals @ found - offsets) < 1e-9
     inside = {"type": "ineq", "fun": lambda x: offsets - normals @ x, "jac": lambda x: -normals}
     best = minimize(
-        lambda x: np.sum((x - point) ** 2), polygon.mean(axis=0), jac=lambda x: 2.0 * (x - point), method="SLSQP",
-        constraints=[inside], options={"ftol": 1e-14, "maxiter": 200},
-    )  # fmt: skip
+        lambda x: np.sum((x - point) ** 2),
+        polygon.mean(axis=0),
+        jac=lambda x: 2.0 * (x - point),
+        method="SLSQP",
+        constraints=[inside],
+        options={"ftol": 1e-14, "maxiter": 200},
+    )
     assert np.linalg.norm(found - point) <= np.linalg.norm(best.x - point) + 1e-7
 
 
@@ -128,7 +144,8 @@ def test_the_width_is_the_least_extent_over_all_directions(seed):
     assert width(polygon) >= extents.min() - 2.0 * np.ptp(polygon, axis=0).max() * np.pi / 2000
 
 
-# ----------------------------------------------------------------------------------------------------------- surfaces
+# -----------------------------------------------------------------------------------------------------------
+# surfaces
 
 
 @given(SEEDS)

@@ -9,9 +9,11 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import THICKNESS_M, Solid
 
 TRIANGLE = Patch(
-    vertices_m=[[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.0, 0.3, 1.0]], normal=[0, 0, 1], shear_reference=[1, 0, 0],
+    vertices_m=[[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.0, 0.3, 1.0]],
+    normal=[0, 0, 1],
+    shear_reference=[1, 0, 0],
     friction=0.5,
-)  # fmt: skip
+)
 
 
 def test_its_triangles_are_closed_and_turned_outwards() -> None:
@@ -19,14 +21,18 @@ def test_its_triangles_are_closed_and_turned_outwards() -> None:
     a, b, c = (solid.corners[solid.triangles[:, i]] for i in range(3))
     areas = 0.5 * np.cross(b - a, c - a)
     np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-12)
-    volume = np.einsum("ij,ij->", a, areas) / 3.0  # divergence theorem: positive only if turned outwards
+    volume = (
+        np.einsum("ij,ij->", a, areas) / 3.0
+    )  # divergence theorem: positive only if turned outwards
     assert volume == pytest.approx(0.06 * THICKNESS_M)
 
 
 def test_it_lies_behind_the_surface() -> None:
     solid = TRIANGLE.solid
     assert solid.corners[:, 2].max() == pytest.approx(1.0)
-    inside, above, below = solid.distance(np.array([[0.1, 0.1, 0.99], [0.1, 0.1, 1.2], [0.1, 0.1, 0.9]]))
+    inside, above, below = solid.distance(
+        np.array([[0.1, 0.1, 0.99], [0.1, 0.1, 1.2], [0.1, 0.1, 0.9]])
+    )
     assert inside < 0.0
     assert above == pytest.approx(0.2)
     assert below == pytest.approx(0.1 - THICKNESS_M)
@@ -42,7 +48,10 @@ def test_the_distance_is_never_more_than_the_true_one(point: tuple[float, float,
 
 def test_a_corner_that_is_given_twice_does_no_harm() -> None:
     doubled = Patch(
-        vertices_m=TRIANGLE.vertices_m[[0, 1, 1, 2]], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
+        vertices_m=TRIANGLE.vertices_m[[0, 1, 1, 2]],
+        normal=[0, 0, 1],
+        shear_reference=[1, 0, 0],
+        friction=0.5,
     )
     assert len(doubled.solid.corners) == 6
 
@@ -52,7 +61,9 @@ def test_it_is_the_hull_of_its_corners_whichever_way_its_border_turns() -> None:
     for count in (3, 4, 7):
         turn = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))[:: rng.choice([-1, 1])]
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        border = rng.normal(size=3) + 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1) @ axes[:2]
+        border = (
+            rng.normal(size=3) + 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1) @ axes[:2]
+        )
         patch = Patch(vertices_m=border, normal=axes[2], shear_reference=axes[0], friction=0.5)
         solid, hull = patch.solid, Solid.of_corners(patch.solid.corners)
         points = border.mean(axis=0) + rng.normal(size=(200, 3))

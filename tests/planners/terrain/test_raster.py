@@ -1,4 +1,5 @@
-"""The upper side of triangles on a grid, against one triangle after the other; and meshes that are read as maps."""
+"""The upper side of triangles on a grid, against one triangle after the other; and meshes that are
+read as maps."""
 
 import numpy as np
 import pytest
@@ -41,7 +42,9 @@ def test_each_node_has_the_height_of_the_highest_triangle_over_it():
 def test_triangles_with_more_nodes_than_are_looked_at_together_are_still_seen():
     x = y = np.linspace(0.0, 1.0, 1100)
     assert len(x) * len(y) > PAIRS
-    square = np.array([[[0, 0, 0.0], [1, 0, 1.0], [1, 1, 1.0]], [[0, 0, 0.0], [1, 1, 1.0], [0, 1, 0.0]]])
+    square = np.array(
+        [[[0, 0, 0.0], [1, 0, 1.0], [1, 1, 1.0]], [[0, 0, 0.0], [1, 1, 1.0], [0, 1, 0.0]]]
+    )
     found = raised(np.concatenate([square, square - 3.0 * np.eye(3)[2]]), x, y)
     assert np.allclose(found, x[:, None] * np.ones(len(y)), atol=1e-12)
 
@@ -49,9 +52,14 @@ def test_triangles_with_more_nodes_than_are_looked_at_together_are_still_seen():
 def sheet(path, rows, columns):
     """A binary .ply of 2 × rows × columns triangles, z = x / 10, a metre long."""
     x, y = np.linspace(0.0, 1.0, rows + 1), np.linspace(0.0, 0.5, columns + 1)
-    corners = np.stack([*np.meshgrid(x, y, indexing="ij"), np.repeat(0.1 * x[:, None], len(y), axis=1)], axis=-1)
+    corners = np.stack(
+        [*np.meshgrid(x, y, indexing="ij"), np.repeat(0.1 * x[:, None], len(y), axis=1)], axis=-1
+    )
     number = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, -1)
-    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    a, b, c, d = (
+        part.ravel()
+        for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    )
     faces = np.zeros(2 * len(a), dtype=[("n", "u1"), ("i", "<i4", 3)])
     faces["n"], faces["i"] = 3, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     head = (
@@ -74,7 +82,9 @@ def test_a_mesh_too_fine_to_be_read_as_it_is_says_how_it_can_be_read(tmp_path):
 
 
 def test_a_mesh_that_is_read_as_a_grid_is_its_upper_side(tmp_path):
-    found = read_terrain(sheet(tmp_path / "fine.ply", 420, 250), ImportOptions(kind="grid", spacing_m=0.02))
+    found = read_terrain(
+        sheet(tmp_path / "fine.ply", 420, 250), ImportOptions(kind="grid", spacing_m=0.02)
+    )
     assert isinstance(found, ElevationMap)
     assert found.heights_m.shape == (50, 25) or found.heights_m.shape == (51, 26)
     assert np.allclose(found.heights_m, 0.1 * found.x_m[:, None], atol=1e-6)
@@ -86,5 +96,7 @@ def test_a_mesh_that_is_read_as_a_grid_is_cropped(tmp_path):
     assert found.x_m[[0, -1]] == pytest.approx([0.2, 0.6], abs=0.021)
     assert found.y_m[[0, -1]] == pytest.approx([0.1, 0.4], abs=0.021)
     assert np.allclose(found.heights_m, 0.1 * found.x_m[:, None], atol=1e-6)
-    with pytest.raises(InvalidInput, match="crop_m: expected some of the mesh inside, got none of it"):
+    with pytest.raises(
+        InvalidInput, match="crop_m: expected some of the mesh inside, got none of it"
+    ):
         read_terrain(tmp_path / "some.ply", ImportOptions(kind="grid", crop_m=(3.0, 4.0, 0.0, 1.0)))

@@ -15,7 +15,9 @@ SOLE = np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]])
 def ground(vertices) -> Patch:
     """A level patch whose forward axis is x."""
     vertices = np.column_stack([vertices, np.full(len(vertices), 0.3)])
-    return Patch(vertices_m=vertices, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
+    return Patch(
+        vertices_m=vertices, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
+    )
 
 
 def test_a_sole_looks_forward_at_yaw_zero_and_turns_to_the_left():
@@ -27,19 +29,24 @@ def test_a_sole_looks_forward_at_yaw_zero_and_turns_to_the_left():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_centre_is_where_all_points_are_on_the_patch(seed):
-    """Against every point's own place on polygons of all slopes, by the side of each edge that it is on."""
+    """Against every point's own place on polygons of all slopes, by the side of each edge that it
+    is on."""
     rng = np.random.default_rng(seed)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     count = int(rng.integers(3, 8))
     angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
     flat = 0.4 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     patch = Patch(
-        vertices_m=flat @ rotation.T + rng.normal(size=3), normal=rotation[:, 2] * np.linalg.det(rotation),
-        shear_reference=rng.normal(size=3), friction=0.5,
-    )  # fmt: skip
+        vertices_m=flat @ rotation.T + rng.normal(size=3),
+        normal=rotation[:, 2] * np.linalg.det(rotation),
+        shear_reference=rng.normal(size=3),
+        friction=0.5,
+    )
     offsets = sole_offsets(SOLE, patch, rng.uniform(-3.0, 3.0))
     gaps = np.linalg.norm(offsets[:, None] - offsets, axis=-1)
-    np.testing.assert_allclose(gaps, np.linalg.norm(SOLE[:, None] - SOLE, axis=-1), atol=1e-12)  # rigid
+    np.testing.assert_allclose(
+        gaps, np.linalg.norm(SOLE[:, None] - SOLE, axis=-1), atol=1e-12
+    )  # rigid
     np.testing.assert_allclose(offsets @ patch.normal, 0.0, atol=1e-12)
     region = sole_region(patch, offsets)
 
@@ -57,19 +64,25 @@ def test_the_centre_is_where_all_points_are_on_the_patch(seed):
 def test_bad_soles_and_patches_without_room_are_refused_in_one_line():
     for points, message in (
         (SOLE[:2], "sole_m: expected 3 to 16 points of a sole, got 2"),
-        ([[0.0, 0.0], [0.1, 0.1], [0.2, 0.2]],
-         "sole_m: expected points that are not in one line, got [[0.0, 0.0], [0.1, 0.1], [0.2, 0.2]]"),
+        (
+            [[0.0, 0.0], [0.1, 0.1], [0.2, 0.2]],
+            "sole_m: expected points that are not in one line, got [[0.0, 0.0], [0.1, 0.1], [0.2, 0.2]]",
+        ),
         ([[0.0, 0.0, 0.0]], "sole_m: expected shape (any, 2), got (1, 3)"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InvalidInput) as refused:
             checked_sole(points, "sole_m")
         assert str(refused.value) == message
     beam = ground([[-0.4, -0.06], [0.4, -0.06], [0.4, 0.06], [-0.4, 0.06]])
     assert len(sole_region(beam, sole_offsets(SOLE, beam, 0.0)).vertices_m) == 4
-    with pytest.raises(InvalidInput, match="expected room for a sole on the patch, got less than a millimetre"):
+    with pytest.raises(
+        InvalidInput, match="expected room for a sole on the patch, got less than a millimetre"
+    ):
         sole_region(beam, sole_offsets(SOLE, beam, 0.5 * np.pi))
     bent = beam.vertices_m.copy()
     bent[1, 2] += 1e-4
-    bent = Patch(vertices_m=bent, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
+    bent = Patch(
+        vertices_m=bent, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
+    )
     with pytest.raises(InvalidInput, match="expected a patch flat to 1e-07 m under a sole"):
         sole_region(bent, sole_offsets(SOLE, bent, 0.0))

@@ -1,4 +1,5 @@
-"""The one reader: clouds, units, axes, crops and holes mean the same from every format, and bad files are one line."""
+"""The one reader: clouds, units, axes, crops and holes mean the same from every format, and bad
+files are one line."""
 
 import time
 
@@ -35,7 +36,9 @@ def save_cloud(path, points):
 
 @pytest.mark.parametrize("suffix", [".pcd", ".npy", ".ply", ".xyz"])
 def test_a_cloud_of_a_plane_is_a_map_of_it(suffix, tmp_path):
-    found = read_terrain(save_cloud(tmp_path / f"c{suffix}", POINTS), ImportOptions(kind="cloud", spacing_m=0.05))
+    found = read_terrain(
+        save_cloud(tmp_path / f"c{suffix}", POINTS), ImportOptions(kind="cloud", spacing_m=0.05)
+    )
     assert isinstance(found, ElevationMap)
     x, y = np.meshgrid(found.x_m, found.y_m, indexing="ij")
     assert found.samples.sum() == len(POINTS)
@@ -47,7 +50,9 @@ def test_unit_axis_and_offset_bring_a_cloud_back(up, turned, tmp_path):
     offset = np.array([1.0, -2.0, 0.5])
     path = tmp_path / "c.npy"
     np.save(path, 1000.0 * (POINTS - offset)[:, turned])
-    options = ImportOptions(kind="cloud", unit_m=0.001, up=up, offset_m=tuple(offset), spacing_m=0.1)
+    options = ImportOptions(
+        kind="cloud", unit_m=0.001, up=up, offset_m=tuple(offset), spacing_m=0.1
+    )
     np.save(tmp_path / "plain.npy", POINTS)
     plain = read_terrain(tmp_path / "plain.npy", ImportOptions(kind="cloud", spacing_m=0.1))
     np.testing.assert_allclose(read_terrain(path, options).heights_m, plain.heights_m, atol=1e-9)
@@ -55,7 +60,9 @@ def test_unit_axis_and_offset_bring_a_cloud_back(up, turned, tmp_path):
 
 def test_points_in_three_columns_are_never_taken_for_heights(tmp_path):
     np.save(tmp_path / "c.npy", POINTS)
-    with pytest.raises(InvalidInput, match=r"shape \(20000, 3\) holds, kind cloud \(points x, y, z\) or grid"):
+    with pytest.raises(
+        InvalidInput, match=r"shape \(20000, 3\) holds, kind cloud \(points x, y, z\) or grid"
+    ):
         read_terrain(tmp_path / "c.npy")
 
 
@@ -69,7 +76,9 @@ def test_a_crop_cuts_meshes_maps_and_clouds_alike(tmp_path):
     grid = read_terrain(tmp_path / "grid.npy", ImportOptions(crop_m=crop, spacing_m=0.025))
     assert (grid.x_m.min(), grid.x_m.max(), grid.y_m.min(), grid.y_m.max()) == pytest.approx(crop)
     np.save(tmp_path / "cloud.npy", POINTS)
-    cloud = read_terrain(tmp_path / "cloud.npy", ImportOptions(kind="cloud", crop_m=crop, spacing_m=0.025))
+    cloud = read_terrain(
+        tmp_path / "cloud.npy", ImportOptions(kind="cloud", crop_m=crop, spacing_m=0.025)
+    )
     assert cloud.samples.sum() == np.all(np.abs(POINTS[:, :2]) <= [0.5, 0.25], axis=1).sum()
 
 
@@ -94,7 +103,10 @@ def test_holes_are_no_ground_unless_they_are_to_be_filled(tmp_path):
     filled = read_footholds(tmp_path / "h.npy", ImportOptions(**options, holes="fill"))
     assert without.refused_m2["hole"] == pytest.approx(0.16)
     assert filled.area_m2 - without.area_m2 > 0.16
-    assert read_heights(tmp_path / "h.npy", ImportOptions(**options, holes="fill")).heights_m.max() == 0.0
+    assert (
+        read_heights(tmp_path / "h.npy", ImportOptions(**options, holes="fill")).heights_m.max()
+        == 0.0
+    )
 
 
 def inside_out(path):
@@ -111,28 +123,109 @@ def many(path):
     ("name", "write", "options", "message"),
     [
         ("e.stl", lambda p: p.write_bytes(b""), {}, "expected a mesh"),
-        ("e.npy", lambda p: np.save(p, np.zeros((0, 0))), {}, "expected 4 or more grid lines, got 0"),
+        (
+            "e.npy",
+            lambda p: np.save(p, np.zeros((0, 0))),
+            {},
+            "expected 4 or more grid lines, got 0",
+        ),
         ("e.pcd", lambda p: p.write_bytes(b""), {}, "expected points, the file is empty"),
         ("e.pcd", lambda p: p.write_bytes(b"# no"), {}, "which pypcd4 cannot read"),
-        ("nan.npy", lambda p: np.save(p, np.full((9, 9), np.nan)), {}, "expected heights, got 81 holes and nothing"),
-        ("inf.npy", lambda p: np.save(p, np.where(np.eye(9) > 0.0, np.inf, 0.0)), {},
-         "expected heights, NaN where there is none, got 9 that are infinite, the first inf at"),
-        ("nan.npy", lambda p: np.save(p, np.full((9, 3), np.nan)), {"kind": "cloud"}, "got none of 9 that is finite"),
-        ("row.npy", lambda p: np.save(p, np.zeros((1, 50))), {}, "x_m: expected 4 or more grid lines, got 1"),
-        ("mm.stl", lambda p: trimesh.creation.box((900, 900, 90)).export(p), {}, "is read with unit_m: 0.001"),
-        ("mm.npy", lambda p: np.save(p, 1000.0 * np.eye(9)), {}, "m from lowest to highest; a file in millimetres"),
-        ("out.stl", inside_out, {}, "got a solid about (-0.167, -0.167, -0.0993) m that is inside out"),
-        ("line.obj", lambda p: p.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), {}, "triangles, got an empty"),
-        ("many.stl", many, {"most_triangles": 100}, "expected 100 triangles or fewer (most_triangles), got 192"),
-        ("many.ply", many, {"most_triangles": 100}, "expected 100 triangles or fewer (most_triangles), got 192"),
-        ("many.obj", many, {"most_triangles": 100}, "expected 100 triangles or fewer (most_triangles), got 192"),
-        ("g.npy", lambda p: np.save(p, np.zeros((9, 9))), {"up": "y"}, "up: expected z with a grid"),
-        ("g.npy", lambda p: np.save(p, np.zeros((9, 9))), {"crop_m": (5, 6, 5, 6)}, "crop_m: expected 4 or more grid"),
-        ("b.stl", lambda p: trimesh.creation.box().export(p), {"crop_m": (5, 6, 5, 6)}, "inside, got none of it"),
-        ("g.npy", lambda p: np.save(p, np.zeros((9, 9))), {"kind": "mesh"}, "expected a mesh that ends in .stl"),
+        (
+            "nan.npy",
+            lambda p: np.save(p, np.full((9, 9), np.nan)),
+            {},
+            "expected heights, got 81 holes and nothing",
+        ),
+        (
+            "inf.npy",
+            lambda p: np.save(p, np.where(np.eye(9) > 0.0, np.inf, 0.0)),
+            {},
+            "expected heights, NaN where there is none, got 9 that are infinite, the first inf at",
+        ),
+        (
+            "nan.npy",
+            lambda p: np.save(p, np.full((9, 3), np.nan)),
+            {"kind": "cloud"},
+            "got none of 9 that is finite",
+        ),
+        (
+            "row.npy",
+            lambda p: np.save(p, np.zeros((1, 50))),
+            {},
+            "x_m: expected 4 or more grid lines, got 1",
+        ),
+        (
+            "mm.stl",
+            lambda p: trimesh.creation.box((900, 900, 90)).export(p),
+            {},
+            "is read with unit_m: 0.001",
+        ),
+        (
+            "mm.npy",
+            lambda p: np.save(p, 1000.0 * np.eye(9)),
+            {},
+            "m from lowest to highest; a file in millimetres",
+        ),
+        (
+            "out.stl",
+            inside_out,
+            {},
+            "got a solid about (-0.167, -0.167, -0.0993) m that is inside out",
+        ),
+        (
+            "line.obj",
+            lambda p: p.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+            {},
+            "triangles, got an empty",
+        ),
+        (
+            "many.stl",
+            many,
+            {"most_triangles": 100},
+            "expected 100 triangles or fewer (most_triangles), got 192",
+        ),
+        (
+            "many.ply",
+            many,
+            {"most_triangles": 100},
+            "expected 100 triangles or fewer (most_triangles), got 192",
+        ),
+        (
+            "many.obj",
+            many,
+            {"most_triangles": 100},
+            "expected 100 triangles or fewer (most_triangles), got 192",
+        ),
+        (
+            "g.npy",
+            lambda p: np.save(p, np.zeros((9, 9))),
+            {"up": "y"},
+            "up: expected z with a grid",
+        ),
+        (
+            "g.npy",
+            lambda p: np.save(p, np.zeros((9, 9))),
+            {"crop_m": (5, 6, 5, 6)},
+            "crop_m: expected 4 or more grid",
+        ),
+        (
+            "b.stl",
+            lambda p: trimesh.creation.box().export(p),
+            {"crop_m": (5, 6, 5, 6)},
+            "inside, got none of it",
+        ),
+        (
+            "g.npy",
+            lambda p: np.save(p, np.zeros((9, 9))),
+            {"kind": "mesh"},
+            "expected a mesh that ends in .stl",
+        ),
     ],
-)  # fmt: skip
-def test_terrains_that_are_none_are_one_line_within_seconds(name, write, options, message, tmp_path):
+)
+def test_terrains_that_are_none_are_one_line_within_seconds(
+    name, write, options, message, tmp_path
+):
     write(tmp_path / name)
     begun = time.process_time()
     with pytest.raises(InvalidInput) as caught:
@@ -147,7 +240,9 @@ def test_the_header_alone_refuses_a_mesh_with_too_many_triangles(tmp_path):
     (tmp_path / "huge.ply").write_bytes(
         b"ply\nformat ascii 1.0\nelement vertex 9\nelement face 10000000\nend_header\n" + head
     )
-    with pytest.raises(InvalidInput, match=r"expected 200000 triangles or fewer \(most_triangles\), got 10000000"):
+    with pytest.raises(
+        InvalidInput, match=r"expected 200000 triangles or fewer \(most_triangles\), got 10000000"
+    ):
         read_terrain(tmp_path / "huge.ply", ImportOptions(kind="mesh"))
 
 

@@ -1,4 +1,5 @@
-"""Plans judged by bodies: a block in the way is found with link, depth and frame, in a file as in Python."""
+"""Plans judged by bodies: a block in the way is found with link, depth and frame, in a file as in
+Python."""
 
 from __future__ import annotations
 
@@ -20,8 +21,14 @@ from stancekit.planners.robot.drawn_legs import BODY_HEIGHT_M
 
 def plate(x: float, height: float, half: float = 0.01) -> Patch:
     """A small level plate over or under the middle of the path."""
-    corners = np.array([(x - half, -half, height), (x + half, -half, height), (x + half, half, height),
-                        (x - half, half, height)])  # fmt: skip
+    corners = np.array(
+        [
+            (x - half, -half, height),
+            (x + half, -half, height),
+            (x + half, half, height),
+            (x - half, half, height),
+        ]
+    )
     return Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
 
 
@@ -33,7 +40,9 @@ def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
     plan = walk(5)
     under = plan.com_m[-1, 2] - BODY_HEIGHT_M / 2
     radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.problem.robot.limbs])
-    ahead = plan.com_m[-1, 0] + radius  # under the front of the trunk as it stands in the end, and not before
+    ahead = (
+        plan.com_m[-1, 0] + radius
+    )  # under the front of the trunk as it stands in the end, and not before
     inside = with_patch(plan, plate(ahead - 0.015, under + 0.006))
     assert check_plan(inside).accepted  # contacts know nothing of bodies
     report = check_plan(inside, joints=True)
@@ -41,7 +50,11 @@ def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
     assert report.message == "rejected: contacts hold, bodies collide"
     assert report.group("bodies").message == "frame 4: body is 6 mm inside patch 1"
     assert report.group("bodies").figures["depth_m"] == pytest.approx(0.006, abs=1e-6)
-    assert report.group("bodies").figures["worst"] == {"frame": 4, "link": "body", "other": "patch 1"}
+    assert report.group("bodies").figures["worst"] == {
+        "frame": 4,
+        "link": "body",
+        "other": "patch 1",
+    }
     below = check_plan(with_patch(plan, plate(ahead - 0.015, under + 0.0009)), joints=True)
     assert below.accepted
     assert below.group("bodies").figures["hit"] == 0
@@ -56,5 +69,7 @@ def test_a_file_has_the_verdict_of_its_plan(walk, tmp_path: Path) -> None:
     assert check.same
     assert check.report.digest == report.digest
     assert check.report.checked == ("contacts", "joints", "torque", "bodies")
-    assert check.message.endswith("motion: NOT CHECKED (the plan has no joint angles that the motion could go through)")
+    assert check.message.endswith(
+        "motion: NOT CHECKED (the plan has no joint angles that the motion could go through)"
+    )
     assert "; bodies: failed (frame 0: body is " in check.message

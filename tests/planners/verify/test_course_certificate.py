@@ -1,4 +1,5 @@
-"""Proofs that a course has no plan: accepted where true, worthless where not, whatever multipliers and trees say."""
+"""Proofs that a course has no plan: accepted where true, worthless where not, whatever multipliers
+and trees say."""
 
 from __future__ import annotations
 
@@ -24,12 +25,18 @@ LEAF = (0, 0, 0, 0, 0)
 
 @pytest.fixture(scope="module")
 def slippery():
-    """``slippery(friction, regions=1)``: the built-in walls of two frames, and the planner's answer."""
+    """``slippery(friction, regions=1)``: the built-in walls of two frames, and the planner's
+    answer."""
     base = read_course("walls", frames=2)
 
     def made(friction, regions=1):
         footholds = tuple(
-            replace(put, candidates=tuple(replace(put.candidates[0], friction=friction) for _ in range(regions)))
+            replace(
+                put,
+                candidates=tuple(
+                    replace(put.candidates[0], friction=friction) for _ in range(regions)
+                ),
+            )
             for put in base.footholds
         )
         course = replace(base, footholds=footholds)
@@ -47,7 +54,8 @@ def leaf(row):
 
 
 def test_friction_decides_on_two_walls_and_every_no_is_proved(slippery):
-    # A tripod has one limb on one side, which presses with at most the weight: both sides carry 2 μ w at the most.
+    # A tripod has one limb on one side, which presses with at most the weight: both sides carry 2 μ
+    # w at the most.
     said = {}
     for friction in (0.3, 0.45, 0.49, 0.7, 0.9):
         course, outcome = slippery(friction)
@@ -79,12 +87,16 @@ def test_no_multipliers_refute_a_course_that_has_a_plan(walk, seed, size, few):
         row *= rng.random(row.size) < 0.05
     proof = check_certificate(leaf(row).of(course))
     assert not proof.accepted
-    assert proof.message.startswith("rejected: leaf 0 of 1 proves a residual of 0, expected above 0")
+    assert proof.message.startswith(
+        "rejected: leaf 0 of 1 proves a residual of 0, expected above 0"
+    )
 
 
 @given(scale=st.floats(1e-3, 1e3), noise=st.floats(0.0, 1e-4), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20)
-def test_a_proof_is_a_ray_any_length_will_do_and_small_errors_do_no_harm(slippery, scale, noise, seed):
+def test_a_proof_is_a_ray_any_length_will_do_and_small_errors_do_no_harm(
+    slippery, scale, noise, seed
+):
     course, outcome = slippery(0.3)
     row = outcome.certificate.multipliers[0]
     moved = scale * (row + noise * np.random.default_rng(seed).normal(size=row.size))
@@ -111,12 +123,18 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
     proofs, feasible = [], []
     for _ in range(16):
         footholds = tuple(
-            replace(put, candidates=(replace(put.candidates[0], friction=float(rng.uniform(0.25, 0.75))),))
+            replace(
+                put,
+                candidates=(replace(put.candidates[0], friction=float(rng.uniform(0.25, 0.75))),),
+            )
             for put in base.footholds
         )
         robot = replace(
             base.robot,
-            limbs=tuple(replace(limb, reach_m=limb.reach_m * rng.uniform(0.8, 1.2)) for limb in base.robot.limbs),
+            limbs=tuple(
+                replace(limb, reach_m=limb.reach_m * rng.uniform(0.8, 1.2))
+                for limb in base.robot.limbs
+            ),
         )
         course = replace(base, footholds=footholds, robot=robot)
         outcome = TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
@@ -128,7 +146,9 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
     assert len(proofs) > 3
     assert len(feasible) > 3
     assert all(check_certificate(proof.of(course)).accepted for course, proof in proofs)
-    assert not any(check_certificate(proof.of(course)).accepted for course in feasible for _, proof in proofs)
+    assert not any(
+        check_certificate(proof.of(course)).accepted for course in feasible for _, proof in proofs
+    )
 
 
 def test_a_tree_must_cover_every_choice(slippery):
@@ -143,8 +163,14 @@ def test_a_tree_must_cover_every_choice(slippery):
         "expected the end of the tree": ([LEAF, LEAF], both),
         "expected a row for each of 2 leaves, got 1": ([(1, 0, 1, 0, 0), LEAF, LEAF], both[:1]),
         "expected a row for each of 1 leaves": ([LEAF], both),
-        "tree[0]: candidate: expected an integer in [0, 2), got 2": ([(1, 0, 2, 0, 0), LEAF, LEAF], both),
-        "tree[0]: foothold: expected an integer in [0, 9), got 99": ([(1, 99, 0, 0, 0), LEAF, LEAF], both),
+        "tree[0]: candidate: expected an integer in [0, 2), got 2": (
+            [(1, 0, 2, 0, 0), LEAF, LEAF],
+            both,
+        ),
+        "tree[0]: foothold: expected an integer in [0, 9), got 99": (
+            [(1, 99, 0, 0, 0), LEAF, LEAF],
+            both,
+        ),
         "expected a tree of shape": ([(0, 1)], both[:1]),
         "multipliers of shape": ([LEAF], both[:1, :-1]),
         "expected finite numbers": ([LEAF], np.full_like(both[:1], np.nan)),
@@ -165,9 +191,12 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
     mixed = replace(course, footholds=better)
     assert not check_certificate(leaf(row).of(mixed)).accepted
     chain, rows = [(1, p, 0, 0, 0) for p in range(len(better))], [row] * len(better)
-    # Only where every foothold takes its first candidate does the row prove anything; the other leaves do not.
+    # Only where every foothold takes its first candidate does the row prove anything; the other
+    # leaves do not.
     tree = [*chain, *[LEAF] * (len(chain) + 1)]
-    proof = check_certificate(Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])).of(mixed))
+    proof = check_certificate(
+        Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])).of(mixed)
+    )
     assert not proof.accepted
     assert check_certificate(leaf(row).of(mixed.with_choice([0] * len(better)))).accepted
 

@@ -1,4 +1,5 @@
-"""No forged walk is accepted: every kind, one size each; ``benchmarks/forgeries.py`` has all of them."""
+"""No forged walk is accepted: every kind, one size each; ``benchmarks/forgeries.py`` has all of
+them."""
 
 from __future__ import annotations
 
@@ -35,7 +36,11 @@ def test_a_forged_walk_is_refused_and_the_judge_says_why_nobody_walks_it(name: s
     assert not check_trajectory(forged).accepted
 
 
-plan, posture, proofs = cache(stances.honest_plan), cache(stances.honest_posture), cache(stances.proof_kinds)
+plan, posture, proofs = (
+    cache(stances.honest_plan),
+    cache(stances.honest_posture),
+    cache(stances.proof_kinds),
+)
 
 
 def test_the_honest_plan_and_posture_are_accepted_by_both() -> None:
@@ -53,7 +58,9 @@ def test_a_forged_plan_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", links.KINDS)
-def test_links_inside_each_other_are_refused_in_plans_and_walks_at_moments_and_between(name: str) -> None:
+def test_links_inside_each_other_are_refused_in_plans_and_walks_at_moments_and_between(
+    name: str,
+) -> None:
     for size in (2.0, 10.0):
         forged = links.KINDS[name](size, np.random.default_rng(3))
         assert links.fault(forged)

@@ -28,7 +28,9 @@ def table(com_m: tuple[float, float], friction: float) -> Plan:
     for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
         toe = np.array([HALF_M * x, HALF_M * y, 0.0])
         corners = toe + 0.05 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-        patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction)
+        patch = Patch(
+            vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction
+        )
         contacts.append(
             Contact(
                 leg=f"leg{len(toes)}",
@@ -69,9 +71,12 @@ def test_a_table_tips_about_its_nearest_side(com_m: tuple[float, float]) -> None
 
 @pytest.mark.parametrize("yields_m", [0.05, 0.2])
 def test_a_table_that_gives_way_tips_earlier(yields_m: float) -> None:
-    """F h = w (d − y F / w): the weight bears nearer to the side, the more the harder the push is."""
+    """F h = w (d − y F / w): the weight bears nearer to the side, the more the harder the push
+    is."""
     (margin,) = stance_margins(table((0.05, 0.0), friction=5.0), yields_m=yields_m)
-    assert margin.push_n == pytest.approx(WEIGHT_N * (HALF_M - 0.05) / (HEIGHT_M + yields_m), rel=0.02)
+    assert margin.push_n == pytest.approx(
+        WEIGHT_N * (HALF_M - 0.05) / (HEIGHT_M + yields_m), rel=0.02
+    )
     assert margin.support_m == pytest.approx(HALF_M - 0.05, rel=0.02)
 
 
@@ -79,7 +84,9 @@ def test_the_verdict_is_on_a_body_that_gives_way_and_a_push_that_is_asked_for_is
     plan = table((0.0, 0.0), friction=5.0)
     yields_m = 0.12 * np.mean([limb.reach_m for limb in plan.problem.robot.limbs])
     group = margin_group(plan)
-    assert group.figures["push_n"] == pytest.approx(WEIGHT_N * HALF_M / (HEIGHT_M + yields_m), rel=0.02)
+    assert group.figures["push_n"] == pytest.approx(
+        WEIGHT_N * HALF_M / (HEIGHT_M + yields_m), rel=0.02
+    )
     balanced_n = WEIGHT_N * HALF_M / HEIGHT_M
     for share, verdict in ((0.95, "holds"), (1.05, "violated")):
         asked = replace(plan, problem=replace(plan.problem, push_n=share * balanced_n))
@@ -114,14 +121,18 @@ def climb() -> Plan:
 
 
 def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
-    """Whether a stance bears a push, by the program that distributes forces, which has other rows."""
+    """Whether a stance bears a push, by the program that distributes forces, which has other
+    rows."""
     course = plan.problem
     arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
     patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]
     bears = np.isin(np.arange(6), stance.limbs)
     push = push_n / course.weight_n * np.array([np.cos(turn), np.sin(turn), 0.0, 0.0, 0.0, 0.0])
     distribution = ForceDistribution(6)
-    return distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, wrench=push) is not None
+    return (
+        distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, wrench=push)
+        is not None
+    )
 
 
 def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Plan) -> None:
@@ -153,7 +164,10 @@ def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_ref
     found = stancekit.plan("stairs", frames=4, push_n=90.0)
     assert found.status is stancekit.Status.UNDECIDED
     assert found.certificate is None
-    with pytest.raises(InvalidInput, match=r"push_n: expected at most .* which all feet together can hold, got 5000"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"push_n: expected at most .* which all feet together can hold, got 5000",
+    ):
         stancekit.plan("stairs", frames=4, push_n=5000.0)
     with pytest.raises(InvalidInput, match="two-stage alone knows pushes"):
         stancekit.plan("stairs", "nlp", frames=2, push_n=5.0)

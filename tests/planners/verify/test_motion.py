@@ -1,4 +1,5 @@
-"""The motion between key frames as a group of the verdict: what only it sees, and what is not judged."""
+"""The motion between key frames as a group of the verdict: what only it sees, and what is not
+judged."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def test_joints_along_a_path_are_looked_for_until_the_time_ends(walk: Callable[.
 
 
 def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:
-    """A bead where the shank of a limb is in the middle of its swing, which no link is in at any key frame."""
+    """A bead where the shank of a limb is in the middle of its swing, which no link is in at any
+    key frame."""
     plan = with_joints(walk(3))
     solver = Kinematics(plan.problem.robot)
     moments, postures = JointPath(PlanPath(plan), solver).judged()
@@ -63,9 +65,16 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
     assert not report.accepted
     assert report.message == "rejected: contacts hold, bodies collide"
     assert 1.0 < report.group("motion").figures["worst"]["frame"] < 2.0
-    assert report.group("motion").figures["worst"]["link"].startswith(plan.problem.robot.limb_names[limb])
+    assert (
+        report.group("motion")
+        .figures["worst"]["link"]
+        .startswith(plan.problem.robot.limb_names[limb])
+    )
     assert check_plan(plan, joints=True).accepted
-    unseen = [group if group.name != "motion" else replace(group, verdict="not checked") for group in report.groups]
+    unseen = [
+        group if group.name != "motion" else replace(group, verdict="not checked")
+        for group in report.groups
+    ]
     assert report.digest != replace(report, groups=tuple(unseen)).digest
 
 
@@ -74,9 +83,13 @@ def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
     found = jumps.group("motion")
     assert (found.verdict, found.message) == ("not asked for", "nobody carries between frames")
     assert jumps.group("bodies").verdict == "holds"
-    assert jumps.message.endswith("balanced in every frame; cannot be executed: nobody carries between frames")
+    assert jumps.message.endswith(
+        "balanced in every frame; cannot be executed: nobody carries between frames"
+    )
     assert "motion" not in jumps.checked
-    assert check_plan(walk(2), joints=True).group("motion").verdict == "not checked"  # without angles
+    assert (
+        check_plan(walk(2), joints=True).group("motion").verdict == "not checked"
+    )  # without angles
     plan = with_joints(walk(2))
     far = replace(plan, com_m=plan.com_m + 2 * MOST * APART_M * np.array([[0, 0, 0], [1, 0, 0]]))
     report = check_plan(far, joints=True)

@@ -1,4 +1,5 @@
-"""The verifier of motions from elsewhere: ours hold, with and without contacts and forces; spoiled ones are found."""
+"""The verifier of motions from elsewhere: ours hold, with and without contacts and forces; spoiled
+ones are found."""
 
 from __future__ import annotations
 
@@ -49,7 +50,10 @@ def test_an_exported_walk_holds_in_every_group(moved: Moved) -> None:
 
 
 def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(moved: Moved) -> None:
-    whole, bare = judged(moved.table, moved), judged(replace(moved.table, contact=None, forces_n=None), moved)
+    whole, bare = (
+        judged(moved.table, moved),
+        judged(replace(moved.table, contact=None, forces_n=None), moved),
+    )
     assert bare.unchecked == ("contact_gap", "forces", "cone", "swing_force")
     assert bare.group("cone").message == "no forces in the file"
     for one, other in zip(whole.groups, bare.groups, strict=True):
@@ -69,7 +73,9 @@ def test_joints_in_another_order_are_the_same_motion(moved: Moved) -> None:
         for name in ("angles_rad", "rates_rad_s", "torques_nm")
     }
     report = judged(replace(table, joints=table.joints[::-1], **turned), moved)
-    assert [group.value for group in report.groups] == [group.value for group in judged(table, moved).groups]
+    assert [group.value for group in report.groups] == [
+        group.value for group in judged(table, moved).groups
+    ]
 
 
 def test_a_joint_beyond_its_limit_is_named(moved: Moved) -> None:
@@ -88,16 +94,18 @@ def test_a_body_beside_its_feet_tips_over(moved: Moved) -> None:
     origin[:, 1] += 0.6 * np.sin(np.pi * np.linspace(0.0, 1.0, len(origin))) ** 2
     for row, turn in enumerate(moved.table.rotation):
         feet = known["origin_m"][row] + kinematics.feet(known["angles_rad"][row]) @ turn.T
-        angles[row] = kinematics.reach((feet - origin[row]) @ turn, angles[max(0, row - 1)], angles[row], limits=False)[
-            0
-        ]
+        angles[row] = kinematics.reach(
+            (feet - origin[row]) @ turn, angles[max(0, row - 1)], angles[row], limits=False
+        )[0]
     report = judged(replace(moved.table, angles_rad=angles, origin_m=origin, forces_n=None), moved)
     assert "balance" in [group.name for group in report.refused]
 
 
 def test_a_body_that_is_too_low_has_its_feet_in_the_ground(moved: Moved) -> None:
     _, origin = arrays(moved.table)
-    report = judged(replace(moved.table, origin_m=origin - [0.0, 0.0, 0.02], contact=None, forces_n=None), moved)
+    report = judged(
+        replace(moved.table, origin_m=origin - [0.0, 0.0, 0.02], contact=None, forces_n=None), moved
+    )
     assert report.group("penetration").value == pytest.approx(0.02, abs=2e-3)
     assert report.group("penetration").verdict == "violated"
 
@@ -114,8 +122,12 @@ def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(mov
     assert moved.robot is not None
     kinematics = Kinematics(moved.robot)
     angles, origin = arrays(moved.table)
-    feet = np.array([origin[0] + kinematics.feet(angles[0]) @ moved.table.rotation[0].T] * len(angles))
-    origin[:, 0] = origin[0, 0] + 0.06 * np.sin(np.linspace(0.0, np.pi, len(angles)))  # the body sways, feet stay
+    feet = np.array(
+        [origin[0] + kinematics.feet(angles[0]) @ moved.table.rotation[0].T] * len(angles)
+    )
+    origin[:, 0] = origin[0, 0] + 0.06 * np.sin(
+        np.linspace(0.0, np.pi, len(angles))
+    )  # the body sways, feet stay
     near = angles[0]
     for row, turn in enumerate(moved.table.rotation):
         near = kinematics.reach((feet[row] - origin[row]) @ turn, near, near, limits=False)[0]
@@ -123,7 +135,9 @@ def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(mov
     table = replace(moved.table, angles_rad=angles, origin_m=origin, contact=None, forces_n=None)
     assert judged(table, moved).group("slip").verdict == "holds"
     slid = origin + [0.0, 0.03, 0.0] * np.linspace(0.0, 1.0, len(angles))[:, None]
-    assert judged(replace(table, origin_m=slid), moved).group("slip").value == pytest.approx(0.03, abs=2e-3)
+    assert judged(replace(table, origin_m=slid), moved).group("slip").value == pytest.approx(
+        0.03, abs=2e-3
+    )
 
 
 def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) -> None:
@@ -138,23 +152,35 @@ def test_a_foot_in_a_corner_may_press_on_the_floor_though_the_wall_is_nearer(mov
     assert moved.robot is not None
     assert isinstance(moved.terrain, Ground)
     known, sides = moved.table.known(), np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    floor = Patch(vertices_m=3.0 * sides, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.75)
+    floor = Patch(
+        vertices_m=3.0 * sides, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.75
+    )
     foot, radius = known["feet_m"][0, 0], float(Kinematics(moved.robot).radii_m[0])
-    upright = foot + 0.05 * sides[:, [2, 0, 1]] + [radius - 2e-4, 0.0, 0.0]  # a wall just ahead, 0.2 mm in the foot
+    upright = (
+        foot + 0.05 * sides[:, [2, 0, 1]] + [radius - 2e-4, 0.0, 0.0]
+    )  # a wall just ahead, 0.2 mm in the foot
     wall = Patch(vertices_m=upright, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.75)
-    rest = replace(moved.table, **{name: array[:40] for name, array in known.items()})  # before the first step
+    rest = replace(
+        moved.table, **{name: array[:40] for name, array in known.items()}
+    )  # before the first step
     report = check_motion(rest, moved.robot, [floor, wall])
     assert report.group("penetration").value == pytest.approx(2e-4, abs=5e-5)
     assert report.group("cone").verdict == report.group("balance").verdict == "holds"
 
 
-def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_that_it_stands(moved: Moved) -> None:
+def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_that_it_stands(
+    moved: Moved,
+) -> None:
     angles, origin = arrays(moved.table)
-    still = replace(moved.table, angles_rad=np.tile(angles[0], (len(angles), 1)), contact=None, forces_n=None)
+    still = replace(
+        moved.table, angles_rad=np.tile(angles[0], (len(angles), 1)), contact=None, forces_n=None
+    )
     for speed, stands in ((0.05, True), (0.3, False)):
         moving = origin[0] + np.outer(moved.table.time_s - moved.table.time_s[0], [speed, 0.0, 0.0])
         table = replace(
-            still, origin_m=moving, quaternion=np.tile(moved.table.known()["quaternion"][0], (len(angles), 1))
+            still,
+            origin_m=moving,
+            quaternion=np.tile(moved.table.known()["quaternion"][0], (len(angles), 1)),
         )
         report = judged(table, moved)
         assert (report.group("slip").verdict == "violated") == stands
@@ -162,12 +188,17 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
 
 
 def test_other_joints_are_refused_by_name(moved: Moved) -> None:
-    with pytest.raises(InvalidInput, match=r"^joints: expected those of .*; the robot has no arm$|it lacks"):
+    with pytest.raises(
+        InvalidInput, match=r"^joints: expected those of .*; the robot has no arm$|it lacks"
+    ):
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
     with pytest.raises(InvalidInput, match="angles of the joints"):
         judged(replace(moved.table, angles_rad=None), moved)
     with pytest.raises(InvalidInput, match=r"^motion: expected angles of the joints, got none$"):
-        judged(replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None), moved)
+        judged(
+            replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None),
+            moved,
+        )
 
 
 def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
@@ -178,16 +209,24 @@ def test_a_ball_over_a_patch_its_edge_and_heights() -> None:
     np.testing.assert_allclose(gap, [0.08, 0.48, -0.03, 0.48])
     assert (normal == [0, 0, 1]).all()
     assert (friction == 0.6).all()
-    level = Ground(heights=stancekit.HeightField.from_array(np.full((41, 41), 0.2), spacing_m=0.1), friction=0.5)
+    level = Ground(
+        heights=stancekit.HeightField.from_array(np.full((41, 41), 0.2), spacing_m=0.1),
+        friction=0.5,
+    )
     gap, _, _ = nearest(level, np.array([[0.0, 0.0, 0.3]]), np.array([0.02]))
     assert gap[0] == pytest.approx(0.08)
 
 
 def test_a_ball_beside_a_step_of_heights_is_as_near_as_a_fine_grid_says() -> None:
     x = np.linspace(-0.5, 0.5, 41)
-    step = stancekit.HeightField.from_array(np.where(x[:, None] > 0.0, 0.1, 0.0) * np.ones(41), spacing_m=0.025)
+    step = stancekit.HeightField.from_array(
+        np.where(x[:, None] > 0.0, 0.1, 0.0) * np.ones(41), spacing_m=0.025
+    )
     rng, radius = np.random.default_rng(0), 0.0265
-    centres = np.stack([rng.uniform(-0.04, 0.06, 40), rng.uniform(-0.1, 0.1, 40), rng.uniform(0.0, 0.16, 40)], axis=1)
+    centres = np.stack(
+        [rng.uniform(-0.04, 0.06, 40), rng.uniform(-0.1, 0.1, 40), rng.uniform(0.0, 0.16, 40)],
+        axis=1,
+    )
     gap, normal, _ = nearest(Ground(heights=step, friction=0.5), centres, np.full(40, radius))
     side = np.arange(-0.06, 0.06, 0.001)
     for centre, its_gap, its_normal in zip(centres, gap, normal, strict=True):

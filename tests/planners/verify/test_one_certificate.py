@@ -1,4 +1,5 @@
-"""One certificate for postures and courses: the same bounds on either, old forms, and no proof of what is not so."""
+"""One certificate for postures and courses: the same bounds on either, old forms, and no proof of
+what is not so."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ LEAF = (0, 0, 0, 0, 0)
 
 @pytest.fixture(scope="module")
 def refuted():
-    """Natural problems that the exact planner refutes, one of them by a tree, with their certificates."""
+    """Natural problems that the exact planner refutes, one of them by a tree, with their
+    certificates."""
     rng, planner, found = np.random.default_rng(1), ExactPlanner(), []
     while len(found) < 9 or not any(len(proof.multipliers) > 1 for _, proof in found):
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[len(found) % 3]].sample(rng)
@@ -42,15 +44,26 @@ def refuted():
 
 def as_course(problem):
     """A posture problem as a course of one frame."""
-    limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+    limbs = tuple(
+        Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts
+    )
     return Problem(
-        name="posture", robot=Robot(name="robot", mass_kg=problem.mass_kg, limbs=limbs),
-        terrain=tuple(c.patch for c in problem.contacts), lifts=((),), com_nominal_m=problem.com_nominal_m,
-        footholds=tuple(Foothold(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts),
-        com_radius_m=problem.com_radius_m, goal_m=np.zeros(3), tilt_limit_rad=problem.tilt_limit_rad,
-        gravity_m_s2=problem.gravity_m_s2, length_scale_m=problem.length_scale_m,
-        force_min=problem.contacts[0].force_min, force_max=problem.contacts[0].force_max,
-    )  # fmt: skip
+        name="posture",
+        robot=Robot(name="robot", mass_kg=problem.mass_kg, limbs=limbs),
+        terrain=tuple(c.patch for c in problem.contacts),
+        lifts=((),),
+        com_nominal_m=problem.com_nominal_m,
+        footholds=tuple(
+            Foothold(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts
+        ),
+        com_radius_m=problem.com_radius_m,
+        goal_m=np.zeros(3),
+        tilt_limit_rad=problem.tilt_limit_rad,
+        gravity_m_s2=problem.gravity_m_s2,
+        length_scale_m=problem.length_scale_m,
+        force_min=problem.contacts[0].force_min,
+        force_max=problem.contacts[0].force_max,
+    )
 
 
 def random_tree(rng, course, depth=4):
@@ -61,7 +74,9 @@ def random_tree(rng, course, depth=4):
         for r, patch in enumerate(put.candidates)
     }
     carrying = sum(len(stance.limbs) for stance in course.stances)
-    boxes = np.stack([np.tile(course.force_min, (carrying, 1)), np.tile(course.force_max, (carrying, 1))])
+    boxes = np.stack(
+        [np.tile(course.force_min, (carrying, 1)), np.tile(course.force_max, (carrying, 1))]
+    )
 
     def grow(pieces, boxes, depth):
         kind = 0 if depth == 0 or rng.random() < 0.1 else int(rng.integers(1, 4))
@@ -72,7 +87,9 @@ def random_tree(rng, course, depth=4):
             return [(1, *slot, 0, 0), *grow(on, boxes, depth - 1), *grow(off, boxes, depth - 1)]
         if kind == 2 and pieces[slot] is not None:
             ends = np.sort(rng.uniform(0, len(pieces[slot]), 2))
-            parts = [grow(pieces | {slot: part}, boxes, depth - 1) for part in cut(pieces[slot], *ends)]
+            parts = [
+                grow(pieces | {slot: part}, boxes, depth - 1) for part in cut(pieces[slot], *ends)
+            ]
             return [(2, *slot, *ends), *parts[0], *parts[1]]
         if kind == 3:
             b, k = int(rng.integers(carrying)), int(rng.integers(3))
@@ -90,10 +107,15 @@ def random_tree(rng, course, depth=4):
 
 def test_a_posture_and_its_course_of_one_frame_have_one_bound(refuted):
     for problem, proof in refuted:
-        alone, course = check_certificate(proof.of(problem)), check_certificate(proof.of(as_course(problem)))
+        alone, course = (
+            check_certificate(proof.of(problem)),
+            check_certificate(proof.of(as_course(problem))),
+        )
         assert alone.accepted
         assert course.accepted
-        assert course.figures["lower_bound"] == pytest.approx(alone.figures["lower_bound"], rel=1e-12)
+        assert course.figures["lower_bound"] == pytest.approx(
+            alone.figures["lower_bound"], rel=1e-12
+        )
         figures = [{**each.figures, "lower_bound": 0.0} for each in (course, alone)]
         assert figures[0] == figures[1]
         assert course.message == alone.message
@@ -126,7 +148,9 @@ def test_no_tree_refutes_a_course_that_has_a_plan(walk, seed):
     course = walk(3, "tripod").problem
     tree, leaves = random_tree(rng, course)
     count = multiplier_count(Schedule.of_course(course))
-    rows = rng.normal(size=(leaves, count)) * (rng.random((leaves, count)) < rng.choice([0.02, 0.3, 1.0]))
+    rows = rng.normal(size=(leaves, count)) * (
+        rng.random((leaves, count)) < rng.choice([0.02, 0.3, 1.0])
+    )
     report = check_certificate(Certificate(tree=tree, multipliers=rows).of(course))
     assert report.figures["leaves"] == leaves
     assert not report.accepted
@@ -140,7 +164,9 @@ def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
             continue
         proofs = [proof for of, proof in refuted if len(of.contacts) == len(problem.contacts)]
         noisy = [
-            Certificate(tree=p.tree, multipliers=p.multipliers + rng.normal(0, s, p.multipliers.shape))
+            Certificate(
+                tree=p.tree, multipliers=p.multipliers + rng.normal(0, s, p.multipliers.shape)
+            )
             for p in proofs
             for s in (0.0, 0.05, 0.5)
         ]
@@ -150,7 +176,9 @@ def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
 
 def test_many_certificates_at_once_prove_what_each_proves_alone(refuted):
     proofs = [proof.of(problem) for problem, proof in refuted]
-    proofs.append(Certificate(tree=[LEAF, LEAF], multipliers=proofs[0].multipliers, problem=proofs[0].problem))
+    proofs.append(
+        Certificate(tree=[LEAF, LEAF], multipliers=proofs[0].multipliers, problem=proofs[0].problem)
+    )
     alone = [check_certificate(proof).figures["lower_bound"] for proof in proofs]
     assert check_certificates(proofs) == pytest.approx(alone, rel=1e-12)
     assert alone[-1] == 0.0
@@ -160,21 +188,35 @@ def test_many_certificates_at_once_prove_what_each_proves_alone(refuted):
 def test_a_leaf_without_a_candidate_needs_no_proof(refuted):
     problem, proof = next(pair for pair in refuted if len(pair[1].multipliers) == 1)
     rows = np.vstack([proof.multipliers, np.zeros_like(proof.multipliers)])
-    report = check_certificate(Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows).of(problem))
-    assert report.figures["lower_bound"] == check_certificate(proof.of(problem)).figures["lower_bound"]
+    report = check_certificate(
+        Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows).of(problem)
+    )
+    assert (
+        report.figures["lower_bound"] == check_certificate(proof.of(problem)).figures["lower_bound"]
+    )
     swapped = Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows[::-1])
     assert not check_certificate(swapped.of(problem)).accepted
 
 
 def test_older_forms_are_read_as_what_they_meant():
     rows = [[1.0] * 15] * 4
-    old = [[2, 1, 0.5, 2.0], [1, 2, 0, 0.25], [0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 1, -0.5], [0, 0, 0, 0], [0, 0, 0, 0]]
+    old = [
+        [2, 1, 0.5, 2.0],
+        [1, 2, 0, 0.25],
+        [0, 0, 0, 0],
+        [0, 0, 0, 0],
+        [1, 0, 1, -0.5],
+        [0, 0, 0, 0],
+        [0, 0, 0, 0],
+    ]
     new = [[2, 1, 0, 0.5, 2.0], [3, 2, 0, 0.25, 0], LEAF, LEAF, [3, 0, 1, -0.5, 0], LEAF, LEAF]
     read = Certificate.from_json({"tree": old, "multipliers": rows})
     np.testing.assert_array_equal(read.tree, new)
     again = Certificate.from_json(json.loads(json.dumps(read.to_json())))
     np.testing.assert_array_equal(again.tree, new)
-    course = Certificate.from_arrays(np.array([(4, 1), (-1, -1), (5, 0), (-1, -1), (-1, -1)]), np.ones((3, 7)))
+    course = Certificate.from_arrays(
+        np.array([(4, 1), (-1, -1), (5, 0), (-1, -1), (-1, -1)]), np.ones((3, 7))
+    )
     np.testing.assert_array_equal(course.tree, [(1, 4, 1, 0, 0), LEAF, (1, 5, 0, 0, 0), LEAF, LEAF])
     with pytest.raises(InvalidInput, match=r"expected a tree of shape \(K, 5\)"):
         Certificate.from_arrays(np.zeros((1, 3)), np.ones((1, 9)))
@@ -197,20 +239,30 @@ def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_pat
     check = check_proof_file(tmp_path / "proof.json")
     assert check.accepted
     assert check.to_json()["kind"] == "no-posture"
-    assert check.message == f"posture on {', '.join(problem.legs)}: {explain(proof.of(problem)).message}"
+    assert (
+        check.message
+        == f"posture on {', '.join(problem.legs)}: {explain(proof.of(problem)).message}"
+    )
     data = json.loads((tmp_path / "proof.json").read_text())
     loose = data["subject"] | {"com_radius_m": 5.0}
-    loose["contacts"] = [contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]]
+    loose["contacts"] = [
+        contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]
+    ]
     (tmp_path / "proof.json").write_text(json.dumps(data | {"subject": loose}))
     assert check_proof_file(tmp_path / "proof.json").to_json()["verdict"] == "refused"
 
 
 def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(refuted):
-    """Each cut may move a border by a rounding: 160,000 of them, far from the origin, left out where a toe stood."""
+    """Each cut may move a border by a rounding: 160,000 of them, far from the origin, left out
+    where a toe stood."""
     problem, _ = refuted[0]
     depth = 201
     tree = [(2, 0, 0, 0.5, 1.0)] * depth + [LEAF] * (depth + 1)  # the first child is cut again
     rows = np.zeros((depth + 1, 6 + 3 * len(problem.contacts)))
-    report = check_certificate(Certificate(tree=np.array(tree, dtype=float), multipliers=rows).of(problem))
+    report = check_certificate(
+        Certificate(tree=np.array(tree, dtype=float), multipliers=rows).of(problem)
+    )
     assert not report.accepted
-    assert report.message == "rejected: tree[200]: expected a piece of 200 cuts or fewer, got one more"
+    assert (
+        report.message == "rejected: tree[200]: expected a piece of 200 cuts or fewer, got one more"
+    )

@@ -1,4 +1,5 @@
-"""The verifier of plans: accepts a walk in closed form, and names the group, frame and limb of every single fault."""
+"""The verifier of plans: accepts a walk in closed form, and names the group, frame and limb of
+every single fault."""
 
 from __future__ import annotations
 
@@ -28,13 +29,17 @@ def changed(plan, name, at, by):
 
 
 def foothold_of(plan, frame, limb):
-    return next(p for p, put in enumerate(plan.problem.footholds) if (put.frame, put.limb) == (frame, limb))
+    return next(
+        p for p, put in enumerate(plan.problem.footholds) if (put.frame, put.limb) == (frame, limb)
+    )
 
 
 def row_of(plan, frame, limb, *, carries):
     course = plan.problem
     i = course.robot.limb_names.index(limb)
-    return next(r for r, s in enumerate(course.stances) if s.frame == frame and (i in s.limbs) == carries), i
+    return next(
+        r for r, s in enumerate(course.stances) if s.frame == frame and (i in s.limbs) == carries
+    ), i
 
 
 def test_a_schedule_says_who_carries_on_which_foothold(walk):
@@ -125,14 +130,21 @@ def test_a_toe_that_stood_elsewhere_is_refused(walk):
 def test_a_limb_out_of_reach_is_named_also_where_it_does_not_carry(walk):
     plan = walk()
     last = plan.problem.frames - 1
-    plan = replace(plan, problem=replace(plan.problem, next_lift=()))  # who moved last carries nowhere
+    plan = replace(
+        plan, problem=replace(plan.problem, next_lift=())
+    )  # who moved last carries nowhere
     plan = replace(plan, forces_n=plan.forces_n[: len(plan.problem.stances)])
     assert check_plan(plan).accepted
     limb = plan.problem.lifts[last][0]
     patch = plan.problem.footholds[foothold_of(plan, last, limb)]
-    wide = replace(patch.candidates[1], vertices_m=3.0 * (patch.candidates[1].vertices_m - patch.candidates[1].centre_m)
-                   + patch.candidates[1].centre_m)  # fmt: skip
-    put = tuple(replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.problem.footholds)
+    wide = replace(
+        patch.candidates[1],
+        vertices_m=3.0 * (patch.candidates[1].vertices_m - patch.candidates[1].centre_m)
+        + patch.candidates[1].centre_m,
+    )
+    put = tuple(
+        replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.problem.footholds
+    )
     steps = replace(plan.problem.steps, toe_m=1.0)
     plan = replace(plan, problem=replace(plan.problem, footholds=put, steps=steps))
     report = check_plan(changed(plan, "toes_m", (foothold_of(plan, last, limb), 0), 0.29))
@@ -140,11 +152,15 @@ def test_a_limb_out_of_reach_is_named_also_where_it_does_not_carry(walk):
     assert (found.name, found.frame, found.where) == ("reach", last, limb)
 
 
-@pytest.mark.parametrize(("group", "by"), [("friction", [40.0, 0.0, 0.0]), ("force_bounds", [0.0, 0.0, -60.0])])
+@pytest.mark.parametrize(
+    ("group", "by"), [("friction", [40.0, 0.0, 0.0]), ("force_bounds", [0.0, 0.0, -60.0])]
+)
 def test_a_bad_force_is_named_with_frame_and_limb(group, by, walk):
     plan = walk()
     row, i = row_of(plan, 3, "RR", carries=True)
-    found = next(g for g in check_plan(changed(plan, "forces_n", (row, i), by)).groups if g.name == group)
+    found = next(
+        g for g in check_plan(changed(plan, "forces_n", (row, i), by)).groups if g.name == group
+    )
     assert (found.frame, found.limb) == (3, "RR")
     assert found.value > 5.0
 
@@ -172,7 +188,10 @@ def test_a_candidate_that_there_is_not_is_refused(chosen, walk):
     choice = np.array(plan.choice)
     choice[foothold_of(plan, 1, "RF")] = chosen
     report = check_plan(replace(plan, choice=choice))
-    assert report.message == f"rejected: choice: frame 1, limb RF: expected a candidate from 0 to 1, got {chosen}"
+    assert (
+        report.message
+        == f"rejected: choice: frame 1, limb RF: expected a candidate from 0 to 1, got {chosen}"
+    )
     assert (worst_of(report).frame, worst_of(report).limb) == (1, "RF")
 
 
@@ -210,7 +229,8 @@ def test_the_linearised_rotation_is_reported_against_the_exact_one(walk):
         np.linalg.norm(exact - mounts - np.cross(theta, mounts), axis=1).max()
     )
     beyond = [
-        np.linalg.norm(plan.toes_at(k) - plan.com_m[k] - exact, axis=1) - plan.problem.robot.limbs[0].reach_m
+        np.linalg.norm(plan.toes_at(k) - plan.com_m[k] - exact, axis=1)
+        - plan.problem.robot.limbs[0].reach_m
         for k in range(5)
     ]
     assert report.figures["exact_reach_m"] == pytest.approx(max(0.0, np.max(beyond)))
@@ -230,7 +250,9 @@ def test_no_change_of_a_force_or_of_level_com_goes_unseen(walk, seed):
     size = 10.0 ** rng.uniform(-3.0, 1.0) * rng.choice([-1.0, 1.0])
     report = check_plan(changed(plan, name, at, size))
     assert not report.accepted
-    assert worst_of(report).frame == (plan.problem.stances[at[0]].frame if name == "forces_n" else at[0])
+    assert worst_of(report).frame == (
+        plan.problem.stances[at[0]].frame if name == "forces_n" else at[0]
+    )
 
 
 def test_the_digest_speaks_of_course_plan_tolerance_and_verdict(walk):
@@ -281,5 +303,7 @@ def test_a_limb_that_stays_but_stands_elsewhere_is_refused_with_its_frame(walk):
     course = replace(plan.problem)
     stays, *others = course.lifts[2]
     vars(course)["lifts"] = (*course.lifts[:2], tuple(others), *course.lifts[3:])
-    (group,) = (each for each in check_plan(replace(plan, problem=course)).groups if each.name == "schedule")
+    (group,) = (
+        each for each in check_plan(replace(plan, problem=course)).groups if each.name == "schedule"
+    )
     assert (group.worst, group.frame, group.where) == (np.inf, 2, stays)

@@ -25,11 +25,17 @@ def perturbed(plan, rng, size):
     """The plan with noise in everything."""
     noise = {"com_m": 0.01, "rotation_rad": 0.05, "toes_m": 0.01, "forces_n": 5.0}
     return replace(
-        plan, **{n: getattr(plan, n) + size * s * rng.normal(size=getattr(plan, n).shape) for n, s in noise.items()}
+        plan,
+        **{
+            n: getattr(plan, n) + size * s * rng.normal(size=getattr(plan, n).shape)
+            for n, s in noise.items()
+        },
     )
 
 
-@given(SEEDS, st.sampled_from(["tripod", "wave", "shift", "all"]), st.sampled_from([1e-6, 1e-2, 1.0]))
+@given(
+    SEEDS, st.sampled_from(["tripod", "wave", "shift", "all"]), st.sampled_from([1e-6, 1e-2, 1.0])
+)
 @settings(max_examples=30, deadline=None)
 def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, size):
     rng = np.random.default_rng(seed)
@@ -62,7 +68,8 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
     for k in range(course.frames - 1):
         stay = tuple(i for i, name in enumerate(names) if name not in course.lifts[k + 1])
         rows = [
-            next(r for r, s in enumerate(course.stances) if s == replace(s, frame=f, limbs=stay)) for f in (k, k + 1)
+            next(r for r, s in enumerate(course.stances) if s == replace(s, frame=f, limbs=stay))
+            for f in (k, k + 1)
         ]
         for t in BETWEEN:
             mixed = {
@@ -75,7 +82,9 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
                 com_radius_m=(1 - t) * course.com_radius_m[k] + t * course.com_radius_m[k + 1],
             )
             on = list(stay)
-            posture = Plan.of_posture(problem, **mixed, toes_m=plan.toes_at(k)[on], forces_n=forces[on])
+            posture = Plan.of_posture(
+                problem, **mixed, toes_m=plan.toes_at(k)[on], forces_n=forces[on]
+            )
             worst = max(worst, check_plan(posture).worst)
     assert check_plan(plan).figures["between"] == pytest.approx(worst, rel=1e-12)
 
@@ -85,8 +94,16 @@ def test_many_postures_at_once_are_judged_as_each_alone():
     for k in range(40):
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[k % 3]].sample(rng)
         toes = [c.patch.centre_m + rng.normal(0, 0.03, 3) for c in problem.contacts]
-        com, rotation, forces = rng.normal(0, 0.1, 3), rng.normal(0, 0.2, 3), rng.normal(0, 80, (len(toes), 3))
-        bad = {7: {"toes_m": toes[:-1]}, 11: {"com_m": com * np.nan}, 13: {"forces_n": 1e300 * forces}}.get(k, {})
+        com, rotation, forces = (
+            rng.normal(0, 0.1, 3),
+            rng.normal(0, 0.2, 3),
+            rng.normal(0, 80, (len(toes), 3)),
+        )
+        bad = {
+            7: {"toes_m": toes[:-1]},
+            11: {"com_m": com * np.nan},
+            13: {"forces_n": 1e300 * forces},
+        }.get(k, {})
         values = {"com_m": com, "rotation_rad": rotation, "toes_m": toes, "forces_n": forces} | bad
         postures.append(Plan.of_posture(problem, **values))
     found = check_postures(postures)
@@ -97,7 +114,8 @@ def test_many_postures_at_once_are_judged_as_each_alone():
 
 
 def test_a_toe_off_a_patch_of_many_corners_is_measured_in_no_time():
-    """Triangles of three corners would be 2.7 million; the figure is that of a flat disc within its rounding."""
+    """Triangles of three corners would be 2.7 million; the figure is that of a flat disc within its
+    rounding."""
     angles = 2 * np.pi * np.arange(256) / 256
     disc = np.round(np.column_stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), 0.0 * angles]), 4)
     disc[:, 2] = np.random.default_rng(0).choice([0.0, 1e-4], 256)
@@ -112,11 +130,14 @@ def test_a_toe_off_a_patch_of_many_corners_is_measured_in_no_time():
 @given(SEEDS)
 @settings(max_examples=40, deadline=None)
 def test_the_distance_from_a_thin_body_is_that_from_its_nearest_face(seed):
-    """Of four points: 0 in the tetrahedron, else the least of four triangles, by projection onto planes and edges."""
+    """Of four points: 0 in the tetrahedron, else the least of four triangles, by projection onto
+    planes and edges."""
     rng = np.random.default_rng(seed)
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 0.05
     corners[:, 2] = rng.uniform(-1e-4, 1e-4, 4)
-    point = np.array([*rng.uniform(-0.07, 0.07, 2), rng.choice([0.0, 1e-4, 0.02]) * rng.uniform(-1, 1)])
+    point = np.array(
+        [*rng.uniform(-0.07, 0.07, 2), rng.choice([0.0, 1e-4, 0.02]) * rng.uniform(-1, 1)]
+    )
     shares = np.linalg.solve(np.vstack([corners.T, np.ones(4)]), np.append(point, 1.0))
     faces = [distance_from_triangle(np.delete(corners, k, axis=0), point) for k in range(4)]
     expected = 0.0 if shares.min() >= 0.0 else min(faces)
@@ -131,7 +152,9 @@ def distance_from_triangle(corners, point):
         return np.linalg.norm(a + foot @ np.array([b - a, c - a]) - point)
     ends = [(a, b), (b, c), (c, a)]
     shares = [np.clip((point - p) @ (q - p) / ((q - p) @ (q - p)), 0.0, 1.0) for p, q in ends]
-    return min(np.linalg.norm(p + t * (q - p) - point) for (p, q), t in zip(ends, shares, strict=True))
+    return min(
+        np.linalg.norm(p + t * (q - p) - point) for (p, q), t in zip(ends, shares, strict=True)
+    )
 
 
 def test_the_verifier_brings_no_solver_with_it():

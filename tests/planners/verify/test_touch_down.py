@@ -1,4 +1,5 @@
-"""Toes find their footholds on grounds that are drawn from the certainty of the patches that they stand on."""
+"""Toes find their footholds on grounds that are drawn from the certainty of the patches that they
+stand on."""
 
 from dataclasses import replace
 

@@ -1,4 +1,5 @@
-"""The verifier of trajectories against motions in closed form, each group made to fail by one fault."""
+"""The verifier of trajectories against motions in closed form, each group made to fail by one
+fault."""
 
 from __future__ import annotations
 
@@ -36,17 +37,28 @@ def robot(mass_kg=30.0, inertia=(1.0, 2.0, 2.4)) -> GaitRobot:
     for name, x, y in zip(FEET, (1, 1, -1, -1), (1, -1, 1, -1), strict=True):
         nominal = np.array([0.35 * x, 0.2 * y, -0.45])
         feet.append(
-            Foot(name=name, nominal_m=nominal, reach_min_m=nominal - half, reach_max_m=nominal + half,
-                 hip_m=np.array([0.3 * x, 0.12 * y, 0.0]))
-        )  # fmt: skip
+            Foot(
+                name=name,
+                nominal_m=nominal,
+                reach_min_m=nominal - half,
+                reach_max_m=nominal + half,
+                hip_m=np.array([0.3 * x, 0.12 * y, 0.0]),
+            )
+        )
     return GaitRobot(
-        name="table", mass_kg=mass_kg, inertia_kgm2=np.diag(inertia), feet=tuple(feet), stand_height_m=0.45,
+        name="table",
+        mass_kg=mass_kg,
+        inertia_kgm2=np.diag(inertia),
+        feet=tuple(feet),
+        stand_height_m=0.45,
         trunk_half_m=np.array([0.3, 0.15, 0.1]),
-    )  # fmt: skip
+    )
 
 
 def plane(slope_x=0.0, slope_y=0.0) -> HeightField:
-    return HeightField.from_function(lambda x, y: slope_x * x + slope_y * y, 3.0, 0.25, name="plane")
+    return HeightField.from_function(
+        lambda x, y: slope_x * x + slope_y * y, 3.0, 0.25, name="plane"
+    )
 
 
 def nominal(of: GaitRobot) -> np.ndarray:
@@ -77,7 +89,8 @@ def carrying(arms, weight_n) -> np.ndarray:
 
 
 def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
-    """Still on a plane, the torso along it, the feet at their nominal places, the forces straight up and exact."""
+    """Still on a plane, the torso along it, the feet at their nominal places, the forces straight
+    up and exact."""
     body, terrain = robot(), plane(slope_x, slope_y)
     normal = np.array([-slope_x, -slope_y, 1.0])
     normal = normal / np.linalg.norm(normal)
@@ -105,7 +118,8 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
 
 
 def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2.4)) -> Trajectory:
-    """Through the air, the feet held still under the body, the spin by Euler's equations (integrated by scipy)."""
+    """Through the air, the feet held still under the body, the spin by Euler's equations
+    (integrated by scipy)."""
     body = robot(inertia=inertia)
     moments = np.array(inertia)
 
@@ -113,7 +127,12 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
         (x, y, z, w), omega = state[:4], state[4:]
         a, b, c = omega
         turn = 0.5 * np.array(
-            [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
+            [
+                w * a + y * c - z * b,
+                w * b + z * a - x * c,
+                w * c + x * b - y * a,
+                -x * a - y * b - z * c,
+            ]
         )
         return np.concatenate([turn, np.cross(moments * omega, omega) / moments])
 
@@ -121,7 +140,11 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
     run = solve_ivp(rates, (0.0, TIMES_S[-1]), state, t_eval=TIMES_S, rtol=1e-11, atol=1e-12)
     rotation = Rotation.from_quat(run.y[:4].T).as_matrix()
     t = TIMES_S[:, None]
-    torso = np.array([0.0, 0.0, 1.5]) + np.array(velocity) * t - 0.5 * G * t**2 * np.array([0.0, 0.0, 1.0])
+    torso = (
+        np.array([0.0, 0.0, 1.5])
+        + np.array(velocity) * t
+        - 0.5 * G * t**2 * np.array([0.0, 0.0, 1.0])
+    )
     count = len(TIMES_S)
     return replace(
         standing(),
@@ -139,7 +162,8 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
 
 
 def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
-    """On level ground, the torso bobbing and rolling about its x by sines, the forces from their second derivatives."""
+    """On level ground, the torso bobbing and rolling about its x by sines, the forces from their
+    second derivatives."""
     still = standing()
     body = still.robot
     phase = rate * TIMES_S
@@ -149,15 +173,21 @@ def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
     force = body.mass_kg * (G - rate**2 * lift)
     moment = -body.inertia_kgm2[0, 0] * rate**2 * roll
     forces = [
-        balancing(still.feet_m[k] - torso[k], [0.0, 0.0, force[k]], [moment[k], 0.0, 0.0]) for k in range(len(phase))
+        balancing(still.feet_m[k] - torso[k], [0.0, 0.0, force[k]], [moment[k], 0.0, 0.0])
+        for k in range(len(phase))
     ]
-    return replace(still, torso_m=torso, rotation=rotation, forces_n=np.array(forces), still=(False, False))
+    return replace(
+        still, torso_m=torso, rotation=rotation, forces_n=np.array(forces), still=(False, False)
+    )
 
 
 def stepping() -> Trajectory:
-    """Standing, but the left forefoot swings up and ahead from .15 s to .35 s; the others carry what they can."""
+    """Standing, but the left forefoot swings up and ahead from .15 s to .35 s; the others carry
+    what they can."""
     still = standing()
-    feet, forces, contact = (np.array(array) for array in (still.feet_m, still.forces_n, still.contact))
+    feet, forces, contact = (
+        np.array(array) for array in (still.feet_m, still.forces_n, still.contact)
+    )
     swing = (TIMES_S > 0.1499) & (TIMES_S < 0.3501)
     phase = np.clip((TIMES_S - 0.15) / 0.2, 0.0, 1.0)
     smooth = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
@@ -168,11 +198,18 @@ def stepping() -> Trajectory:
     for k in range(len(TIMES_S)):
         standing_feet = np.flatnonzero(contact[k])
         forces[k] = 0.0
-        forces[k, standing_feet] = carrying(feet[k, standing_feet] - torso[k], still.robot.mass_kg * G)
+        forces[k, standing_feet] = carrying(
+            feet[k, standing_feet] - torso[k], still.robot.mass_kg * G
+        )
     return replace(
-        still, torso_m=torso, feet_m=feet, forces_n=forces, contact=contact, start_xy_m=torso[0, :2],
+        still,
+        torso_m=torso,
+        feet_m=feet,
+        forces_n=forces,
+        contact=contact,
+        start_xy_m=torso[0, :2],
         goal_xy_m=torso[0, :2],
-    )  # fmt: skip
+    )
 
 
 def refused(trajectory, limits=WalkLimits()) -> dict[str, tuple[str, float]]:
@@ -184,7 +221,8 @@ def figures(trajectory):
     return check_trajectory(trajectory).figures
 
 
-# ------------------------------------------------------------------------------------------------ closed forms
+# ------------------------------------------------------------------------------------------------
+# closed forms
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.3, -0.2), (-0.5, 0.1)])
@@ -193,12 +231,19 @@ def test_standing_still_with_exact_forces_is_accepted_on_level_and_sloped_ground
     assert report.accepted, report.message
     assert tuple(g.name for g in report.groups) == tuple(GROUPS)
     shown = {"cone", "force_foot"}  # what a foot that stands has
-    assert max(g.value for g in report.groups if g.unit in ("m", "N", "Nm") and g.name not in shown) < 1e-9
+    assert (
+        max(g.value for g in report.groups if g.unit in ("m", "N", "Nm") and g.name not in shown)
+        < 1e-9
+    )
     assert report.figures["friction_needed"] == pytest.approx(np.hypot(*slope), abs=1e-9)
 
 
 def test_a_slope_steeper_than_the_friction_is_refused():
-    assert set(refused(standing(0.5, 0.0, friction=0.48))) == {"cone", "traction_impulse", "traction_way"}
+    assert set(refused(standing(0.5, 0.0, friction=0.48))) == {
+        "cone",
+        "traction_impulse",
+        "traction_way",
+    }
     assert not refused(standing(0.5, 0.0, friction=0.52))
 
 
@@ -222,19 +267,27 @@ def test_suction_begins_the_cone_at_its_pull(slope, share):
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
     force = still.forces_n[0]
     needed = float((np.linalg.norm(np.cross(force, normal), axis=1) / 0.1 - force @ normal).max())
-    report = check_trajectory(replace(still, adhesive=np.ones(4, dtype=bool), suction_n=share * needed))
+    report = check_trajectory(
+        replace(still, adhesive=np.ones(4, dtype=bool), suction_n=share * needed)
+    )
     assert report.unchecked == WHOLE_BODY  # the robot is but boxes
     assert report.accepted == (0.1 * (1.0 - share) * needed <= 1e-3 * still.robot.weight_n)
 
 
 @pytest.mark.parametrize("acceleration", [0.05, 0.14, 0.18])
-@pytest.mark.parametrize(("fault", "group"), [("leaning", "traction_way"), ("turning", "traction_turn")])
+@pytest.mark.parametrize(
+    ("fault", "group"), [("leaning", "traction_way"), ("turning", "traction_turn")]
+)
 def test_a_body_on_ice_gets_no_farther_than_nobody_pushes_it(fault, group, acceleration):
     """Both are ½ a t² at the last inner sample, in closed form, and .02 of it is too much."""
     moves = {"leaning": leaning, "turning": turning}[fault]
     found = {g.name: g for g in check_trajectory(moves(standing(), acceleration)).groups}[group]
     expected = 0.5 * acceleration * TIMES_S[-2] ** 2
-    share = 1.0 if fault == "leaning" else robot().inertia_kgm2[2, 2] / np.linalg.eigvalsh(robot().inertia_kgm2)[-1]
+    share = (
+        1.0
+        if fault == "leaning"
+        else robot().inertia_kgm2[2, 2] / np.linalg.eigvalsh(robot().inertia_kgm2)[-1]
+    )
     assert found.value == pytest.approx(share * expected, rel=0.02)
     assert (found.verdict == "holds") == (found.value <= 0.02)
 
@@ -243,7 +296,10 @@ def test_no_foot_pulls_where_there_is_no_friction():
     """ν = 0 leaves nothing of ν f_n, and the pull alone is what is wrong."""
     ice = standing(friction=0.0)
     assert not refused(ice)
-    assert refused(changed(ice, "forces_n", [0.0, 0.0, -0.4], (50, 2)))["cone"] == ("LH", TIMES_S[50])
+    assert refused(changed(ice, "forces_n", [0.0, 0.0, -0.4], (50, 2)))["cone"] == (
+        "LH",
+        TIMES_S[50],
+    )
 
 
 def test_a_ballistic_hop_is_accepted_and_one_without_gravity_is_not():
@@ -252,12 +308,21 @@ def test_a_ballistic_hop_is_accepted_and_one_without_gravity_is_not():
     assert figures(hop)["peak_acceleration_g"] == pytest.approx(1.0, abs=1e-9)
     straight = hop.torso_m[0] + np.outer(TIMES_S, [0.8, -0.3, 2.4])
     floating = replace(hop, torso_m=straight, feet_m=hop.feet_m + (straight - hop.torso_m)[:, None])
-    lacks = {"force_balance", "force_peak", "impulse", "traction", "traction_impulse", "traction_way"}
+    lacks = {
+        "force_balance",
+        "force_peak",
+        "impulse",
+        "traction",
+        "traction_impulse",
+        "traction_way",
+    }
     assert set(refused(floating)) == lacks
     assert figures(floating)["force_rms"] == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("spin", [(0.0, 0.0, 1.5), (1.5, 0.1, 0.1), (0.1, 2.0, 0.3), (0.8, -1.0, 0.9)])
+@pytest.mark.parametrize(
+    "spin", [(0.0, 0.0, 1.5), (1.5, 0.1, 0.1), (0.1, 2.0, 0.3), (0.8, -1.0, 0.9)]
+)
 def test_a_free_tumble_keeps_its_angular_momentum_whatever_axis_it_is_about(spin):
     tumble = flying(spin=spin)
     assert not refused(tumble)
@@ -278,7 +343,10 @@ def test_the_residuals_are_what_is_missing_in_newtons_and_newton_metres():
     sway = swaying()
     push = np.array(sway.forces_n)
     push[40, 0] += [20.0, 0.0, 0.0]
-    motion, pushed = TrajectoryMeasurements(sway), TrajectoryMeasurements(replace(sway, forces_n=push))
+    motion, pushed = (
+        TrajectoryMeasurements(sway),
+        TrajectoryMeasurements(replace(sway, forces_n=push)),
+    )
     arm = sway.feet_m[40, 0] - sway.torso_m[40]
     force = pushed.force_residual().values - motion.force_residual().values
     moment = pushed.moment_residual().values - motion.moment_residual().values
@@ -296,24 +364,37 @@ def test_a_step_is_accepted_and_its_swing_may_not_press():
 
 
 def test_curved_ground_is_met_at_its_true_normal():
-    """One foot on a dome: the normal of a sphere of radius r is known, and so is the distance of a point from it."""
+    """One foot on a dome: the normal of a sphere of radius r is known, and so is the distance of a
+    point from it."""
     radius = 5.0
-    dome = HeightField.from_function(lambda x, y: np.sqrt(radius**2 - x**2 - y**2) - radius, 2.0, 0.05)
+    dome = HeightField.from_function(
+        lambda x, y: np.sqrt(radius**2 - x**2 - y**2) - radius, 2.0, 0.05
+    )
     still = standing()
     points = np.array([[0.7, 0.4], [-0.9, 0.2], [0.1, -1.1], [0.0, 0.0]])
     above = radius + np.array([0.0, 5e-4, -5e-4, 0.0])
     normals = np.column_stack([points, np.sqrt(radius**2 - (points**2).sum(axis=1))]) / radius
     feet = above[:, None] * normals - [0.0, 0.0, radius]
-    lean = 100.0 * (normals + 0.3 * np.cross(normals, [0.0, 1.0, 0.0]) / np.linalg.norm(
-        np.cross(normals, [0.0, 1.0, 0.0]), axis=1, keepdims=True))  # fmt: skip
+    lean = 100.0 * (
+        normals
+        + 0.3
+        * np.cross(normals, [0.0, 1.0, 0.0])
+        / np.linalg.norm(np.cross(normals, [0.0, 1.0, 0.0]), axis=1, keepdims=True)
+    )
     motion = TrajectoryMeasurements(
-        replace(still, terrain=dome, feet_m=np.tile(feet, (101, 1, 1)), forces_n=np.tile(lean, (101, 1, 1)))
+        replace(
+            still,
+            terrain=dome,
+            feet_m=np.tile(feet, (101, 1, 1)),
+            forces_n=np.tile(lean, (101, 1, 1)),
+        )
     )
     assert np.allclose(motion.contact_gap().values[0], [0.0, 5e-4, 5e-4, 0.0], atol=1e-6)
     assert np.allclose(motion.cone().values[0], 100.0 * (0.3 - 0.75), atol=1e-2)
 
 
-# ---------------------------------------------------------------------------------------------- one fault a group
+# ---------------------------------------------------------------------------------------------- one
+# fault a group
 
 
 def moved(trajectory, name, change, where=np.s_[:]):
@@ -340,7 +421,9 @@ def whirled(trajectory):
 
 def lowered(trajectory):
     """A stone under the trunk, between its corners and away from the feet."""
-    stone = HeightField.from_function(lambda x, y: 0.4 * np.exp(-((x / 0.08) ** 2) - (y / 0.08) ** 2), 3.0, 0.02)
+    stone = HeightField.from_function(
+        lambda x, y: 0.4 * np.exp(-((x / 0.08) ** 2) - (y / 0.08) ** 2), 3.0, 0.02
+    )
     return replace(trajectory, terrain=stone)
 
 
@@ -366,57 +449,168 @@ def leaning(trajectory, acceleration):
 
 def turning(trajectory, acceleration):
     """Turned about the vertical by nobody on ground without friction [rad/s²]."""
-    turn = Rotation.from_rotvec(np.outer(0.5 * acceleration * TIMES_S**2, [0.0, 0.0, 1.0])).as_matrix()
+    turn = Rotation.from_rotvec(
+        np.outer(0.5 * acceleration * TIMES_S**2, [0.0, 0.0, 1.0])
+    ).as_matrix()
     return replace(trajectory, friction=0.0, rotation=turn @ trajectory.rotation)
 
 
 FAULTS = {
     "rotation": (standing, stretched, "torso", 0.1),
-    "start": (standing, lambda t: replace(t, start_xy_m=t.start_xy_m + np.array([0.006, 0.0])), "torso", 0.0),
-    "goal": (standing, lambda t: replace(t, goal_xy_m=t.goal_xy_m + np.array([0.0, -0.006])), "torso", 0.5),
-    "domain": (standing, lambda t: replace(t, terrain=HeightField.from_function(lambda x, y: 0 * x, 0.3)), "LF", 0.0),
-    "continuity": (stepping, lambda t: moved(t, "feet_m", [0.0, 0.0, 0.008], np.s_[50, 0]), "LF", 0.25),
-    "foot_speed": (stepping, lambda t: moved(t, "feet_m", [0.0, 0.06, 0.06], np.s_[45:55, 0]), "LF", 0.225),
-    "torso_speed": (flying, lambda t: moved(t, "torso_m", [0.0, 0.02, 0.0], np.s_[60:]), "torso", 0.3),
+    "start": (
+        standing,
+        lambda t: replace(t, start_xy_m=t.start_xy_m + np.array([0.006, 0.0])),
+        "torso",
+        0.0,
+    ),
+    "goal": (
+        standing,
+        lambda t: replace(t, goal_xy_m=t.goal_xy_m + np.array([0.0, -0.006])),
+        "torso",
+        0.5,
+    ),
+    "domain": (
+        standing,
+        lambda t: replace(t, terrain=HeightField.from_function(lambda x, y: 0 * x, 0.3)),
+        "LF",
+        0.0,
+    ),
+    "continuity": (
+        stepping,
+        lambda t: moved(t, "feet_m", [0.0, 0.0, 0.008], np.s_[50, 0]),
+        "LF",
+        0.25,
+    ),
+    "foot_speed": (
+        stepping,
+        lambda t: moved(t, "feet_m", [0.0, 0.06, 0.06], np.s_[45:55, 0]),
+        "LF",
+        0.225,
+    ),
+    "torso_speed": (
+        flying,
+        lambda t: moved(t, "torso_m", [0.0, 0.02, 0.0], np.s_[60:]),
+        "torso",
+        0.3,
+    ),
     "turn_rate": (flying, whirled, "torso", 0.3),
     "force_balance": (standing, lambda t: replace(t, forces_n=1.06 * t.forces_n), "torso", 0.005),
-    "force_peak": (standing, lambda t: moved(t, "forces_n", [0.0, 0.0, 40.0], np.s_[30]), "torso", 0.15),
+    "force_peak": (
+        standing,
+        lambda t: moved(t, "forces_n", [0.0, 0.0, 40.0], np.s_[30]),
+        "torso",
+        0.15,
+    ),
     "moment_balance": (standing, lambda t: moved(t, "feet_m", [0.025, 0.0, 0.0]), "torso", 0.005),
-    "moment_peak": (standing, lambda t: moved(t, "forces_n", [[0, 0, 60], [0, 0, 60], [0, 0, -60], [0, 0, -60]], 30),
-                    "torso", 0.15),
-    "cone": (standing, lambda t: moved(t, "forces_n", [60.0, 0.0, 0.0], np.s_[70:75, 2]), "LH", 0.35),
-    "swing_force": (stepping, lambda t: moved(t, "forces_n", [0.0, 0.0, 0.5], np.s_[50, 0]), "LF", 0.25),
-    "contact_gap": (standing, lambda t: moved(t, "feet_m", [0.0, 0.0, 0.0012], np.s_[:, 3]), "RH", 0.0),
-    "slip": (standing, lambda t: moved(t, "feet_m", np.linspace(0, 2e-3, 101)[:, None] * [1, 0, 0], np.s_[:, 1]),
-             "RF", 0.5),
-    "penetration": (stepping, lambda t: moved(t, "feet_m", [0.0, 0.0, -0.0612], np.s_[50, 0]), "LF", 0.25),
+    "moment_peak": (
+        standing,
+        lambda t: moved(t, "forces_n", [[0, 0, 60], [0, 0, 60], [0, 0, -60], [0, 0, -60]], 30),
+        "torso",
+        0.15,
+    ),
+    "cone": (
+        standing,
+        lambda t: moved(t, "forces_n", [60.0, 0.0, 0.0], np.s_[70:75, 2]),
+        "LH",
+        0.35,
+    ),
+    "swing_force": (
+        stepping,
+        lambda t: moved(t, "forces_n", [0.0, 0.0, 0.5], np.s_[50, 0]),
+        "LF",
+        0.25,
+    ),
+    "contact_gap": (
+        standing,
+        lambda t: moved(t, "feet_m", [0.0, 0.0, 0.0012], np.s_[:, 3]),
+        "RH",
+        0.0,
+    ),
+    "slip": (
+        standing,
+        lambda t: moved(t, "feet_m", np.linspace(0, 2e-3, 101)[:, None] * [1, 0, 0], np.s_[:, 1]),
+        "RF",
+        0.5,
+    ),
+    "penetration": (
+        stepping,
+        lambda t: moved(t, "feet_m", [0.0, 0.0, -0.0612], np.s_[50, 0]),
+        "LF",
+        0.25,
+    ),
     "reach": (standing, lambda t: moved(t, "torso_m", [0.0, 0.0, 0.1235]), "LF", 0.0),
     "trunk": (standing, lowered, "torso", 0.0),
-    "impulse": (standing, lambda t: changed(t, "forces_n", 0.5 * t.forces_n[0], np.s_[30:54]), "torso", 0.15),
-    "angular_impulse": (standing, lambda t: moved(t, "forces_n", [[0, 0, 4], [0, 0, 4], [0, 0, -4], [0, 0, -4]]),
-                        "torso", 0.005),
-    "angular_residual": (standing, lambda t: moved(t, "forces_n",
-                         [[0, 0, 60], [0, 0, 60], [0, 0, -60], [0, 0, -60]], 30), "torso", 0.15),
-    "traction": (standing, lambda t: moved(replace(t, friction=0.0), "torso_m", [7.5e-6, 0.0, 0.0], 60), "torso", 0.3),
+    "impulse": (
+        standing,
+        lambda t: changed(t, "forces_n", 0.5 * t.forces_n[0], np.s_[30:54]),
+        "torso",
+        0.15,
+    ),
+    "angular_impulse": (
+        standing,
+        lambda t: moved(t, "forces_n", [[0, 0, 4], [0, 0, 4], [0, 0, -4], [0, 0, -4]]),
+        "torso",
+        0.005,
+    ),
+    "angular_residual": (
+        standing,
+        lambda t: moved(t, "forces_n", [[0, 0, 60], [0, 0, 60], [0, 0, -60], [0, 0, -60]], 30),
+        "torso",
+        0.15,
+    ),
+    "traction": (
+        standing,
+        lambda t: moved(replace(t, friction=0.0), "torso_m", [7.5e-6, 0.0, 0.0], 60),
+        "torso",
+        0.3,
+    ),
     "traction_impulse": (standing, lambda t: leaning(t, 0.3), "torso", 0.495),
     "traction_way": (standing, lambda t: leaning(t, 0.3), "torso", 0.495),
     "traction_turn": (standing, lambda t: turning(t, 0.4), "torso", 0.495),
-    "suction": (standing, lambda t: moved(replace(t, adhesive=np.ones(4, dtype=bool), suction_n=50.0), "forces_n",
-                [0.0, 0.0, -150.0], np.s_[70:75, 2]), "LH", 0.35),
-    "force_foot": (standing, lambda t: moved(t, "forces_n", [0.0, 0.0, 800.0], (30, 1)), "RF", 0.15),
-    "foot_velocity": (standing, lambda t: moved(t, "feet_m", [9e-4, 0.0, 0.0], np.s_[60:, 1]), "RF", 0.3),
+    "suction": (
+        standing,
+        lambda t: moved(
+            replace(t, adhesive=np.ones(4, dtype=bool), suction_n=50.0),
+            "forces_n",
+            [0.0, 0.0, -150.0],
+            np.s_[70:75, 2],
+        ),
+        "LH",
+        0.35,
+    ),
+    "force_foot": (
+        standing,
+        lambda t: moved(t, "forces_n", [0.0, 0.0, 800.0], (30, 1)),
+        "RF",
+        0.15,
+    ),
+    "foot_velocity": (
+        standing,
+        lambda t: moved(t, "feet_m", [9e-4, 0.0, 0.0], np.s_[60:, 1]),
+        "RF",
+        0.3,
+    ),
     "touch_speed": (stepping, lambda t: moved(t, "feet_m", [3e-3, 0.0, 0.0], (30, 0)), "LF", 0.15),
     "stance_time": (stepping, lambda t: changed(t, "contact", True, np.s_[45:50, 0]), "LF", 0.225),
     "swing_time": (standing, lambda t: changed(t, "contact", False, np.s_[40:45, 0]), "LF", 0.2),
     "lift": (stepping, lambda t: flattened(t, 0.05), "LF", 0.15),
     "clearance": (stepping, lambda t: changed(t, "feet_m", 5e-4, (50, 0, 2)), "LF", 0.15),
     "drag": (stepping, lambda t: flattened(t, 0.0, 1.8), "LF", 0.15),
-    "penetration_between": (stepping, lambda t: changed(t, "feet_m", [2e-2, 2e-4, 2e-4, 2e-2], np.s_[49:53, 0, 2]),
-                            "LF", 0.2525),
+    "penetration_between": (
+        stepping,
+        lambda t: changed(t, "feet_m", [2e-2, 2e-4, 2e-4, 2e-2], np.s_[49:53, 0, 2]),
+        "LF",
+        0.2525,
+    ),
     "heading": (standing, lambda t: replace(t, heading_rad=0.02), "torso", 0.0),
     "rest": (standing, lambda t: moved(t, "torso_m", [1e-4, 0.0, 0.0], 0), "torso", 0.0),
-    "rest_acceleration": (standing, lambda t: moved(t, "torso_m", [1e-5, 0.0, 0.0], 0), "torso", 0.0),
-}  # fmt: skip
+    "rest_acceleration": (
+        standing,
+        lambda t: moved(t, "torso_m", [1e-5, 0.0, 0.0], 0),
+        "torso",
+        0.0,
+    ),
+}
 
 
 def test_there_is_a_fault_for_every_group():
@@ -442,14 +636,18 @@ def test_a_reflection_is_no_rotation():
 
 
 def test_a_fault_of_one_sample_is_not_averaged_away_over_ten_seconds():
-    """RMS over a long trajectory forgives one sample's impulse; the limit on the single sample does not."""
+    """RMS over a long trajectory forgives one sample's impulse; the limit on the single sample does
+    not."""
     still = standing()
     long = 2001
     stretched_out = replace(
-        still, times_s=STEP_S * np.arange(long),
-        **{name: np.repeat(getattr(still, name)[:1], long, axis=0)
-           for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact")},
-    )  # fmt: skip
+        still,
+        times_s=STEP_S * np.arange(long),
+        **{
+            name: np.repeat(getattr(still, name)[:1], long, axis=0)
+            for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact")
+        },
+    )
     assert check_trajectory(stretched_out).accepted
     assert set(refused(moved(stretched_out, "forces_n", [0.0, 0.0, 35.0], 1000))) == {"force_peak"}
 
@@ -463,9 +661,15 @@ def test_a_fault_of_one_sample_is_not_averaged_away_over_ten_seconds():
     slope=st.floats(-0.4, 0.4),
     distance=st.floats(1.01e-3, 0.3),
 )
-def test_a_foot_that_moves_beyond_the_limit_while_it_stands_is_caught(foot, first, length, azimuth, slope, distance):
+def test_a_foot_that_moves_beyond_the_limit_while_it_stands_is_caught(
+    foot, first, length, azimuth, slope, distance
+):
     still = standing(slope)
-    along = upright([-slope, 0.0, 1.0] / np.hypot(slope, 1.0)) @ [np.cos(azimuth), np.sin(azimuth), 0.0]
+    along = upright([-slope, 0.0, 1.0] / np.hypot(slope, 1.0)) @ [
+        np.cos(azimuth),
+        np.sin(azimuth),
+        0.0,
+    ]
     shifted = moved(still, "feet_m", distance * along, np.s_[first : first + length, foot])
     found = {g.name: g for g in check_trajectory(shifted).refused}
     assert found["slip"].where == FEET[foot]
@@ -473,12 +677,22 @@ def test_a_foot_that_moves_beyond_the_limit_while_it_stands_is_caught(foot, firs
 
 
 @settings(max_examples=40)
-@given(foot=st.integers(0, 3), at=st.integers(0, 100), depth=st.floats(1.01e-3, 0.3), slope=st.floats(-0.6, 0.6))
+@given(
+    foot=st.integers(0, 3),
+    at=st.integers(0, 100),
+    depth=st.floats(1.01e-3, 0.3),
+    slope=st.floats(-0.6, 0.6),
+)
 def test_a_standing_foot_off_the_ground_is_caught_either_side_of_it(foot, at, depth, slope):
     still = standing(slope)
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
     for side in (-1.0, 1.0):
-        found = {g.name: g for g in check_trajectory(moved(still, "feet_m", side * depth * normal, (at, foot))).refused}
+        found = {
+            g.name: g
+            for g in check_trajectory(
+                moved(still, "feet_m", side * depth * normal, (at, foot))
+            ).refused
+        }
         assert (found["contact_gap"].where, found["contact_gap"].when) == (FEET[foot], TIMES_S[at])
         assert found["contact_gap"].value == pytest.approx(depth, rel=1e-6)
 
@@ -491,17 +705,23 @@ def test_the_verdict_does_not_depend_on_where_north_is(yaw, x, y):
     shift = np.array([x, y, 0.0])
     torso = sway.torso_m @ turn.T + shift
     elsewhere = replace(
-        sway, torso_m=torso, rotation=turn @ sway.rotation, feet_m=sway.feet_m @ turn.T + shift,
-        forces_n=sway.forces_n @ turn.T, start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2],
+        sway,
+        torso_m=torso,
+        rotation=turn @ sway.rotation,
+        feet_m=sway.feet_m @ turn.T + shift,
+        forces_n=sway.forces_n @ turn.T,
+        start_xy_m=torso[0, :2],
+        goal_xy_m=torso[-1, :2],
         heading_rad=yaw,
-    )  # fmt: skip
+    )
     here, there = check_trajectory(sway), check_trajectory(elsewhere)
     assert there.accepted
     for one, other in zip(here.groups, there.groups, strict=True):
         assert other.value == pytest.approx(one.value, abs=1e-7)
 
 
-# ------------------------------------------------------------------------------------------------ what is none
+# ------------------------------------------------------------------------------------------------
+# what is none
 
 
 def test_what_is_no_trajectory_is_refused_and_never_raises():
@@ -522,7 +742,9 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
         "times_s: expected four samples or more, got 3": {"times_s": TIMES_S[:3]},
         "times_s: expected increasing times, got a step of -0.005 s": {"times_s": TIMES_S[::-1]},
         "times_s: expected a uniform grid, got steps from 0.004 to 0.006 s": {"times_s": late},
-        "times_s: expected samples every 0.005 s or less, got a step of 0.05 s": {"times_s": 10.0 * TIMES_S},
+        "times_s: expected samples every 0.005 s or less, got a step of 0.05 s": {
+            "times_s": 10.0 * TIMES_S
+        },
         "friction: expected a number of at least 0, got nan": {"friction": np.nan},
     }
     for message, change in faults.items():
@@ -550,7 +772,8 @@ def test_no_values_make_it_raise_or_accept(name, value, share, seed):
     json.dumps(report.to_json(), allow_nan=False)
 
 
-# ------------------------------------------------------------------------------------------------ the report
+# ------------------------------------------------------------------------------------------------
+# the report
 
 
 def test_the_digest_speaks_of_trajectory_limits_and_verdict():
@@ -575,69 +798,126 @@ def test_json_holds_every_group_with_its_limit():
     assert (gap["where"], gap["limit"]) == ("LH", 1e-3)
     assert gap["value"] == pytest.approx(0.01)
     assert record["accepted"] is False
-    assert record["message"].startswith("rejected: contact_gap (LH) 0.01 m at 0.000 s, limit 0.001 m")
+    assert record["message"].startswith(
+        "rejected: contact_gap (LH) 0.01 m at 0.000 s, limit 0.001 m"
+    )
 
 
 def test_scales_follow_the_robot():
-    """Forces are judged in units of m·g, so a robot of twice the mass with twice the forces is judged the same."""
+    """Forces are judged in units of m·g, so a robot of twice the mass with twice the forces is
+    judged the same."""
     light, heavy = standing(), standing()
     heavy = replace(heavy, robot=robot(mass_kg=60.0), forces_n=2.0 * heavy.forces_n)
     limit = 1.0 + WalkLimits().impulse_rate + WalkLimits().impulse_s / 0.495
     for factor in (limit - 1e-3, limit + 1e-3):
-        verdicts = [check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted for t in (light, heavy)]
+        verdicts = [
+            check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted
+            for t in (light, heavy)
+        ]
         assert verdicts == [factor < limit] * 2
 
 
 def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
-    """What its two files import, and what that imports: arrays, errors, the robot, the terrain and the samples.
+    """What its two files import, and what that imports: arrays, errors, the robot, the terrain and
+    the samples.
 
-    A walker carries its URDF's model, which but one file of the verifier's looks at: that shares the robot's legs, and
-    inverse kinematics that nothing is believed of until pinocchio has put the feet there. A robot of a file is read
-    with what it touches with and with the hulls of its meshes, one by name by what reads robots, and a robot's legs are
-    asked for where they are drawn up, or for their sets, which the verifier does not; the words of a verdict are those
-    of every report.
+    A walker carries its URDF's model, which but one file of the verifier's looks at: that shares
+    the robot's legs, and inverse kinematics that nothing is believed of until pinocchio has put the
+    feet there. A robot of a file is read with what it touches with and with the hulls of its
+    meshes, one by name by what reads robots, and a robot's legs are asked for where they are drawn
+    up, or for their sets, which the verifier does not; the words of a verdict are those of every
+    report.
     """
     planners = Path(trajectories.__file__).parents[1]
     allowed = {
-        "errors.py", "cached.py", "physics.py", "files/arrays.py", "files/archive.py", "files/comparison.py",
-        "files/codec.py", "files/documents.py", "files/validation.py",
-        "answer/trajectory.py", "robot/leg_sources.py", "robot/limb.py", "robot/model.py", "robot/model_json.py",
-        "robot/reach.py", "robot/servo.py",
-        "robot/single_body.py", "robot/urdf_reader.py", "terrain/bspline.py", "terrain/certainty.py",
-        "terrain/heightfield.py", "terrain/patch.py", "terrain/polygon.py", "terrain/prism.py", "terrain/sole.py",
-        "verify/trajectories.py", "verify/trajectory_defects.py", "verify/trajectory_limits.py",
-        "verify/trajectory_measurements.py", "verify/trajectory_momentum.py", "verify/trajectory_series.py",
+        "errors.py",
+        "cached.py",
+        "physics.py",
+        "files/arrays.py",
+        "files/archive.py",
+        "files/comparison.py",
+        "files/codec.py",
+        "files/documents.py",
+        "files/validation.py",
+        "answer/trajectory.py",
+        "robot/leg_sources.py",
+        "robot/limb.py",
+        "robot/model.py",
+        "robot/model_json.py",
+        "robot/reach.py",
+        "robot/servo.py",
+        "robot/single_body.py",
+        "robot/urdf_reader.py",
+        "terrain/bspline.py",
+        "terrain/certainty.py",
+        "terrain/heightfield.py",
+        "terrain/patch.py",
+        "terrain/polygon.py",
+        "terrain/prism.py",
+        "terrain/sole.py",
+        "verify/trajectories.py",
+        "verify/trajectory_defects.py",
+        "verify/trajectory_limits.py",
+        "verify/trajectory_measurements.py",
+        "verify/trajectory_momentum.py",
+        "verify/trajectory_series.py",
         "verify/trajectory_steps.py",
-    }  # fmt: skip
+    }
     todo, seen = ["verify/trajectories.py"], set()
     carried = {
-        "robot/contacts.py", "robot/drawn_legs.py", "robot/drawn_model.py", "robot/hulls.py", "robot/leg.py",
-        "robot/reach_sets.py", "robot/robot_model.py", "robot/shapes.py", "robot/walker.py",
-        "answer/hindrance.py", "answer/html.py", "answer/report.py", "verify/trajectory_whole_body.py",
-    }  # fmt: skip
+        "robot/contacts.py",
+        "robot/drawn_legs.py",
+        "robot/drawn_model.py",
+        "robot/hulls.py",
+        "robot/leg.py",
+        "robot/reach_sets.py",
+        "robot/robot_model.py",
+        "robot/shapes.py",
+        "robot/walker.py",
+        "answer/hindrance.py",
+        "answer/html.py",
+        "answer/report.py",
+        "verify/trajectory_whole_body.py",
+    }
     while todo:
         name = todo.pop()
         if name in seen or name in carried:
             continue
         seen.add(name)
         for node in ast.walk(ast.parse((planners / name).read_text(encoding="utf-8"))):
-            assert not (name.startswith("verify/") and isinstance(node, ast.Attribute) and node.attr == "model"), name
-            assert not isinstance(node, ast.Import) or all(one.name != "casadi" for one in node.names), name
+            assert not (
+                name.startswith("verify/")
+                and isinstance(node, ast.Attribute)
+                and node.attr == "model"
+            ), name
+            assert not isinstance(node, ast.Import) or all(
+                one.name != "casadi" for one in node.names
+            ), name
             if isinstance(node, ast.ImportFrom) and node.level:
-                folder = (planners / name).parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                folder = (
+                    (planners / name)
+                    .parents[node.level - 1]
+                    .joinpath(*(node.module or "").split("."))
+                )
                 if folder.with_suffix(".py").exists():
                     todo.append(folder.with_suffix(".py").relative_to(planners).as_posix())
                 else:
-                    todo += [f"{folder.relative_to(planners).as_posix()}/{one.name}.py" for one in node.names]
+                    todo += [
+                        f"{folder.relative_to(planners).as_posix()}/{one.name}.py"
+                        for one in node.names
+                    ]
     assert seen <= allowed, sorted(seen - allowed)
     assert {"answer/trajectory.py", "terrain/heightfield.py"} <= seen
 
 
 def test_footing_is_reported_of_places_and_of_what_is_beside_them_and_refuses_nothing() -> None:
-    """A plane needs its own slope; a cliff 10 mm beside a foot that stands on level ground counts, one 40 mm away does
-    not, and feet that stick need no friction. The line says so, and what was accepted stays accepted."""
+    """A plane needs its own slope; a cliff 10 mm beside a foot that stands on level ground counts,
+    one 40 mm away does not, and feet that stick need no friction. The line says so, and what was
+    accepted stays accepted."""
     walk = standing(0.3, 0.1)
-    assert check_trajectory(walk).figures["footing_friction"] == pytest.approx(np.hypot(0.3, 0.1), abs=1e-6)
+    assert check_trajectory(walk).figures["footing_friction"] == pytest.approx(
+        np.hypot(0.3, 0.1), abs=1e-6
+    )
     foot = standing().feet_m[0, 0]
     needs = {}
     for away in (0.01, 0.04):

@@ -1,4 +1,5 @@
-"""Walks judged by the robot's own legs: joints, torques, bodies, and what legs that weigh something change."""
+"""Walks judged by the robot's own legs: joints, torques, bodies, and what legs that weigh something
+change."""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ def test_the_whole_robots_centre_of_mass_is_where_the_walk_has_it() -> None:
 
 
 def test_torques_at_rest_are_what_the_energy_of_the_posture_changes_by() -> None:
-    """τ = ∂/∂q (m g z − Σ fᵢ·pᵢ) with the base held, by differences; z of the centre of mass, pᵢ of the feet."""
+    """τ = ∂/∂q (m g z − Σ fᵢ·pᵢ) with the base held, by differences; z of the centre of mass, pᵢ of
+    the feet."""
     walk = stepping()
     solver, body = Kinematics(robot_of(own(walk))), measured(walk)
     angles, forces = body.postures.angles[5], walk.forces_n[5]
@@ -75,7 +77,8 @@ def test_torques_at_rest_are_what_the_energy_of_the_posture_changes_by() -> None
 
 
 def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
-    """d/dt (T + U) = τ·q̇ + Σ f·v + w·v_B: what the base lacks, w, is the residual of the walk's balances."""
+    """d/dt (T + U) = τ·q̇ + Σ f·v + w·v_B: what the base lacks, w, is the residual of the walk's
+    balances."""
     walk = swaying()
     body = measured(walk)
     model = pin.buildModelFromXML(own(walk).urdf, pin.JointModelFreeFlyer())
@@ -85,7 +88,11 @@ def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
         + pin.computePotentialEnergy(model, data, pin.integrate(model, q, 0.5 * STEP_S * v))
         for q, v in zip(states[:-1], between, strict=True)
     ]
-    rotors = 0.5 * body.kinematics.rotor_kg_m2 * np.square(between[:, body.kinematics.columns]).sum(axis=1)
+    rotors = (
+        0.5
+        * body.kinematics.rotor_kg_m2
+        * np.square(between[:, body.kinematics.columns]).sum(axis=1)
+    )
     change = np.diff(energy + rotors) / STEP_S
     velocity = 0.5 * (between[1:] + between[:-1])
     rates = velocity[:, body.kinematics.columns]
@@ -98,23 +105,32 @@ def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
     about = np.cross((walk.torso_m - body.postures.origin_m)[1:-1], lacks)
     rolled = np.cross(placed[1:-1] - walk.feet_m[1:-1], walk.forces_n[1:-1]).sum(axis=1)
     moment = body.legs_moment().values - rolled
-    power = np.einsum("kj,kj->k", body.torques_nm, rates) + np.einsum("kni,kni->k", walk.forces_n[1:-1], centres)
+    power = np.einsum("kj,kj->k", body.torques_nm, rates) + np.einsum(
+        "kni,kni->k", walk.forces_n[1:-1], centres
+    )
     power += np.einsum("ki,ki->k", lacks, torso) + np.einsum("ki,ki->k", moment + about, spin)
     np.testing.assert_allclose(power, change, atol=0.02 * np.abs(change).max())
 
 
 def test_moments_of_legs_that_weigh_are_those_of_their_links() -> None:
-    """L = Σ mᵢ (pᵢ − c) × vᵢ + Rᵢ Iᵢ Rᵢᵀ ωᵢ over the links, placed by chains of our own, by differences."""
+    """L = Σ mᵢ (pᵢ − c) × vᵢ + Rᵢ Iᵢ Rᵢᵀ ωᵢ over the links, placed by chains of our own, by
+    differences."""
     walk = swaying()
     body, model = measured(walk), own(walk)
-    masses = {name: 10.0 if name == "base" else 0.1 if name.endswith("FOOT") else 1.0 for name in model.mounts}
-    inertias = {name: 1e-4 if name.endswith("FOOT") else 0.01 for name in masses}  # as small_urdfs has them
+    masses = {
+        name: 10.0 if name == "base" else 0.1 if name.endswith("FOOT") else 1.0
+        for name in model.mounts
+    }
+    inertias = {
+        name: 1e-4 if name.endswith("FOOT") else 0.01 for name in masses
+    }  # as small_urdfs has them
     frames = [
         model.link_frames(np.split(angles, len(model.legs))) for angles in body.postures.angles
     ]  # all legs have three joints
     turns = {n: walk.rotation @ np.array([frame[n][0] for frame in frames]) for n in masses}
     places = {
-        n: body.postures.origin_m + np.einsum("kij,kj->ki", walk.rotation, np.array([frame[n][1] for frame in frames]))
+        n: body.postures.origin_m
+        + np.einsum("kij,kj->ki", walk.rotation, np.array([frame[n][1] for frame in frames]))
         for n in masses
     }
     momentum = np.zeros((COUNT - 1, 3))
@@ -122,7 +138,10 @@ def test_moments_of_legs_that_weigh_are_those_of_their_links() -> None:
     for n, mass in masses.items():
         arm = 0.5 * (places[n][1:] + places[n][:-1]) - 0.5 * (centre[1:] + centre[:-1])
         speed = np.diff(places[n] - centre, axis=0) / STEP_S
-        spin = np.array([pin.log3(b @ a.T) for a, b in zip(turns[n][:-1], turns[n][1:], strict=True)]) / STEP_S
+        spin = (
+            np.array([pin.log3(b @ a.T) for a, b in zip(turns[n][:-1], turns[n][1:], strict=True)])
+            / STEP_S
+        )
         momentum += mass * np.cross(arm, speed) + inertias[n] * spin
     arms = walk.feet_m - walk.torso_m[:, None]
     expected = np.diff(momentum, axis=0) / STEP_S - np.cross(arms, walk.forces_n).sum(axis=1)[1:-1]
@@ -140,7 +159,9 @@ def test_there_is_a_fault_for_every_group_of_the_whole_body() -> None:
     thrown = np.array(stepping().forces_n)
     thrown[::2, 0, 0] += 200.0
     line = np.linspace(-2.0, 2.0, 17)
-    raised = HeightField(line, line, np.where(np.abs(line[:, None] - 0.0 * line) < 0.2, 0.45, 0.0), "ridge")
+    raised = HeightField(
+        line, line, np.where(np.abs(line[:, None] - 0.0 * line) < 0.2, 0.45, 0.0), "ridge"
+    )
     faults = {
         "joints": (replace(stepping(), feet_m=far), "LF"),
         "joint_speed": (stepping(swing_s=0.06), "LF_"),
@@ -178,7 +199,8 @@ def test_links_that_go_through_each_other_are_told_with_their_names() -> None:
 
 
 def test_depth_in_heights_is_that_of_a_box_in_a_slope() -> None:
-    """A box's lowest corner below a plane, along its normal; nothing of a box that is above is looked at."""
+    """A box's lowest corner below a plane, along its normal; nothing of a box that is above is
+    looked at."""
     line, slope = np.linspace(-2.0, 2.0, 33), np.array([0.3, -0.2])
     ground = Ground(HeightField(line, line, slope[0] * line[:, None] + slope[1] * line, "slope"))
     point = np.array([0.4, 0.7, -0.1])

@@ -1,4 +1,5 @@
-"""The ends of a walk's file: swings that they cut off, headings, and robots that are called as the package's own."""
+"""The ends of a walk's file: swings that they cut off, headings, and robots that are called as the
+package's own."""
 
 from __future__ import annotations
 
@@ -26,19 +27,26 @@ def test_a_foot_that_is_said_to_swing_at_an_end_is_in_the_air(where: slice) -> N
 
 
 @pytest.mark.parametrize("where", [np.s_[:40], np.s_[60:]])
-def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_no_fault(where: slice) -> None:
+def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_no_fault(
+    where: slice,
+) -> None:
     walk = standing()
     contact, feet = np.array(walk.contact), np.array(walk.feet_m)
     contact[where, 0] = False
     rise = np.linspace(0.0, 1.0, len(feet[where]) + 2)[1:-1]
     feet[where, 0, 2] += 0.1 * (rise[::-1] if where.start is None else rise)
-    found = {group.name for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused}
+    found = {
+        group.name
+        for group in check_trajectory(replace(walk, contact=contact, feet_m=feet)).refused
+    }
     assert not found & SWUNG
 
 
 def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    found = stancekit.walk(level, (0.0, 0.0), heading_end_rad=0.4, duration_s=2.0, chart="decoupled")
+    found = stancekit.walk(
+        level, (0.0, 0.0), heading_end_rad=0.4, duration_s=2.0, chart="decoupled"
+    )
     assert found.status.value == "feasible", found.message
     walk = found.solution
     assert walk is not None
@@ -50,7 +58,9 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
 
 
 def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:
-    with pytest.raises(InvalidInput, match=r"stand_height_m: expected 0\.2 m, which its feet are below"):
+    with pytest.raises(
+        InvalidInput, match=r"stand_height_m: expected 0\.2 m, which its feet are below"
+    ):
         replace(hexapod_walker(), stand_height_m=200.0)
     with pytest.raises(InvalidInput, match="inertia_kgm2: expected moments up to"):
         replace(anymal(), inertia_kgm2=1e3 * anymal().inertia_kgm2)
@@ -60,6 +70,10 @@ def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:
 def test_a_walk_of_a_built_in_robot_is_held_to_its_numbers(name: str) -> None:
     data = hexapod_walker().to_json()
     assert robot_from_json(data).name == "hexapod"
-    data[name] = 1.01 * data[name] if name == "stand_height_m" else (0.99 * np.array(data[name])).tolist()
-    with pytest.raises(InvalidInput, match=f"expected the numbers of the built-in hexapod, got others: {name}"):
+    data[name] = (
+        1.01 * data[name] if name == "stand_height_m" else (0.99 * np.array(data[name])).tolist()
+    )
+    with pytest.raises(
+        InvalidInput, match=f"expected the numbers of the built-in hexapod, got others: {name}"
+    ):
         robot_from_json(data)

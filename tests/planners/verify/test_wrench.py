@@ -1,4 +1,5 @@
-"""External wrenches: closed forms, proofs that nobody can carry one, and what a stance holds of it at most."""
+"""External wrenches: closed forms, proofs that nobody can carry one, and what a stance holds of it
+at most."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ CORNERS = {"LF": (1, 1), "LR": (-1, 1), "RR": (-1, -1), "RF": (1, -1)}
 
 
 def table(friction: float = 5.0, legs: Sequence[str] = tuple(CORNERS)) -> Problem:
-    """Feet on small squares at the corners of a square on level ground, the body fixed above its middle."""
+    """Feet on small squares at the corners of a square on level ground, the body fixed above its
+    middle."""
     contacts = []
     for leg in legs:
         x, y = CORNERS[leg]
@@ -38,19 +40,28 @@ def table(friction: float = 5.0, legs: Sequence[str] = tuple(CORNERS)) -> Proble
                 leg=leg,
                 shoulder_m=[HALF_M * x, HALF_M * y, 0.0],
                 reach_m=0.6,
-                patch=Patch(vertices_m=square, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction),
+                patch=Patch(
+                    vertices_m=square,
+                    normal=[0, 0, 1],
+                    shear_reference=[1, 0, 0],
+                    friction=friction,
+                ),
                 force_min=[0, -1, -1],
                 force_max=[1, 1, 1],
             )
         )
-    return Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=[0, 0, HEIGHT_M], com_radius_m=0.0)
+    return Problem.posture(
+        contacts, mass_kg=MASS_KG, com_nominal_m=[0, 0, HEIGHT_M], com_radius_m=0.0
+    )
 
 
 def standing(problem: Problem, forces_n: Array) -> Plan:
     """The feet in the middle of their squares."""
     toes = np.array([[HALF_M * x, HALF_M * y, 0.0] for x, y in CORNERS.values()])
     com = np.array([0, 0, HEIGHT_M])
-    return Plan.of_posture(problem, com_m=com, rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces_n)
+    return Plan.of_posture(
+        problem, com_m=com, rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces_n
+    )
 
 
 PAYLOAD = at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0.1, -0.08, 0.07))
@@ -64,7 +75,12 @@ def test_the_forces_of_a_table_with_a_payload_are_those_of_statics() -> None:
     forces[:, 2] = 0.25 * WEIGHT_N + 0.2 * WEIGHT_N * shares
     problem = table().posture_with(wrench=PAYLOAD)
     assert check_plan(standing(problem, forces)).accepted
-    for wrong in (None, 1.001 * PAYLOAD, at_point(PAYLOAD[:3], (0, 0, 0), (0.1, 0.08, 0.07)), -PAYLOAD):
+    for wrong in (
+        None,
+        1.001 * PAYLOAD,
+        at_point(PAYLOAD[:3], (0, 0, 0), (0.1, 0.08, 0.07)),
+        -PAYLOAD,
+    ):
         report = check_plan(standing(problem.posture_with(wrench=wrong), forces))
         assert not report.accepted
         assert report.worst > 1e-5
@@ -72,7 +88,8 @@ def test_the_forces_of_a_table_with_a_payload_are_those_of_statics() -> None:
 
 def test_three_feet_on_ice_carry_what_statics_says() -> None:
     problem = table(friction=0.0, legs=("LF", "LR", "RR")).posture_with(
-        com_nominal_m=[-0.05, 0.05, HEIGHT_M], wrench=at_point((0, 0, -20.0), (0, 0, 0), (-0.03, 0.01, 0.3))
+        com_nominal_m=[-0.05, 0.05, HEIGHT_M],
+        wrench=at_point((0, 0, -20.0), (0, 0, 0), (-0.03, 0.01, 0.3)),
     )
     for method in ("exact", "two-stage", "nlp"):
         posture = stancekit.solve(problem, method).solution
@@ -80,7 +97,9 @@ def test_three_feet_on_ice_carry_what_statics_says() -> None:
         toes, com = posture.toes_m, posture.com_m[0]
         arms = np.vstack([np.ones(3), toes[:, :2].T])
         load = com[:2] + np.array([-0.03, 0.01])
-        vertical = np.linalg.solve(arms, WEIGHT_N * np.array([1.0, *com[:2]]) + 20.0 * np.array([1.0, *load]))
+        vertical = np.linalg.solve(
+            arms, WEIGHT_N * np.array([1.0, *com[:2]]) + 20.0 * np.array([1.0, *load])
+        )
         np.testing.assert_allclose(posture.forces_n[0, :, 2], vertical, atol=1e-3)
 
 
@@ -90,13 +109,25 @@ def test_three_feet_on_ice_carry_what_statics_says() -> None:
         ("tips", 5.0, [1, 0, 0, 0, 0, 0], WEIGHT_N * (HALF_M + EDGE_M) / HEIGHT_M),  # F h = w d
         ("tips sideways", 5.0, [0, -1, 0, 0, 0, 0], WEIGHT_N * (HALF_M + EDGE_M) / HEIGHT_M),
         ("slides", 0.1, [0, 1, 0, 0, 0, 0], 0.1 * WEIGHT_N),
-        ("is crushed", 0.5, [0, 0, -1, 0, 0, 0], 3.0 * WEIGHT_N),  # each foot bears the weight at most
+        (
+            "is crushed",
+            0.5,
+            [0, 0, -1, 0, 0, 0],
+            3.0 * WEIGHT_N,
+        ),  # each foot bears the weight at most
         ("lifts off", 0.5, [0, 0, 1, 0, 0, 0], WEIGHT_N),
         ("is turned over", 5.0, [0, 0, 0, 1, 0, 0], WEIGHT_N * (HALF_M + EDGE_M)),
-        ("is turned about", 0.1, [0, 0, 0, 0, 0, 1], 0.1 * WEIGHT_N * np.sqrt(2.0) * (HALF_M + EDGE_M)),
+        (
+            "is turned about",
+            0.1,
+            [0, 0, 0, 0, 0, 1],
+            0.1 * WEIGHT_N * np.sqrt(2.0) * (HALF_M + EDGE_M),
+        ),
     ],
 )
-def test_a_table_holds_what_statics_says(name: str, friction: float, wrench: list[float], most: float) -> None:
+def test_a_table_holds_what_statics_says(
+    name: str, friction: float, wrench: list[float], most: float
+) -> None:
     problem, direction = table(friction), np.array(wrench)
     below = stancekit.solve(problem.posture_with(wrench=0.995 * most * direction))
     assert below.solution is not None, name
@@ -105,8 +136,12 @@ def test_a_table_holds_what_statics_says(name: str, friction: float, wrench: lis
         assert answer.certificate is not None, name
         assert check_certificate(answer.certificate).accepted
         assert stancekit.verify(answer.certificate).accepted
-        held = replace(answer.certificate, problem=problem.posture_with(wrench=0.999 * most * direction))
-        assert not check_certificate(held, tolerance=0.0).accepted  # whatever the multipliers: there is a posture
+        held = replace(
+            answer.certificate, problem=problem.posture_with(wrench=0.999 * most * direction)
+        )
+        assert not check_certificate(
+            held, tolerance=0.0
+        ).accepted  # whatever the multipliers: there is a posture
         why = explain(answer.certificate)
         unit = "N" if direction[:3].any() else "Nm"
         assert why.message.startswith("infeasible: holds ")
@@ -119,18 +154,26 @@ def test_a_table_holds_what_statics_says(name: str, friction: float, wrench: lis
 
 
 def test_a_certificate_is_one_of_its_own_wrench_alone() -> None:
-    """What proves that a wrench is too much proves nothing of half of it, of none, or of another direction."""
+    """What proves that a wrench is too much proves nothing of half of it, of none, or of another
+    direction."""
     problem = table(friction=0.1).posture_with(wrench=[0, 0.15 * WEIGHT_N, 0, 0, 0, 0])
     certificate = stancekit.solve(problem).certificate
     assert certificate is not None
     assert check_certificate(certificate).accepted
-    for other in (None, [0, 0.09 * WEIGHT_N, 0, 0, 0, 0], [0, -0.15 * WEIGHT_N, 0, 0, 0, 0], PAYLOAD):
+    for other in (
+        None,
+        [0, 0.09 * WEIGHT_N, 0, 0, 0, 0],
+        [0, -0.15 * WEIGHT_N, 0, 0, 0, 0],
+        PAYLOAD,
+    ):
         forged = replace(certificate, problem=problem.posture_with(wrench=other))
         assert not check_certificate(forged).accepted
         assert explain(forged).message.startswith("nothing to explain")
     turned = replace(certificate, multipliers=-certificate.multipliers)
     assert not check_certificate(turned).accepted
-    more = replace(certificate, problem=problem.posture_with(wrench=[0, 0.3 * WEIGHT_N, 0, 0, 0, 0]))
+    more = replace(
+        certificate, problem=problem.posture_with(wrench=[0, 0.3 * WEIGHT_N, 0, 0, 0, 0])
+    )
     assert check_certificate(more).accepted  # the same proof is one of more of it
 
 
@@ -163,7 +206,8 @@ def test_what_is_not_the_wrenchs_fault_is_not_said_of_it() -> None:
 
 
 def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> tuple[float, float]:
-    """Push and support of the table with its feet in the middle of the squares; forces do not matter."""
+    """Push and support of the table with its feet in the middle of the squares; forces do not
+    matter."""
     problem = table(friction).posture_with(wrench=wrench)
     plan = standing(problem.course(), np.zeros((4, 3)))
     (margin,) = stance_margins(plan)
@@ -171,13 +215,16 @@ def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> 
 
 
 def test_margins_are_those_of_the_loaded_robot() -> None:
-    """A load at the centre of mass weighs the table down; one at a corner takes of what is left; a wind pushes, too."""
+    """A load at the centre of mass weighs the table down; one at a corner takes of what is left; a
+    wind pushes, too."""
     plain_n, plain_m = loaded_margin(None)
     below_n, below_m = loaded_margin(at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0, 0, 0)))
     assert below_n == pytest.approx(1.2 * plain_n, rel=0.03)
     assert below_m == pytest.approx(plain_m, rel=0.03)
     _, aside_m = loaded_margin(at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0.12, 0, 0)))
-    assert aside_m == pytest.approx(HALF_M - 0.2 / 1.2 * 0.12, rel=0.03)  # of all that weighs, a sixth is .12 m away
+    assert aside_m == pytest.approx(
+        HALF_M - 0.2 / 1.2 * 0.12, rel=0.03
+    )  # of all that weighs, a sixth is .12 m away
     windy_n, windy_m = loaded_margin([0.1 * WEIGHT_N, 0, 0, 0, 0, 0])
     assert windy_n == pytest.approx(plain_n - 0.1 * WEIGHT_N, rel=0.03)
     assert windy_m == pytest.approx(HALF_M - 0.1 * HEIGHT_M, rel=0.03)
@@ -185,7 +232,8 @@ def test_margins_are_those_of_the_loaded_robot() -> None:
 
 @pytest.fixture
 def pulled(walk: Callable[..., Plan]) -> Plan:
-    """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads alone."""
+    """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads
+    alone."""
     plan = walk()
     course = plan.problem
     wrench = np.zeros((course.frames, 6))
@@ -214,7 +262,8 @@ def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Plan) 
 
 
 def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None:
-    """An oblique rope whose force and arm change: forces that go over linearly carry it all the way."""
+    """An oblique rope whose force and arm change: forces that go over linearly carry it all the
+    way."""
     course = read_course("stairs", 4)
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
     wrench = np.random.default_rng(0).uniform(-0.1, 0.1, (course.frames, 6)) * unit
@@ -226,16 +275,25 @@ def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None
     assert 0.0 < report.figures["between"] < 1e-6
     rows = {(s.frame, s.limbs): row for row, s in enumerate(course.stances)}
     lifted = [{course.legs.index(name) for name in names} for names in course.lifts]
-    ways = [(k, limbs) for k, limbs in rows if (k + 1, limbs) in rows and not lifted[k + 1] & set(limbs)]
+    ways = [
+        (k, limbs) for k, limbs in rows if (k + 1, limbs) in rows and not lifted[k + 1] & set(limbs)
+    ]
     assert len(ways) == course.frames - 1
     about_origin = wrench[:, 3:] + np.cross(plan.com_m, wrench[:, :3])
     for k, limbs in ways:
         toes = plan.toes_m[course.holds[k, list(limbs)]]
         for t in (0.3, 0.5, 0.9):
             before, after = (plan.forces_n[rows[at, limbs]][list(limbs)] for at in (k, k + 1))
-            forces, com = (1 - t) * before + t * after, (1 - t) * plan.com_m[k] + t * plan.com_m[k + 1]
+            forces, com = (
+                (1 - t) * before + t * after,
+                (1 - t) * plan.com_m[k] + t * plan.com_m[k + 1],
+            )
             force = (1 - t) * wrench[k, :3] + t * wrench[k + 1, :3] - [0, 0, course.weight_n]
-            moment = (1 - t) * about_origin[k] + t * about_origin[k + 1] - np.cross(com, [0, 0, course.weight_n])
+            moment = (
+                (1 - t) * about_origin[k]
+                + t * about_origin[k + 1]
+                - np.cross(com, [0, 0, course.weight_n])
+            )
             np.testing.assert_allclose(forces.sum(axis=0) + force, 0.0, atol=1e-4)
             np.testing.assert_allclose(np.cross(toes, forces).sum(axis=0) + moment, 0.0, atol=1e-4)
 
@@ -248,5 +306,7 @@ def test_a_course_that_nobody_can_climb_with_a_wrench_says_who_cannot_hold_it() 
     message = explain(answer.certificate).message
     assert message.startswith("infeasible: holds 68.7 N at most, of 90 N: ")  # .7 of the weight
     assert message.rpartition(" at frame ")[2] in ("0", "1", "2", "3")
-    weaker = replace(answer.certificate, problem=replace(answer.problem, wrench=0.5 * answer.problem.wrench))
+    weaker = replace(
+        answer.certificate, problem=replace(answer.problem, wrench=0.5 * answer.problem.wrench)
+    )
     assert not check_certificate(weaker).accepted

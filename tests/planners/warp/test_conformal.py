@@ -1,4 +1,5 @@
-"""The product's maps: injective and exact at the ground, measured by other means than their report's."""
+"""The product's maps: injective and exact at the ground, measured by other means than their
+report's."""
 
 import json
 
@@ -49,15 +50,22 @@ def test_the_conformal_error_of_a_shear_is_the_closed_form():
     ramp = HeightField.from_function(lambda x, y: slope * x)
     grid_map = flatten(ramp, cells=(6, 6, 3))
     control = np.stack(
-        np.meshgrid(*(np.linspace(*ends) for ends in ((-4 - 4 / 3, 4 + 4 / 3, 9),) * 2), [0.0], indexing="ij")
+        np.meshgrid(
+            *(np.linspace(*ends) for ends in ((-4 - 4 / 3, 4 + 4 / 3, 9),) * 2),
+            [0.0],
+            indexing="ij",
+        )
     )
     control = np.concatenate(
-        [control + np.array([0, 0, z]).reshape(3, 1, 1, 1) for z in 2.3 / 3 * np.arange(-1, 5)], axis=3
+        [control + np.array([0, 0, z]).reshape(3, 1, 1, 1) for z in 2.3 / 3 * np.arange(-1, 5)],
+        axis=3,
     )
     control[2] += slope * control[0]
     shear = type(grid_map)(domain_m=ramp.domain_m, height_m=2.3, control_m=control)
     root, half = np.sqrt(1.0 + slope**2 / 4.0), slope / 2.0
-    np.testing.assert_allclose(conformal_error(shear), 1.0 - (root - half) / (root + half), atol=1e-9)
+    np.testing.assert_allclose(
+        conformal_error(shear), 1.0 - (root - half) / (root + half), atol=1e-9
+    )
     assert least_determinant(shear)[0] == pytest.approx(1.0)
     assert conformal_error(grid_map).mean() < 0.8 * conformal_error(shear).mean()
 
@@ -79,7 +87,9 @@ def test_the_same_map_comes_out_twice():
 
 def test_where_no_optimised_map_will_do_there_is_a_shear_and_a_report_that_says_so(monkeypatch):
     monkeypatch.setattr(conformal, "DET_FLOOR", 2.0)
-    field = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1)
+    field = HeightField.from_function(
+        lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1
+    )
     fit = fit_map(field, cells=(8, 8, 3))
     assert fit.report.message.startswith("a shear (x, y, z + h), for no optimised map will do: ")
     assert fit.report.least_det == pytest.approx(1.0, abs=0.01)
@@ -90,7 +100,11 @@ def test_reports_are_json_with_distributions():
     report = fit_map(reference_terrain("ripple"), cells=(12, 12, 3)).report
     record = json.loads(json.dumps(report.to_json(), allow_nan=False))
     assert record["iterations"] == len(report.energy) - 1
-    assert record["ground_error"]["median"] <= record["ground_error"]["p95"] <= record["ground_error"]["max"]
+    assert (
+        record["ground_error"]["median"]
+        <= record["ground_error"]["p95"]
+        <= record["ground_error"]["max"]
+    )
     assert np.all(np.diff(report.energy[:, 0]) < 0.0)
 
 

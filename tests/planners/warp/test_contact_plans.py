@@ -26,7 +26,9 @@ CELLS = (8, 8, 4)
 STRETCH = 4e-3
 """How far the map of level ground is from the identity .2 m above it, with so few cells [m]."""
 LEVEL = HeightField.from_function(lambda x, y: np.zeros_like(x), 2.0, 0.1, name="level")
-WAVES = HeightField.from_function(lambda x, y: 0.1 * np.sin(1.5 * x) * np.cos(1.2 * y), 2.0, 0.1, name="waves")
+WAVES = HeightField.from_function(
+    lambda x, y: 0.1 * np.sin(1.5 * x) * np.cos(1.2 * y), 2.0, 0.1, name="waves"
+)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +44,17 @@ def waves():
 @pytest.fixture(scope="module")
 def plan():
     """Five key frames of the hexapod along x."""
-    spec = spec_from({
-        "name": "flat", "frames": 5, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.4, 0.0, 0.2],
-        "stance": {"outward_m": 0.13, "down_m": 0.2}, "terrain": {"kind": "flat", "friction": 0.6},
-    })  # fmt: skip
+    spec = spec_from(
+        {
+            "name": "flat",
+            "frames": 5,
+            "gait": "tripod",
+            "start_m": [0.0, 0.0, 0.2],
+            "goal_m": [0.4, 0.0, 0.2],
+            "stance": {"outward_m": 0.13, "down_m": 0.2},
+            "terrain": {"kind": "flat", "friction": 0.6},
+        }
+    )
     found = TwoStageCoursePlanner().solve(build_course(spec)).solution
     assert found is not None
     return found
@@ -77,7 +86,9 @@ def test_patches_keep_their_size_and_lean_from_the_tangent_plane_as_they_leant_f
     pose = WarpedPose(warp=waves, com_bar_m=np.array([0.4, 0.1, 0.2]), yaw_rad=0.7)
     for contact in problems(1)[0].contacts:
         flat, pushed = contact.patch, pose.patch(contact.patch)
-        sides = [np.linalg.norm(np.diff(patch.vertices_m, axis=0), axis=1) for patch in (flat, pushed)]
+        sides = [
+            np.linalg.norm(np.diff(patch.vertices_m, axis=0), axis=1) for patch in (flat, pushed)
+        ]
         assert sides[1] == pytest.approx(sides[0], abs=1e-9)
         ground = pose.place(flat.centre_m * [1.0, 1.0, 0.0] - [0.0, 0.0, 0.2])
         lean = float(pushed.normal @ normal_at(WAVES, ground[:2]))
@@ -99,11 +110,15 @@ def test_a_level_patch_on_the_ground_becomes_tangent_there(waves):
 def test_bodies_are_turned_by_the_polar_factor(waves):
     pose = WarpedPose(warp=waves, com_bar_m=np.array([0.6, -0.4, 0.25]), yaw_rad=0.3)
     u, _, vt = np.linalg.svd(waves.jacobians(pose.com_bar_m))
-    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
+    turn = np.array(
+        [[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]]
+    )
     assert pose.rotation == pytest.approx(u @ vt @ turn, abs=1e-9)
     problem = problems(1)[0]
     arms = [one.shoulder_m for one in pose.problem(problem).contacts]
-    assert arms == [pytest.approx(pose.rotation @ one.shoulder_m, abs=1e-12) for one in problem.contacts]
+    assert arms == [
+        pytest.approx(pose.rotation @ one.shoulder_m, abs=1e-12) for one in problem.contacts
+    ]
 
 
 def test_a_pushed_envelope_holds_the_pushed_toes(waves):
@@ -148,11 +163,17 @@ def test_on_level_ground_the_pushed_plan_is_the_plan(level, plan):
 def test_a_guess_along_key_frames_steps_where_the_key_frames_do(waves, plan, chart):
     frames = pushed_plan(waves, plan, np.array([-0.2, 0.0]))
     task = Walk(
-        robot=hexapod_walker(), terrain=WAVES, start_xy_m=frames.com_m[0, :2], goal_xy_m=frames.com_m[-1, :2],
-        gait="tripod", duration_s=4.0,
-    )  # fmt: skip
+        robot=hexapod_walker(),
+        terrain=WAVES,
+        start_xy_m=frames.com_m[0, :2],
+        goal_xy_m=frames.com_m[-1, :2],
+        gait="tripod",
+        duration_s=4.0,
+    )
     program = formulate(task, GaitSettings(chart=chart), waves)
-    motion = replace_x(program, along_key_frames(program.structure, frames)).samples(np.array([0.0, 4.0]))
+    motion = replace_x(program, along_key_frames(program.structure, frames)).samples(
+        np.array([0.0, 4.0])
+    )
     order = [frames.limbs.index(name) for name in task.robot.foot_names]
     for sample, frame in ((0, 0), (1, -1)):
         assert motion.feet_m[sample] == pytest.approx(frames.toes_m[frame][order], abs=2e-3)
@@ -164,14 +185,28 @@ def replace_x(program, x):
     from stancekit.planners.gait.gait_program import GaitSolution
 
     return GaitSolution(
-        program=program, success=False, iterations=0, history=(), x=x, violations={}, status="", seconds=0.0,
-        seconds_evaluating=0.0, seconds_linear=0.0,
-    )  # fmt: skip
+        program=program,
+        success=False,
+        iterations=0,
+        history=(),
+        x=x,
+        violations={},
+        status="",
+        seconds=0.0,
+        seconds_evaluating=0.0,
+        seconds_linear=0.0,
+    )
 
 
 def test_key_frames_of_another_robot_are_refused(waves, plan):
     frames = pushed_plan(waves, plan, np.zeros(2))
-    task = Walk(robot=anymal(), terrain=WAVES, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
+    task = Walk(
+        robot=anymal(),
+        terrain=WAVES,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.2, 0.0]),
+        duration_s=2,
+    )
     with pytest.raises(InvalidInput, match=r"^key frames: expected limbs LF, RF, LH, RH, got "):
         along_key_frames(formulate(task).structure, frames)
 

@@ -1,4 +1,5 @@
-"""Energies and methods: gradients by finite differences, what each method promises, and what the paper leaves out."""
+"""Energies and methods: gradients by finite differences, what each method promises, and what the
+paper leaves out."""
 
 from itertools import pairwise
 
@@ -76,7 +77,10 @@ def test_a_map_to_one_point_of_the_terrain_has_no_energy_at_all():
     """W6 as printed is ill-posed: hence the pins of the walls."""
     psi = np.zeros_like(GRID.identity)
     psi[2] = float(HILL.height(np.zeros(2)))
-    for energy in (MapEnergy.published(GRID, HILL), MapEnergy(grid=GRID, field=HILL, match_weight=1.0)):
+    for energy in (
+        MapEnergy.published(GRID, HILL),
+        MapEnergy(grid=GRID, field=HILL, match_weight=1.0),
+    ):
         assert energy.at(psi).total == pytest.approx(0.0, abs=1e-4)
         assert energy.at(shear(GRID, HILL)).total > 1.0
 
@@ -101,7 +105,10 @@ def test_every_method_keeps_the_walls_and_lowers_the_energy_from_where_it_starts
     ours, printed = energies()["ours"], energies()["published"]
     found = {
         "descend": (ours, descend(ours, shear(GRID, HILL), 40)),
-        "gauss-newton": (printed, gauss_newton(energies()["published, barrier"], shear(GRID, HILL), 15)),
+        "gauss-newton": (
+            printed,
+            gauss_newton(energies()["published, barrier"], shear(GRID, HILL), 15),
+        ),
         "accelerated": (ours, accelerated(ours, GRID.identity, 40)),
         "published": (printed, published(printed, GRID.identity, 40)),
     }
@@ -109,7 +116,9 @@ def test_every_method_keeps_the_walls_and_lowers_the_energy_from_where_it_starts
         assert energy.at(descent.psi).total < 0.5 * energy.at(GRID.identity).total
         for axis in range(2):
             walls = np.moveaxis(descent.psi[axis], axis, -1) @ GRID.axes[axis].ends.T
-            np.testing.assert_allclose(walls, np.broadcast_to(HILL.domain_m[axis], walls.shape), atol=1e-9)
+            np.testing.assert_allclose(
+                walls, np.broadcast_to(HILL.domain_m[axis], walls.shape), atol=1e-9
+            )
         assert len(descent.seconds) == len(descent.history)
 
 

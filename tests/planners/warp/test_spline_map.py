@@ -18,12 +18,16 @@ def bent(size=0.03, snap=True, seed=0):
     rng = np.random.default_rng(seed)
     field = HeightField.from_array(0.02 * rng.standard_normal((23, 19)), 0.2) if snap else None
     control = GRID.identity + size * rng.standard_normal(GRID.identity.shape)
-    return SplineMap(domain_m=DOMAIN, height_m=1.2, control_m=control, snap=field, fade_m=0.7, name="bent")
+    return SplineMap(
+        domain_m=DOMAIN, height_m=1.2, control_m=control, snap=field, fade_m=0.7, name="bent"
+    )
 
 
 def around(count=400, beyond=0.6, seed=1):
     rng = np.random.default_rng(seed)
-    return rng.uniform([-2 - beyond, -1.5 - beyond, -beyond], [2 + beyond, 1.5 + beyond, 1.2 + beyond], (count, 3))
+    return rng.uniform(
+        [-2 - beyond, -1.5 - beyond, -beyond], [2 + beyond, 1.5 + beyond, 1.2 + beyond], (count, 3)
+    )
 
 
 def test_the_identity_is_the_identity_also_far_outside():
@@ -50,7 +54,9 @@ def test_jacobians_do_not_jump_where_the_band_ends():
         for end in (low, high):
             at[:, axis] = end
             shift = 1e-9 * np.eye(3)[axis]
-            np.testing.assert_allclose(warp.jacobians(at + shift), warp.jacobians(at - shift), atol=1e-6)
+            np.testing.assert_allclose(
+                warp.jacobians(at + shift), warp.jacobians(at - shift), atol=1e-6
+            )
 
 
 def test_a_regular_grid_gives_what_single_points_give():
@@ -59,7 +65,9 @@ def test_a_regular_grid_gives_what_single_points_give():
     at = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
     point, jacobian = warp.on_grid(*lines)
     np.testing.assert_allclose(np.moveaxis(point, 0, -1), warp.points(at), atol=1e-12)
-    np.testing.assert_allclose(np.moveaxis(jacobian, (0, 1), (-2, -1)), warp.jacobians(at), atol=1e-12)
+    np.testing.assert_allclose(
+        np.moveaxis(jacobian, (0, 1), (-2, -1)), warp.jacobians(at), atol=1e-12
+    )
     np.testing.assert_allclose(warp.ground_on_grid(*lines[:2]), point[..., 0], atol=1e-12)
 
 
@@ -70,16 +78,22 @@ def test_the_inverse_undoes_the_map_and_says_where_it_cannot():
     flat = np.array(GRID.identity)
     flat[2] = 0.0
     folded = SplineMap(domain_m=DOMAIN, height_m=1.2, control_m=flat)
-    with pytest.raises(PlanningFailed, match=r"^map: reaches \(0.000, 0.000, 0.500\) m only to 500 mm$"):
+    with pytest.raises(
+        PlanningFailed, match=r"^map: reaches \(0.000, 0.000, 0.500\) m only to 500 mm$"
+    ):
         folded.inverse(np.array([[0.0, 0.0, 0.5]]))
 
 
 def test_a_steep_snap_alone_never_folds_a_map():
     """Det J changes only by b′ δ times the plan's area, whatever the slope of δ is."""
-    cliff = HeightField.from_array(np.where(np.arange(41)[:, None] > 20, 0.1, -0.1) * np.ones((1, 41)), 0.05)
+    cliff = HeightField.from_array(
+        np.where(np.arange(41)[:, None] > 20, 0.1, -0.1) * np.ones((1, 41)), 0.05
+    )
     assert np.abs(cliff.gradient(around()[:, :2])).max() > 3.0
     bare = bent(snap=False)
-    warp = SplineMap(domain_m=DOMAIN, height_m=1.2, control_m=bare.control_m, snap=cliff, fade_m=0.6)
+    warp = SplineMap(
+        domain_m=DOMAIN, height_m=1.2, control_m=bare.control_m, snap=cliff, fade_m=0.6
+    )
     at = around(4000)
     plain, snapped = bare.jacobians(at), np.linalg.det(warp.jacobians(at))
     _, faster = fading(at[:, 2], 0.6)
@@ -93,7 +107,9 @@ def test_the_fade_is_one_at_the_ground_nothing_from_its_height_on_and_its_slope_
     fade, slope = fading(z, 0.9)
     assert np.all(fade[z <= 0.0] == 1.0)
     assert np.all(np.abs(fade[z >= 0.9]) < 1e-12)
-    np.testing.assert_allclose(slope, (fading(z + 1e-6, 0.9)[0] - fading(z - 1e-6, 0.9)[0]) / 2e-6, atol=1e-8)
+    np.testing.assert_allclose(
+        slope, (fading(z + 1e-6, 0.9)[0] - fading(z - 1e-6, 0.9)[0]) / 2e-6, atol=1e-8
+    )
 
 
 def test_a_map_comes_back_from_its_file_in_a_moment(tmp_path):
@@ -103,7 +119,11 @@ def test_a_map_comes_back_from_its_file_in_a_moment(tmp_path):
         again = SplineMap.from_file(tmp_path / "map.npz")
         assert time.process_time() - began < 0.5
         np.testing.assert_array_equal(again.points(around()), warp.points(around()))
-        assert (again.name, again.fade_m, again.snap is None) == (warp.name, warp.fade_m, warp.snap is None)
+        assert (again.name, again.fade_m, again.snap is None) == (
+            warp.name,
+            warp.fade_m,
+            warp.snap is None,
+        )
 
 
 def test_what_is_no_map_file_is_refused_by_one_line(tmp_path):
@@ -116,7 +136,10 @@ def test_what_is_no_map_file_is_refused_by_one_line(tmp_path):
     arrays = bent().to_arrays()
     for changed, message in (
         ({"format": np.array("stancekit/warp/0")}, "expected format stancekit/warp/1"),
-        ({"control_m": arrays["control_m"][:, :3]}, r"control_m: expected 4 or more along each axis, got \(3, 8, 6\)"),
+        (
+            {"control_m": arrays["control_m"][:, :3]},
+            r"control_m: expected 4 or more along each axis, got \(3, 8, 6\)",
+        ),
         ({"control_m": np.nan * arrays["control_m"]}, "control_m: expected finite numbers"),
         ({"extra": np.zeros(1)}, "wrong: extra"),
         ({"fade_m": np.array(-1.0)}, "fade_m: expected a number above 0, got -1"),

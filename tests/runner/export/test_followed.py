@@ -1,4 +1,5 @@
-"""An exported walk is followed by a few lines that know nothing of the package: MuJoCo, NumPy and the two files."""
+"""An exported walk is followed by a few lines that know nothing of the package: MuJoCo, NumPy and
+the two files."""
 
 from __future__ import annotations
 
@@ -25,7 +26,10 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
     stancekit.export(walk, tmp_path / "walk.xml")
     stancekit.export(walk, tmp_path / "walk.npz", to="reference")
 
-    model, ref = mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml")), np.load(tmp_path / "walk.npz")
+    model, ref = (
+        mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml")),
+        np.load(tmp_path / "walk.npz"),
+    )
     data, followed = mujoco.MjData(model), []
     mujoco.mj_resetDataKeyframe(model, data, 0)
     model.actuator_gainprm[:], model.actuator_biasprm[:] = 0.0, 0.0
@@ -33,7 +37,9 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
     at, rate = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
     for q, v, tau in zip(ref["joint_pos"], ref["joint_vel"], ref["tau"], strict=True):
         while data.time < len(followed) / ref["fps"][0]:
-            data.qfrc_applied[rate] = tau + KP_NM_RAD * (q - data.qpos[at]) + KD_NMS_RAD * (v - data.qvel[rate])
+            data.qfrc_applied[rate] = (
+                tau + KP_NM_RAD * (q - data.qpos[at]) + KD_NMS_RAD * (v - data.qvel[rate])
+            )
             mujoco.mj_step(model, data)
         followed.append(data.qpos[at].copy())
 

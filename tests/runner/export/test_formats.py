@@ -1,4 +1,5 @@
-"""Motions leave as other programs read them: each format is read back by somebody who knows nothing of the package."""
+"""Motions leave as other programs read them: each format is read back by somebody who knows nothing
+of the package."""
 
 from __future__ import annotations
 
@@ -69,7 +70,9 @@ def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: T
 
 def test_a_csv_is_read_by_five_lines_of_numpy(moved: Moved, tmp_path: Path) -> None:
     (tmp_path / "walk.csv").write_bytes(csv_of(moved.table))
-    table = np.genfromtxt(tmp_path / "walk.csv", delimiter=",", names=True, deletechars="", replace_space=" ")
+    table = np.genfromtxt(
+        tmp_path / "walk.csv", delimiter=",", names=True, deletechars="", replace_space=" "
+    )
     joint = moved.table.joints[0]
     assert moved.table.angles_rad is not None
     np.testing.assert_array_equal(table[f"q.{joint}"], moved.table.angles_rad[:, 0])
@@ -98,20 +101,26 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
     stamp = kinds["Time"](**message["header"]["stamp"])
     points = [
         kinds["JointTrajectoryPoint"](
-            positions=np.array(point["positions"]), velocities=np.array(point["velocities"]),
-            accelerations=np.zeros(0), effort=np.array(point["effort"]),
+            positions=np.array(point["positions"]),
+            velocities=np.array(point["velocities"]),
+            accelerations=np.zeros(0),
+            effort=np.array(point["effort"]),
             time_from_start=kinds["Duration"](**point["time_from_start"]),
         )
         for point in message["points"]
-    ]  # fmt: skip
+    ]
     whole = kinds["JointTrajectory"](
-        header=kinds["Header"](stamp=stamp, frame_id=""), joint_names=message["joint_names"], points=points
+        header=kinds["Header"](stamp=stamp, frame_id=""),
+        joint_names=message["joint_names"],
+        points=points,
     )
     name = "trajectory_msgs/msg/JointTrajectory"
     back = store.deserialize_cdr(store.serialize_cdr(whole, name), name)
     assert tuple(back.joint_names) == moved.table.joints
     assert moved.table.angles_rad is not None
-    np.testing.assert_array_equal([point.positions for point in back.points], moved.table.angles_rad)
+    np.testing.assert_array_equal(
+        [point.positions for point in back.points], moved.table.angles_rad
+    )
     np.testing.assert_array_equal(read_motion(path).angles_rad, moved.table.angles_rad)
 
 
@@ -132,10 +141,13 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
         for k, joint in enumerate(table.joints):
             assert data.joint(joint).qpos[0] == table.angles_rad[row, k]
         gaps = [
-            min(np.linalg.norm(data.geom_xpos[g] - table.feet_m[row, i]) for g in range(model.ngeom)
-                if model.geom_bodyid[g] == model.body(name).id)
+            min(
+                np.linalg.norm(data.geom_xpos[g] - table.feet_m[row, i])
+                for g in range(model.ngeom)
+                if model.geom_bodyid[g] == model.body(name).id
+            )
             for i, name in enumerate(feet)
-        ]  # fmt: skip
+        ]
         assert max(gaps) < 5e-3  # a foot's ball rolls by some millimetres
 
 
@@ -147,7 +159,9 @@ def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None
     assert [name.partition(", ")[2] for name in named] == ["frame 0", "frame 1", "frame 2"]
 
 
-def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(moved: Moved, tmp_path: Path) -> None:
+def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
+    moved: Moved, tmp_path: Path
+) -> None:
     pytest.importorskip("mujoco")
     FORMATS["reference"].write(moved, tmp_path / "walk.npz")
     held = np.load(tmp_path / "walk.npz")
@@ -183,9 +197,11 @@ def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
             if channel.topic == "/joint_states":
                 states.append(store.deserialize_cdr(message.data, schema.name))
     assert seen == {
-        ("/joint_states", "sensor_msgs/msg/JointState"), ("/tf", "foxglove.FrameTransform"),
-        ("/forces", "foxglove.SceneUpdate"), ("/contacts", "stancekit.Contacts"),
-    }  # fmt: skip
+        ("/joint_states", "sensor_msgs/msg/JointState"),
+        ("/tf", "foxglove.FrameTransform"),
+        ("/forces", "foxglove.SceneUpdate"),
+        ("/contacts", "stancekit.Contacts"),
+    }
     assert tuple(states[0].name) == moved.table.joints
     np.testing.assert_array_equal([state.position for state in states], moved.table.angles_rad)
     np.testing.assert_array_equal([state.effort for state in states], moved.table.torques_nm)
@@ -201,16 +217,23 @@ def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> No
     header = next(csv.reader(io.StringIO(csv_of(moved.table).decode())))
     assert "com.x" in header
     assert not [name for name in header if name.startswith("q.")]
-    with pytest.raises(InvalidInput, match=r"^reference: expected a motion with joints, got one without: "):
+    with pytest.raises(
+        InvalidInput, match=r"^reference: expected a motion with joints, got one without: "
+    ):
         moved_of(boxes, "reference")
 
 
 def test_a_name_beside_the_input_is_none_of_its_own(tmp_path: Path) -> None:
     names = {to: beside(tmp_path / "walk.json", to).name for to in FORMATS}
     assert names == {
-        "csv": "walk.csv", "npz": "walk.motion.npz", "jointtrajectory": "walk.jointtrajectory.json",
-        "mujoco": "walk.xml", "reference": "walk.reference.npz", "rerun": "walk.rrd", "foxglove": "walk.mcap",
-    }  # fmt: skip
+        "csv": "walk.csv",
+        "npz": "walk.motion.npz",
+        "jointtrajectory": "walk.jointtrajectory.json",
+        "mujoco": "walk.xml",
+        "reference": "walk.reference.npz",
+        "rerun": "walk.rrd",
+        "foxglove": "walk.mcap",
+    }
 
 
 def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> None:
@@ -221,17 +244,25 @@ def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> Non
     held = np.load(io.BytesIO(base64.b64decode(arrays["npz"])))
     carried = {
         (row["frame"], limb): force[arrays["limbs"].index(limb)]
-        for row, force in zip(arrays["stances"], held["forces_n"], strict=True) for limb in row["limbs"]
-    }  # fmt: skip
-    toes = [(toe["limb"], toe["frame"], place) for toe, place in zip(arrays["toes"], held["toes_m"], strict=True)]
+        for row, force in zip(arrays["stances"], held["forces_n"], strict=True)
+        for limb in row["limbs"]
+    }
+    toes = [
+        (toe["limb"], toe["frame"], place)
+        for toe, place in zip(arrays["toes"], held["toes_m"], strict=True)
+    ]
 
     course, names = plan.problem, plan.problem.robot.limb_names
     assert [toe[:2] for toe in toes] == [(put.limb, put.frame) for put in course.footholds]
     np.testing.assert_array_equal([toe[2] for toe in toes], plan.toes_m)
     for s, stance in enumerate(course.stances):
         for limb in stance.limbs:
-            if (stance.frame, names[limb]) in carried and sum(one.frame == stance.frame for one in course.stances) == 1:
-                np.testing.assert_array_equal(carried[stance.frame, names[limb]], plan.forces_n[s, limb])
+            if (stance.frame, names[limb]) in carried and sum(
+                one.frame == stance.frame for one in course.stances
+            ) == 1:
+                np.testing.assert_array_equal(
+                    carried[stance.frame, names[limb]], plan.forces_n[s, limb]
+                )
     weight = sum(carried[0, limb][2] for limb in arrays["stances"][0]["limbs"])
     assert weight == pytest.approx(course.weight_n, rel=1e-3)
 
@@ -268,22 +299,34 @@ def test_labels_that_are_not_the_courses_are_refused(name: str, plan: Plan, tmp_
     read_plan(tmp_path / "plan.json")
 
 
-def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(plan: Plan, tmp_path: Path) -> None:
+def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(
+    plan: Plan, tmp_path: Path
+) -> None:
     from stancekit.planners.formats.plan_file import write_plan
     from stancekit.planners.verify import check_plan
 
     forged = replace(plan, forces_n=0.5 * plan.forces_n)
-    write_plan(tmp_path / "forged.json", forged, replace(check_plan(forged), groups=check_plan(plan).groups))
-    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"):
+    write_plan(
+        tmp_path / "forged.json",
+        forged,
+        replace(check_plan(forged), groups=check_plan(plan).groups),
+    )
+    with pytest.raises(
+        InvalidInput, match="expected a plan that the verifier accepts, it says: rejected"
+    ):
         stancekit.export(tmp_path / "forged.json", tmp_path / "forged.csv")
-    with pytest.raises(InvalidInput, match=r"^a Plan: expected a plan that the verifier accepts, it says: rejected"):
+    with pytest.raises(
+        InvalidInput, match=r"^a Plan: expected a plan that the verifier accepts, it says: rejected"
+    ):
         stancekit.export(forged, tmp_path / "forged.csv")
     assert not (tmp_path / "forged.csv").exists()
 
 
 def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path: Path) -> None:
     lifted = replace(walk, forces_n=0.8 * walk.forces_n)
-    with pytest.raises(InvalidInput, match=r"^a Trajectory: expected a gait that the verifier accepts, it says: "):
+    with pytest.raises(
+        InvalidInput, match=r"^a Trajectory: expected a gait that the verifier accepts, it says: "
+    ):
         stancekit.export(lifted, tmp_path / "walk.csv")
     assert not (tmp_path / "walk.csv").exists()
 
@@ -296,7 +339,10 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
         done = stancekit.export(leap, tmp_path / f"leap{FORMATS[to].suffixes[0]}", to=to)
         assert done.without == "a leap has body, feet and forces: its joints are not planned"
     for to in ("jointtrajectory", "mujoco", "reference"):
-        with pytest.raises(InvalidInput, match=rf"^{to}: expected a motion with joints, got one without: a leap has "):
+        with pytest.raises(
+            InvalidInput,
+            match=rf"^{to}: expected a motion with joints, got one without: a leap has ",
+        ):
             stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
     table = read_motion(tmp_path / "leap.csv")
     assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
@@ -307,5 +353,7 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
     falling = np.diff(np.asarray(table.velocity_m_s)[air, 2]) * table.rate_hz
     assert np.median(falling) == pytest.approx(-9.81, abs=0.05)
     pushed = replace(leap, forces_n=1.2 * leap.forces_n)
-    with pytest.raises(InvalidInput, match=r"^a LeapPlan: expected a leap that the verifier accepts, it says: "):
+    with pytest.raises(
+        InvalidInput, match=r"^a LeapPlan: expected a leap that the verifier accepts, it says: "
+    ):
         stancekit.export(pushed, tmp_path / "leap.csv")

@@ -1,4 +1,5 @@
-"""Who may change a playground, and what with: a bare client on its websocket says what a browser would, or worse."""
+"""Who may change a playground, and what with: a bare client on its websocket says what a browser
+would, or worse."""
 
 from __future__ import annotations
 
@@ -63,9 +64,13 @@ def joined(page, origin="own", version=None):
     from websockets.sync.client import connect
 
     return connect(
-        page.address.replace("http", "ws"), subprotocols=[f"viser-v{version or viser.__version__}"], max_size=2**28,
-        origin=page.address if origin == "own" else origin, compression=None, open_timeout=60,
-    )  # fmt: skip
+        page.address.replace("http", "ws"),
+        subprotocols=[f"viser-v{version or viser.__version__}"],
+        max_size=2**28,
+        origin=page.address if origin == "own" else origin,
+        compression=None,
+        open_timeout=60,
+    )
 
 
 @pytest.mark.parametrize("origin", ["https://evil.example", "http://127.0.0.1:1", "null", None])
@@ -82,28 +87,60 @@ def test_a_foreign_page_is_refused_before_it_can_say_anything(page, origin, capl
 
 
 def drag(position, turn=TURN):
-    return {"type": "TransformControlsUpdateMessage", "name": GRIP, "wxyz": turn, "position": position, "owner": ""}
+    return {
+        "type": "TransformControlsUpdateMessage",
+        "name": GRIP,
+        "wxyz": turn,
+        "position": position,
+        "owner": "",
+    }
 
 
 def slide(page, value, name="value"):
-    (uuid,) = (known._impl.uuid for key, known in page.playground._controls._sliders.items() if key == "friction")
+    (uuid,) = (
+        known._impl.uuid
+        for key, known in page.playground._controls._sliders.items()
+        if key == "friction"
+    )
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {name: value}}
 
 
 def camera(**other):
     """Where a tab looks from; a browser's sizes need not be whole."""
-    seen = {"type": "ViewerCameraMessage", "wxyz": TURN, "position": [1, 2, 3.5], "fov": 0.7, "near": 0.1, "far": 9,
-            "image_height": 600.5, "image_width": 800, "look_at": [0, 0, 0], "up_direction": [0, 0, 1]}  # fmt: skip
+    seen = {
+        "type": "ViewerCameraMessage",
+        "wxyz": TURN,
+        "position": [1, 2, 3.5],
+        "fov": 0.7,
+        "near": 0.1,
+        "far": 9,
+        "image_height": 600.5,
+        "image_width": 800,
+        "look_at": [0, 0, 0],
+        "up_direction": [0, 0, 1],
+    }
     return seen | other
 
 
 def test_messages_of_a_browser_fit():
     encode = pytest.importorskip("msgspec").msgpack.encode
-    for message in (camera(), drag([0, 1, 2]), {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": [1]}}):
+    for message in (
+        camera(),
+        drag([0, 1, 2]),
+        {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": [1]}},
+    ):
         assert not misfit(encode(message))
     fault = "ViewerCameraMessage: position: Expected `array` of length 3, got 2"
     assert misfit(encode(camera(position=[1.0, 2.0]))) == fault
-    for rubbish in (b"", b"\xc1", "words", encode([1]), encode({"type": "None"}), encode({"type": []}), encode({})):
+    for rubbish in (
+        b"",
+        b"\xc1",
+        "words",
+        encode([1]),
+        encode({"type": "None"}),
+        encode({"type": []}),
+        encode({}),
+    ):
         assert not misfit(rubbish)  # viser ends such a connection itself
 
 
@@ -120,18 +157,28 @@ WRONG = {
     "slid beyond its end": lambda page: slide(page, 9.0),
     "another label": lambda page: slide(page, "mine", "label"),
     "handed to a method": lambda page: slide(page, 1.0, "removed"),
-    "a long word": lambda page: {"type": "GuiUpdateMessage", "uuid": page.playground._files._name._impl.uuid,
-                                 "updates": {"value": "x" * (FEW + 1)}},
-    "no robot": lambda page: {"type": "GuiUpdateMessage", "uuid": page.playground._menu._impl.uuid,
-                              "updates": {"value": "horse"}},
-}  # fmt: skip
+    "a long word": lambda page: {
+        "type": "GuiUpdateMessage",
+        "uuid": page.playground._files._name._impl.uuid,
+        "updates": {"value": "x" * (FEW + 1)},
+    },
+    "no robot": lambda page: {
+        "type": "GuiUpdateMessage",
+        "uuid": page.playground._menu._impl.uuid,
+        "updates": {"value": "horse"},
+    },
+}
 
 
 @pytest.mark.parametrize("name", list(WRONG))
 def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name, caplog, capfd):
     msgspec = pytest.importorskip("msgspec")
     before = page.playground.session.number
-    with caplog.at_level(logging.WARNING), warnings.catch_warnings(record=True) as warned, joined(page) as line:
+    with (
+        caplog.at_level(logging.WARNING),
+        warnings.catch_warnings(record=True) as warned,
+        joined(page) as line,
+    ):
         warnings.simplefilter("always")
         line.send(msgspec.msgpack.encode(WRONG[name](page)))
         wait_until(lambda: any(each.name.endswith("gate") for each in caplog.records))

@@ -1,4 +1,5 @@
-"""The playground in headless Chromium: opened, dragged and read; what is saved the other commands accept."""
+"""The playground in headless Chromium: opened, dragged and read; what is saved the other commands
+accept."""
 
 from __future__ import annotations
 
@@ -78,13 +79,20 @@ def test_it_is_opened_dragged_and_read(shown, folder):
     moved = scenario.course().goal_m - goal
     assert moved[2] == pytest.approx(0.06, abs=0.015)
     assert moved[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
-    tab.wait_for(f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}")
+    tab.wait_for(
+        f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}"
+    )
     found = TwoStageCoursePlanner().solve(scenario.course())
     assert found.solution is not None
     assert f"after {found.solution.problem.frames} key frames" in tab.text()
 
     for words in ("save plan", "save course"):
-        tab.click(*middle_of(tab, f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')"))
+        tab.click(
+            *middle_of(
+                tab,
+                f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')",
+            )
+        )
         tab.wait_for(f"document.querySelector('#saved')?.innerText.includes('{words.split()[1]}.')")
     assert check_file(folder / "played-plan.json").accepted
     again = read_course(folder / "played-course.yaml")
@@ -111,7 +119,9 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(page_module, "import_module", missing)
     with (
         suppress(StopIteration),
-        pytest.raises(InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"),
+        pytest.raises(
+            InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"
+        ),
     ):
         served(KeysScenario.of("walls")).__enter__()
 
@@ -127,7 +137,9 @@ def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
     tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
     scenario = page.playground.session.scenario
     assert scenario.kind == "polygons"
-    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
+    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][
+        1
+    ] == pytest.approx(0.38)
     tab.click(*middle_of(tab, button.format("show course")))
     said = tab.wait_for("document.querySelector('#course')?.innerText")
     assert said.startswith("name: walls\n")
@@ -147,7 +159,13 @@ def test_every_control_has_a_name_for_screen_readers(shown):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_on_a_phone_the_verdict_is_in_sight_and_can_be_read(shown, scheme):
     _, tab = shown
-    tab.ask("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    tab.ask(
+        "Emulation.setDeviceMetricsOverride",
+        width=390,
+        height=844,
+        deviceScaleFactor=1,
+        mobile=True,
+    )
     try:
         tab.value(f"document.documentElement.setAttribute('data-mantine-color-scheme', '{scheme}')")
         copy = "document.querySelector('#stancekit-verdict')"
@@ -204,7 +222,9 @@ def test_the_way_of_a_plan_is_seen_on_white_and_on_nearly_black():
 
 def colour_of(tab, element, name):
     """A colour of an element as it is drawn, red, green and blue from 0 to 255."""
-    return tab.value(f"getComputedStyle({element}).{name}.match(/[\\d.]+/g).slice(0, 3).map(Number)")
+    return tab.value(
+        f"getComputedStyle({element}).{name}.match(/[\\d.]+/g).slice(0, 3).map(Number)"
+    )
 
 
 def contrast(one, other):

@@ -1,4 +1,5 @@
-"""Scenes that are changed: what is asked for is what was dragged and slid, and files give the same course again."""
+"""Scenes that are changed: what is asked for is what was dragged and slid, and files give the same
+course again."""
 
 from __future__ import annotations
 
@@ -59,7 +60,9 @@ def test_walls_move_by_their_grips_and_sliders():
     moved = scenario.dragged("left wall", left.position_m + np.array([0.0, 0.03, 0.0]))
     planes = [patch.centre_m[1] for patch in moved.course().terrain]
     assert planes == pytest.approx([0.41, -0.38])
-    assert [p.centre_m[1] for p in moved.slid("apart_m", 0.35).course().terrain] == pytest.approx([0.38, -0.35])
+    assert [p.centre_m[1] for p in moved.slid("apart_m", 0.35).course().terrain] == pytest.approx(
+        [0.38, -0.35]
+    )
     leant = scenario.slid("lean_rad.1", 10.0).course().terrain
     assert leant[1].normal[2] == pytest.approx(-np.sin(np.deg2rad(10.0)))
 
@@ -99,9 +102,18 @@ def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
     ("change", "message"),
     [
         (lambda s: s.slid("mass_kg", 0.0), "mass_kg: expected greater than 0, got 0.0"),
-        (lambda s: s.dragged("goal", np.array([500.0, 0.0, 0.2])), "goal_m: expected a goal within "),
-        (lambda s: s.dragged("left wall", np.array([0.0, 9.0, 0.2])), "expected a surface within its reach"),
-        (lambda s: s.slid("lean_rad.0", 80.0), "terrain.lean_rad[0]: expected less than or equal to 1"),
+        (
+            lambda s: s.dragged("goal", np.array([500.0, 0.0, 0.2])),
+            "goal_m: expected a goal within ",
+        ),
+        (
+            lambda s: s.dragged("left wall", np.array([0.0, 9.0, 0.2])),
+            "expected a surface within its reach",
+        ),
+        (
+            lambda s: s.slid("lean_rad.0", 80.0),
+            "terrain.lean_rad[0]: expected less than or equal to 1",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(change, message):
@@ -140,9 +152,13 @@ def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path
     for old, new in zip(course.footholds, found.footholds, strict=True):
         for before, after in zip(old.candidates, new.candidates, strict=True):
             third = before is course.terrain[3]
-            assert after.centre_m - before.centre_m == pytest.approx(by if third else np.zeros(3), abs=1e-12)
+            assert after.centre_m - before.centre_m == pytest.approx(
+                by if third else np.zeros(3), abs=1e-12
+            )
             assert after.friction == (0.5 if third else before.friction)
     assert moved.slid("friction", 0.5).course().terrain[3].friction == 0.25
     assert course_difference(read_again(moved, tmp_path), found) == ""
-    with pytest.raises(InvalidInput, match="expected the robot of a course whose footholds are fixed"):
+    with pytest.raises(
+        InvalidInput, match="expected the robot of a course whose footholds are fixed"
+    ):
         moved.with_robot("hexapod")

@@ -1,4 +1,5 @@
-"""The newest change wins: nothing is queued, what is stale is dropped, and judging goes on beside it."""
+"""The newest change wins: nothing is queued, what is stale is dropped, and judging goes on beside
+it."""
 
 from __future__ import annotations
 

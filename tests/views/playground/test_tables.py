@@ -38,4 +38,6 @@ def test_what_is_left_of_the_robot_is_left_on_the_page(goal, towards):
     ],
 )
 def test_a_change_is_said_with_its_way_and_its_bound(now, needed, words):
-    assert _change(Relaxation(parameter="friction", leg="", now=now, needed=needed, unit="")) == words
+    assert (
+        _change(Relaxation(parameter="friction", leg="", now=now, needed=needed, unit="")) == words
+    )

@@ -1,5 +1,5 @@
-"""Walks in the playground: planned beside the page, dropped when something else is asked for, saved as the verifier
-accepts them."""
+"""Walks in the playground: planned beside the page, dropped when something else is asked for, saved
+as the verifier accepts them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
     assert far.slid("duration_s", 8.0).takes_s == 8.0
     assert far.slid("friction", 0.3).task().friction == 0.3
     start, goal = far.grips()
-    assert goal.position_m == pytest.approx([1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3)
+    assert goal.position_m == pytest.approx(
+        [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
+    )
     assert start.axes == (True, True, False)
     with pytest.raises(InvalidInput, match="goal_xy_m: expected torso and feet over the terrain"):
         scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).task()
@@ -85,7 +87,9 @@ def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario
     assert not answers[-1][1].accepted
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)")
+@pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
+)
 def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
     pytest.importorskip("viser")
     with (
@@ -100,12 +104,21 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
         tab.wait_for(f"{VERDICT}.dataset.change > 0")
         until = time.monotonic() + PATIENCE_S
-        while (answer := page.playground.answer) is None or not answer.done:  # the last of the drag's changes
+        while (
+            answer := page.playground.answer
+        ) is None or not answer.done:  # the last of the drag's changes
             assert time.monotonic() < until, page.playground.answer
             time.sleep(0.05)
-        tab.wait_for(f"{VERDICT}.dataset.change === '{page.playground.number}' && {VERDICT}.dataset.patient === '1'")
+        tab.wait_for(
+            f"{VERDICT}.dataset.change === '{page.playground.number}' && {VERDICT}.dataset.patient === '1'"
+        )
         assert page.playground.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
-        tab.click(*middle_of(tab, "[...document.querySelectorAll('button')].find(b => b.innerText === 'save walk')"))
+        tab.click(
+            *middle_of(
+                tab,
+                "[...document.querySelectorAll('button')].find(b => b.innerText === 'save walk')",
+            )
+        )
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_trajectory(tmp_path / "played-walk.json").trajectory
     assert check_trajectory(trajectory).accepted

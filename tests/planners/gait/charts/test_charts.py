@@ -23,23 +23,37 @@ Build = Callable[..., GaitProgram]
 def identity(terrain: HeightField) -> SplineMap:
     """φ(x̄) = x̄ by its control points."""
     cells, spans = (8, 8, 4), (*terrain.domain_m, (0.0, 2.0))
-    lines = [low + (high - low) / n * np.arange(-1.0, n + 2.0) for (low, high), n in zip(spans, cells, strict=True)]
+    lines = [
+        low + (high - low) / n * np.arange(-1.0, n + 2.0)
+        for (low, high), n in zip(spans, cells, strict=True)
+    ]
     control = np.stack(np.meshgrid(*lines, indexing="ij"))
-    return SplineMap(domain_m=terrain.domain_m, height_m=2.0, control_m=control, terrain_digest=terrain_digest(terrain))
+    return SplineMap(
+        domain_m=terrain.domain_m,
+        height_m=2.0,
+        control_m=control,
+        terrain_digest=terrain_digest(terrain),
+    )
 
 
 @pytest.mark.parametrize("name", ["warped", "warped-exact"])
 def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
     task = Walk(
-        robot=anymal(), terrain=level, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0
+        robot=anymal(),
+        terrain=level,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.2, 0.1]),
+        duration_s=2.0,
     )
     warped = formulate(task, GaitSettings(chart=name), warp=identity(level))  # type: ignore[arg-type]
     ambient = formulate(task, GaitSettings(chart="ambient"))
     x = warped.perturbed(np.random.default_rng(0))
     same = np.zeros(ambient.size)
     same[ambient.structure.layout.torso] = x[warped.structure.layout.torso]
-    for here, there in zip(ambient.structure.layout.feet, warped.structure.layout.feet, strict=True):
+    for here, there in zip(
+        ambient.structure.layout.feet, warped.structure.layout.feet, strict=True
+    ):
         same[here.stances[:, :2]] = x[there.stances[:, :2]]
         same[here.swings] = x[there.swings]
         for a, b in zip(here.forces, there.forces, strict=True):
@@ -52,9 +66,13 @@ def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> N
 
 def test_a_terrain_with_a_map_is_not_scaled(small: Build) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
-    task = Walk(robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+    task = Walk(
+        robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0
+    )
     program = formulate(task, GaitSettings(chart="warped-exact"), warp=identity(level))
-    with pytest.raises(InvalidInput, match=r"height_factor: expected 1 in the chart warped-exact, .* got 0\.5"):
+    with pytest.raises(
+        InvalidInput, match=r"height_factor: expected 1 in the chart warped-exact, .* got 0\.5"
+    ):
         program.solve(height_factor=0.5)
     with pytest.raises(InvalidInput, match=r"height_factor: expected .*-1"):
         small().solve(height_factor=-1.0)
@@ -72,10 +90,14 @@ def test_what_a_chart_pulls_back_it_pushes_forward(small: Build, chart: str) -> 
     assert f_i == pytest.approx(forces, abs=1e-12)
     p, rotation = push.torso(np.column_stack([structure.chart.torso_bar(feet), np.zeros((5, 3))]))
     assert p == pytest.approx(feet, abs=1e-12)
-    assert np.einsum("kji,kjl->kil", rotation, rotation) == pytest.approx(np.tile(np.eye(3), (5, 1, 1)), abs=1e-12)
+    assert np.einsum("kji,kjl->kil", rotation, rotation) == pytest.approx(
+        np.tile(np.eye(3), (5, 1, 1)), abs=1e-12
+    )
 
 
-def test_the_guess_on_a_slope_is_at_stand_height_from_it_with_feet_ahead_and_behind(small: Build) -> None:
+def test_the_guess_on_a_slope_is_at_stand_height_from_it_with_feet_ahead_and_behind(
+    small: Build,
+) -> None:
     slope = HeightField.from_function(lambda x, y: 0.3 * x - 0.2 * y, 2.0, 0.25)
     structure = small(terrain=slope).structure
     walk = GuessedWalk(structure)
@@ -97,21 +119,36 @@ def test_the_guess_stands_on_the_terrain_and_begins_and_ends_where_it_should(sma
 
 def test_a_hexapod_walks_on_its_tripods(field: HeightField) -> None:
     task = Walk(
-        robot=hexapod_walker(), terrain=field.scaled(0.3), start_xy_m=np.zeros(2), goal_xy_m=np.array([0.1, 0.0]),
-        duration_s=2.0, gait="tripod",
-    )  # fmt: skip
+        robot=hexapod_walker(),
+        terrain=field.scaled(0.3),
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.1, 0.0]),
+        duration_s=2.0,
+        gait="tripod",
+    )
     assert formulate(task).solve().success
 
 
 def test_a_hexapod_may_stand_wherever_its_boxes_hold_ground() -> None:
     ripple = reference_terrain("ripple")
     for goal in ([1.2, 0.0], [0.4, 0.4], [-2.0, 1.2]):
-        assert walk(robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal).goal_xy_m.tolist() == goal
+        assert (
+            walk(
+                robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal
+            ).goal_xy_m.tolist()
+            == goal
+        )
 
 
 def walk(**changes: object) -> Walk:
     """A task on the steep pit, changed."""
-    asked = {"robot": anymal(), "terrain": PIT, "start_xy_m": [0.0, 0.0], "goal_xy_m": [2.2, 0.0], **changes}
+    asked = {
+        "robot": anymal(),
+        "terrain": PIT,
+        "start_xy_m": [0.0, 0.0],
+        "goal_xy_m": [2.2, 0.0],
+        **changes,
+    }
     return Walk(**asked)  # type: ignore[arg-type]
 
 
@@ -122,8 +159,14 @@ CLIFF = HeightField.from_function(lambda x, y: np.tanh(20.0 * (x - 1.3)), 4.0, 0
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"goal_xy_m": [3.9, 0.0]}, r"goal_xy_m: expected torso and feet over the terrain, .* got \(3\.9, 0\)"),
-        ({"goal_xy_m": [1.3, 0.0]}, r"goal_xy_m: expected ground to stand on, got a wall of 79° at \(1\.3, 0\)"),
+        (
+            {"goal_xy_m": [3.9, 0.0]},
+            r"goal_xy_m: expected torso and feet over the terrain, .* got \(3\.9, 0\)",
+        ),
+        (
+            {"goal_xy_m": [1.3, 0.0]},
+            r"goal_xy_m: expected ground to stand on, got a wall of 79° at \(1\.3, 0\)",
+        ),
         (
             {"terrain": CLIFF, "start_xy_m": [1.15, 0.0]},
             r"start_xy_m: expected ground that all feet reach, got heights",
@@ -141,14 +184,36 @@ def test_bad_tasks_are_refused_in_one_line(changes: dict[str, object], message: 
 
 def test_robots_are_refused_for_what_no_body_has() -> None:
     foot = anymal().feet[0]
-    with pytest.raises(InvalidInput, match=r"robot r: inertia_kgm2: expected moments that a body can have"):
-        GaitRobot(name="r", mass_kg=1.0, inertia_kgm2=np.diag([1.0, 1.0, 3.0]), feet=anymal().feet, stand_height_m=0.4,
-                  trunk_half_m=[0.1, 0.1, 0.1])  # fmt: skip
     with pytest.raises(
-        InvalidInput, match=r"robot r: trunk_half_m: expected sides above 0 m, got \[0\.1, 0\.0, 0\.1\]"
+        InvalidInput, match=r"robot r: inertia_kgm2: expected moments that a body can have"
     ):
-        GaitRobot(name="r", mass_kg=1.0, inertia_kgm2=np.eye(3), feet=anymal().feet, stand_height_m=0.4,
-                  trunk_half_m=[0.1, 0.0, 0.1])  # fmt: skip
-    with pytest.raises(InvalidInput, match=r"foot a: expected reach_min_m < nominal_m < reach_max_m"):
-        Foot(name="a", nominal_m=foot.reach_max_m, reach_min_m=foot.reach_min_m, reach_max_m=foot.reach_max_m,
-             hip_m=foot.hip_m)  # fmt: skip
+        GaitRobot(
+            name="r",
+            mass_kg=1.0,
+            inertia_kgm2=np.diag([1.0, 1.0, 3.0]),
+            feet=anymal().feet,
+            stand_height_m=0.4,
+            trunk_half_m=[0.1, 0.1, 0.1],
+        )
+    with pytest.raises(
+        InvalidInput,
+        match=r"robot r: trunk_half_m: expected sides above 0 m, got \[0\.1, 0\.0, 0\.1\]",
+    ):
+        GaitRobot(
+            name="r",
+            mass_kg=1.0,
+            inertia_kgm2=np.eye(3),
+            feet=anymal().feet,
+            stand_height_m=0.4,
+            trunk_half_m=[0.1, 0.0, 0.1],
+        )
+    with pytest.raises(
+        InvalidInput, match=r"foot a: expected reach_min_m < nominal_m < reach_max_m"
+    ):
+        Foot(
+            name="a",
+            nominal_m=foot.reach_max_m,
+            reach_min_m=foot.reach_min_m,
+            reach_max_m=foot.reach_max_m,
+            hip_m=foot.hip_m,
+        )

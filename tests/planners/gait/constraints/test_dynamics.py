@@ -39,9 +39,13 @@ def test_a_torso_at_rest_feels_its_weight_and_no_moment(form: Any) -> None:
 @pytest.mark.parametrize("form", [centred, printed])
 def test_a_torso_in_free_fall_feels_nothing(form: Any) -> None:
     def state(t: float) -> np.ndarray:  # type: ignore[type-arg]
-        return np.array([0.3 * t, -0.1 * t, 1.0 + 2.0 * t - 0.5 * GRAVITY_M_S2 * t**2, 0.0, 0.0, 0.0])
+        return np.array(
+            [0.3 * t, -0.1 * t, 1.0 + 2.0 * t - 0.5 * GRAVITY_M_S2 * t**2, 0.0, 0.0, 0.0]
+        )
 
-    assert felt(form, [state(k * STEP_S) for k in (3, 4, 5)]) == pytest.approx(np.zeros(6), abs=1e-10)
+    assert felt(form, [state(k * STEP_S) for k in (3, 4, 5)]) == pytest.approx(
+        np.zeros(6), abs=1e-10
+    )
 
 
 def test_a_steady_spin_about_the_vertical_needs_no_moment_when_centred() -> None:
@@ -60,12 +64,16 @@ def test_a_growing_spin_needs_the_moment_of_euler() -> None:
         return np.array([0, 0, 0.5, 0, 0, 0.5 * rate * t**2])
 
     wanted = ROBOT.inertia_kgm2[2, 2] * rate / MOMENT
-    assert felt(centred, [state(k * STEP_S) for k in (0, 1, 2)])[5] == pytest.approx(wanted, rel=1e-3)
+    assert felt(centred, [state(k * STEP_S) for k in (0, 1, 2)])[5] == pytest.approx(
+        wanted, rel=1e-3
+    )
 
 
 def test_newton_and_euler_of_a_tumbling_torso_is_the_rate_of_its_momentum() -> None:
     def state(t: float) -> np.ndarray:  # type: ignore[type-arg]
-        return np.array([np.sin(t), t**2, 0.5 + 0.1 * t**3, 0.3 * np.sin(2 * t), 0.2 * t, 0.4 * t**2])
+        return np.array(
+            [np.sin(t), t**2, 0.5 + 0.1 * t**3, 0.3 * np.sin(2 * t), 0.2 * t, 0.4 * t**2]
+        )
 
     def momentum(t: float) -> np.ndarray:  # type: ignore[type-arg]
         half = 1e-4
@@ -75,8 +83,13 @@ def test_newton_and_euler_of_a_tumbling_torso_is_the_rate_of_its_momentum() -> N
         return np.asarray(r @ ROBOT.inertia_kgm2 @ r.T @ omega)
 
     at, step = 0.7, 1e-3
-    moving = np.concatenate([state(at), (state(at + step) - state(at - step)) / (2 * step),
-                             (state(at + step) - 2 * state(at) + state(at - step)) / step**2])  # fmt: skip
+    moving = np.concatenate(
+        [
+            state(at),
+            (state(at + step) - state(at - step)) / (2 * step),
+            (state(at + step) - 2 * state(at) + state(at - step)) / step**2,
+        ]
+    )
     symbol = cs.SX.sym("y", 18)
     value = newton_euler(LEVEL, ROBOT)([symbol], [None])
     found = -np.asarray(cs.Function("felt", [symbol], [value])(moving)).ravel()

@@ -50,9 +50,13 @@ def test_a_pit_of_79_degrees_is_climbed_with_the_trunk_clear_between_all_nodes_a
 def pit(duration_s: float = 10.0) -> GaitProgram:
     """Out of the pit of 79°, straight ahead."""
     task = Walk(
-        robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=np.zeros(2), goal_xy_m=np.array([2.0, 0.0]),
-        adhesive=(True, True, False, False), duration_s=duration_s,
-    )  # fmt: skip
+        robot=anymal(),
+        terrain=reference_terrain("pit"),
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([2.0, 0.0]),
+        adhesive=(True, True, False, False),
+        duration_s=duration_s,
+    )
     return formulate(task)
 
 

@@ -1,4 +1,5 @@
-"""Attempts end where the optimiser ends and say what the verifier says; what is interrupted goes on from there."""
+"""Attempts end where the optimiser ends and say what the verifier says; what is interrupted goes on
+from there."""
 
 from __future__ import annotations
 
@@ -15,8 +16,12 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 
-BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
-TASK = Walk(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
+BUMPS = HeightField.from_function(
+    lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps"
+)
+TASK = Walk(
+    robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0
+)
 
 
 @pytest.fixture(scope="module")
@@ -77,17 +82,22 @@ def test_progress_hears_of_every_iteration_and_may_end_it(bench, found):
 def test_an_attempt_is_called_by_what_it_does():
     assert Attempt().perturbed(3).name == "decoupled, seed 3"
     assert Attempt(chart="ambient", heights=(0.5, 1.0)).name == "ambient, 2 heights"
-    assert Attempt(chart="ambient", heights=(0.5, 1.0), by="smoothing").name == "ambient, 2 smoothings"
+    assert (
+        Attempt(chart="ambient", heights=(0.5, 1.0), by="smoothing").name == "ambient, 2 smoothings"
+    )
 
 
-# ----------------------------------------------------------------------------------------- what is interrupted
+# ----------------------------------------------------------------------------------------- what is
+# interrupted
 
 
 ATTEMPTS = [Attempt(), Attempt(chart="ambient", heights=(0.5, 1.0))]
 
 
 def kept(path, **changes):
-    return Checkpoint(path, changes.get("task", TASK), changes.get("settings", GaitSettings()), ATTEMPTS)
+    return Checkpoint(
+        path, changes.get("task", TASK), changes.get("settings", GaitSettings()), ATTEMPTS
+    )
 
 
 def test_points_come_back_to_the_same_task_and_to_no_other(tmp_path, found):
@@ -106,7 +116,7 @@ def test_points_come_back_to_the_same_task_and_to_no_other(tmp_path, found):
         {"task": replace(TASK, goal_xy_m=[0.25, 0.11])},
         {"task": replace(TASK, terrain=BUMPS.scaled(0.9))},
     ):
-        assert kept(out, **change).begin(0) == (None, 0)  # fmt: skip
+        assert kept(out, **change).begin(0) == (None, 0)
 
 
 def test_an_attempt_that_failed_is_not_tried_again(tmp_path, found):

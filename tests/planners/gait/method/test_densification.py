@@ -100,14 +100,18 @@ def test_flaws_are_where_the_verifier_measures_them(program, solution):
 
 
 def test_an_accepted_trajectory_asks_for_nothing(program, solution):
-    report = check_trajectory(solution.trajectory(), WalkLimits(force_balance=1.0, moment_balance=1.0))
+    report = check_trajectory(
+        solution.trajectory(), WalkLimits(force_balance=1.0, moment_balance=1.0)
+    )
     assert report.accepted
     assert densified(program, report) is None
 
 
 def test_what_was_missed_is_kept_in_hand(program, solution):
     settings = replace(program.settings, trunk_clearance_m=None)
-    report = check_trajectory(solution.trajectory(), WalkLimits(trunk_m=-2.0, reach_m=-1.0, penetration_m=-1.0))
+    report = check_trajectory(
+        solution.trajectory(), WalkLimits(trunk_m=-2.0, reach_m=-1.0, penetration_m=-1.0)
+    )
     found = tightened(settings, report)
     assert found.trunk_clearance_m == pytest.approx(0.02)
     assert found.swing_nodes > settings.swing_nodes

@@ -51,7 +51,9 @@ def bench():
 
 def test_the_steepest_gradient_of_a_plane_is_its_own():
     assert steepest(slope(0.7)) == pytest.approx(0.7, abs=1e-9)
-    assert steepest(reference_terrain("hill")) == pytest.approx(1.7, rel=0.02)  # 60° is what its formula has
+    assert steepest(reference_terrain("hill")) == pytest.approx(
+        1.7, rel=0.02
+    )  # 60° is what its formula has
 
 
 def test_gentle_terrains_need_no_stages_and_steep_ones_grow_evenly():
@@ -99,14 +101,24 @@ def test_a_wall_that_is_widened_keeps_its_height_and_has_the_share_of_its_gradie
     wider = softened(pit, share)
     assert steepest(wider) == pytest.approx(share * steepest(pit), rel=0.02)
     assert wider.height(np.zeros(2)) == pytest.approx(pit.height(np.zeros(2)), abs=5e-3)
-    assert wider.height(np.array([2.2, 0.0])) == pytest.approx(pit.height(np.array([2.2, 0.0])), abs=5e-3)
+    assert wider.height(np.array([2.2, 0.0])) == pytest.approx(
+        pit.height(np.array([2.2, 0.0])), abs=5e-3
+    )
     assert softened(pit, 1.0) is pit
     assert steepest(softened(slope(0.7), 0.5)) == pytest.approx(0.7)  # a plane has no wall to widen
 
 
 def test_a_step_of_84_degrees_is_climbed_by_widening_it():
-    step = HeightField.from_function(lambda x, y: 0.15 * np.tanh((x - 0.45) / 0.015), 1.2, 0.025, tolerance_m=0.05)
-    task = Walk(robot=anymal(), terrain=step, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.3, 0.0]), duration_s=4)
+    step = HeightField.from_function(
+        lambda x, y: 0.15 * np.tanh((x - 0.45) / 0.015), 1.2, 0.025, tolerance_m=0.05
+    )
+    task = Walk(
+        robot=anymal(),
+        terrain=step,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.3, 0.0]),
+        duration_s=4,
+    )
     asked = []
 
     def solve(program, guess, /, **options):
@@ -126,9 +138,11 @@ def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
     lines = np.array([-1.0, -0.5, 0.0, 0.4, 1.0])
     heights = np.add.outer(lines**2, 0.0 * lines)
     bench.task = Walk(
-        robot=anymal(), terrain=HeightField(2 * lines, 2 * lines, heights), start_xy_m=np.zeros(2),
+        robot=anymal(),
+        terrain=HeightField(2 * lines, 2 * lines, heights),
+        start_xy_m=np.zeros(2),
         goal_xy_m=np.array([0.1, 0.0]),
-    )  # fmt: skip
+    )
     solve, asked = answers(fails=lambda factor, at: False)
     assert follow_homotopy(bench, ambient(0.5, 1.0, by="smoothing"), solve=solve).reached == 1.0
     assert asked == [(1.0, 0.0)]
@@ -136,7 +150,13 @@ def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
 
 def test_warped_stages_have_a_map_of_their_own_terrain():
     bumps = HeightField.from_function(lambda x, y: 0.1 * np.cos(2.0 * x), 2.0, 0.2)
-    task = Walk(robot=anymal(), terrain=bumps, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.0]), duration_s=2)
+    task = Walk(
+        robot=anymal(),
+        terrain=bumps,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.2, 0.0]),
+        duration_s=2,
+    )
     bench = Workbench(task)
     lower, factor = stage_program(bench, "warped-exact", 0.5)
     assert factor == 1.0

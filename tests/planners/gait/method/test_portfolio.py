@@ -1,4 +1,5 @@
-"""A portfolio gives what the verifier accepts or nothing, within its caps, and goes on where it was stopped."""
+"""A portfolio gives what the verifier accepts or nothing, within its caps, and goes on where it was
+stopped."""
 
 from __future__ import annotations
 
@@ -22,8 +23,12 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 
-BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
-TASK = Walk(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
+BUMPS = HeightField.from_function(
+    lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps"
+)
+TASK = Walk(
+    robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0
+)
 FIRST = [Attempt(chart="decoupled")]
 LAGGING = GaitSettings(dynamics="printed")  # the printed PCDM balances the forces of a step later
 PLAIN = Caps(smoothing=Smoothing(rounds=0), densifications=0)
@@ -56,7 +61,10 @@ def test_every_solve_is_on_the_account(plan):
     assert plan.solves[0].phase == "feasible"
     assert "smooth" in {step.phase for step in plan.solves}
     assert plan.seconds == pytest.approx(sum(step.seconds for step in plan.solves))
-    assert all(step.seconds_evaluating + step.seconds_linear == pytest.approx(step.seconds) for step in plan.solves)
+    assert all(
+        step.seconds_evaluating + step.seconds_linear == pytest.approx(step.seconds)
+        for step in plan.solves
+    )
     assert all(len(step.violations) == step.iterations + 1 for step in plan.solves)
 
 
@@ -80,7 +88,11 @@ def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
 
 def test_no_feasible_point_is_no_walk():
     failed = plan_gait(TASK, caps=Caps(iterations=1), attempts=FIRST)
-    assert (failed.answer.status, failed.answer.solution, failed.answer.report) == (Status.UNDECIDED, None, None)
+    assert (failed.answer.status, failed.answer.solution, failed.answer.report) == (
+        Status.UNDECIDED,
+        None,
+        None,
+    )
     assert failed.feasible == (None,)
     assert failed.message.startswith("no feasible walk: largest violation ")
 
@@ -89,13 +101,18 @@ def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
     out = tmp_path / "walk.json"
     settings = GaitSettings()
     stopped = plan_gait(
-        TASK, settings, lambda attempt, iteration, *at: iteration >= 2,
-        attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST),
-    )  # fmt: skip
+        TASK,
+        settings,
+        lambda attempt, iteration, *at: iteration >= 2,
+        attempts=FIRST,
+        checkpoint=Checkpoint(out, TASK, settings, FIRST),
+    )
     assert stopped.stopped
     assert stopped.answer.solution is None
     assert len(stopped.solves) == 1
-    again = plan_gait(TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST))
+    again = plan_gait(
+        TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST)
+    )
     whole = plan_gait(TASK, settings, attempts=FIRST)
     assert again.verified
     assert again.solves[0].violations[0] == pytest.approx(stopped.solves[0].violations[-1])
@@ -106,14 +123,22 @@ def test_attempts_that_failed_before_are_not_tried_again(tmp_path):
     settings, out = GaitSettings(), tmp_path / "walk.json"
     kept = Checkpoint(out, TASK, settings, FIRST)
     plan_gait(TASK, settings, caps=Caps(iterations=1), attempts=FIRST, checkpoint=kept)
-    again = plan_gait(TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST))
+    again = plan_gait(
+        TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST)
+    )
     assert again.attempts == ()
     assert again.message == "no walk: every attempt had failed before"
 
 
 def test_progress_sees_every_iteration():
     seen = []
-    found = plan_gait(TASK, None, lambda attempt, *at: seen.append((attempt.chart, *at)), caps=PLAIN, attempts=FIRST)
+    found = plan_gait(
+        TASK,
+        None,
+        lambda attempt, *at: seen.append((attempt.chart, *at)),
+        caps=PLAIN,
+        attempts=FIRST,
+    )
     assert [violation for _, _, violation, *_ in seen] == list(found.solves[0].violations)
     assert [iteration for _, iteration, *_ in seen] == list(range(len(seen)))
 
@@ -140,7 +165,9 @@ def test_a_search_that_fails_ends_with_its_time(apart):
     began = cpu_s()
     found = plan_gait(steep, caps=Caps(total_s=3.0, in_subprocess=apart))
     assert not found.verified
-    assert cpu_s() - began < 1.15 * 3.0  # 1.6 when building a program and judging what is no walk came on top
+    assert (
+        cpu_s() - began < 1.15 * 3.0
+    )  # 1.6 when building a program and judging what is no walk came on top
 
 
 def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
@@ -160,7 +187,12 @@ def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
 
 
 def test_steep_terrain_gets_stages_in_the_world_chart():
-    pit = Walk(robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    pit = Walk(
+        robot=anymal(),
+        terrain=reference_terrain("pit"),
+        start_xy_m=[0.0, 0.0],
+        goal_xy_m=[2.2, 0.0],
+    )
     heights = default_attempts(pit)[-1].heights
     assert len(heights) > 2
     assert heights[-1] == 1.0
@@ -168,7 +200,12 @@ def test_steep_terrain_gets_stages_in_the_world_chart():
 
 
 def test_walls_beyond_81_degrees_are_widened_first():
-    deep = Walk(robot=anymal(), terrain=reference_terrain("pit-87"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    deep = Walk(
+        robot=anymal(),
+        terrain=reference_terrain("pit-87"),
+        start_xy_m=[0.0, 0.0],
+        goal_xy_m=[2.2, 0.0],
+    )
     first = default_attempts(deep)[0]
     assert first.name == "ambient, 4 smoothings"
     assert first.heights[0] * steepest(deep.terrain) == pytest.approx(4.0)
@@ -176,15 +213,22 @@ def test_walls_beyond_81_degrees_are_widened_first():
     assert {way.by for way in default_attempts(TASK)} == {"height"}
 
 
-@pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("densifications", -1), ("solve_s", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("iterations", 0), ("densifications", -1), ("solve_s", 0.0)]
+)
 def test_caps_out_of_range_are_refused(name, value):
     with pytest.raises(InvalidInput, match=f"^{name}: expected"):
         Caps(**{name: value})
 
 
 def test_a_gentler_terrain_that_is_walked_is_no_answer():
-    asked = replace(TASK, terrain=reference_terrain("hill"), start_xy_m=np.array([-1.95, 0.0]),
-                    goal_xy_m=np.array([-1.7, 0.0]), adhesive=(True, True, False, False))  # fmt: skip
+    asked = replace(
+        TASK,
+        terrain=reference_terrain("hill"),
+        start_xy_m=np.array([-1.95, 0.0]),
+        goal_xy_m=np.array([-1.7, 0.0]),
+        adhesive=(True, True, False, False),
+    )
     growing = [Attempt(chart="ambient", heights=(0.05, 1.0))]
     plan = plan_gait(asked, caps=Caps(total_s=0.01), attempts=growing)
     assert plan.solves[0].success
@@ -203,7 +247,13 @@ def test_a_climb_that_was_cut_off_goes_on_from_its_height(tmp_path):
     out = tmp_path / "walk.json"
     kept = Checkpoint(out, TASK, settings, growing)
     plan_gait(TASK, settings, caps=Caps(total_s=0.01), attempts=growing, checkpoint=kept)
-    again = plan_gait(TASK, settings, caps=PLAIN, attempts=growing, checkpoint=Checkpoint(out, TASK, settings, growing))
+    again = plan_gait(
+        TASK,
+        settings,
+        caps=PLAIN,
+        attempts=growing,
+        checkpoint=Checkpoint(out, TASK, settings, growing),
+    )
     assert [step.factor for step in again.solves] == [1.0]
     assert again.verified
 

@@ -47,7 +47,16 @@ def test_a_calm_motion_is_left_alone(rough):
 
 def test_what_asks_to_stop_is_heard_between_solves(rough):
     asked = iter([False, True])
-    assert len(list(smoothed(rough, Smoothing(rounds=4, enough_g=0.0, gain=0.0), stop=lambda: next(asked)))) == 1
+    assert (
+        len(
+            list(
+                smoothed(
+                    rough, Smoothing(rounds=4, enough_g=0.0, gain=0.0), stop=lambda: next(asked)
+                )
+            )
+        )
+        == 1
+    )
 
 
 def test_a_round_that_loses_feasibility_is_the_last(rough):

@@ -1,4 +1,5 @@
-"""Walks in pieces along a guide path: one walk that the verifier accepts, what goes on after a stop, other ways."""
+"""Walks in pieces along a guide path: one walk that the verifier accepts, what goes on after a
+stop, other ways."""
 
 from __future__ import annotations
 
@@ -51,7 +52,9 @@ def planned(task, kept=None, progress=None):
 
 def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_path):
     task, told = walk(), list[str]()
-    whole = planned(task, progress=lambda attempt, iteration, violation, cost, phase: told.append(phase))
+    whole = planned(
+        task, progress=lambda attempt, iteration, violation, cost, phase: told.append(phase)
+    )
     assert whole.verified, whole.message
     trajectory = whole.best.trajectory
     assert check_trajectory(trajectory).accepted
@@ -69,7 +72,9 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
     assert kept.begun
     assert kept.pieces == (DONE,)
     told.clear()
-    again = planned(task, kept, lambda attempt, iteration, violation, cost, phase: told.append(phase))
+    again = planned(
+        task, kept, lambda attempt, iteration, violation, cost, phase: told.append(phase)
+    )
     assert {phase.split(",")[0] for phase in told} == {"piece 2 of 2"}
     assert again.best.trajectory.digest == trajectory.digest
 
@@ -84,7 +89,9 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
 
 
 @pytest.mark.parametrize("fails", [{1}, {1, 2, 3}])
-def test_a_piece_that_fails_is_cut_and_then_goes_another_way_before_the_whole_fails(monkeypatch, fails):
+def test_a_piece_that_fails_is_cut_and_then_goes_another_way_before_the_whole_fails(
+    monkeypatch, fails
+):
     task, calls = walk(4.0, 20.0, level((1.8, 2.2, -0.8, 0.9))), list[Walk]()
     straight = pieces_of(task, guided(task))
 
@@ -127,13 +134,20 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
     monkeypatch.setattr(way, "plan_gait", none)
     found = planned(task)
     assert not found.verified
-    assert "planned 0 pieces of a walk round; the next one: from (0.00, 0.00): no walk: made to fail" in found.message
+    assert (
+        "planned 0 pieces of a walk round; the next one: from (0.00, 0.00): no walk: made to fail"
+        in found.message
+    )
 
 
-@pytest.mark.parametrize(("start", "goal", "name"), [((2, 0), (4, 0), "start_xy_m"), ((0, 0), (2, 0), "goal_xy_m")])
+@pytest.mark.parametrize(
+    ("start", "goal", "name"), [((2, 0), (4, 0), "start_xy_m"), ((0, 0), (2, 0), "goal_xy_m")]
+)
 def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
     task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start_xy_m=start, duration_s=10.0)
-    wanted = rf"{name}: expected a place outside of solids, got \(2, 0\) in a solid that is 1 m high"
+    wanted = (
+        rf"{name}: expected a place outside of solids, got \(2, 0\) in a solid that is 1 m high"
+    )
     with pytest.raises(InvalidInput, match=wanted):
         planned(task)
 

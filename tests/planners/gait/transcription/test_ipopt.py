@@ -1,4 +1,5 @@
-"""Solves end to end: success as in the paper, the verifier's word, repeatability, child processes."""
+"""Solves end to end: success as in the paper, the verifier's word, repeatability, child
+processes."""
 
 import os
 import subprocess
@@ -38,7 +39,11 @@ def test_a_short_walk_is_found_and_the_verifier_accepts_it(small: Build, chart: 
     assert found.success
     assert found.iterations == len(found.history) - 1 == seen[-1][0] <= 15
     assert found.violation < program.settings.tolerance < found.history[-2][0]
-    assert max(program.violations(found.x).values()) == found.violation == pytest.approx(found.history[-1][0])
+    assert (
+        max(program.violations(found.x).values())
+        == found.violation
+        == pytest.approx(found.history[-1][0])
+    )
     report = check_trajectory(found.trajectory())
     assert report.accepted, report.message
 
@@ -79,7 +84,9 @@ def test_optimised_phases_stay_in_order_and_move(small: Build) -> None:
     for foot in program.structure.layout.feet:
         lasting = np.diff([0.0, *found.x[foot.switches], program.task.duration_s])
         assert lasting.min() > 0.05
-    moved = np.concatenate([found.x[foot.switches] - foot.phases.switches_s for foot in program.structure.layout.feet])
+    moved = np.concatenate(
+        [found.x[foot.switches] - foot.phases.switches_s for foot in program.structure.layout.feet]
+    )
     assert 1e-6 < np.abs(moved).max() <= program.settings.switch_slack_s + 1e-4
 
 
@@ -95,7 +102,9 @@ def test_a_second_phase_lowers_the_cost_it_is_given(small: Build) -> None:
     program = small()
     first = program.solve()
     weights = Costs(proximal=0.1, acceleration=1.0, force_rate=0.1)
-    second = program.solve(first.x, costs=weights, reference=first.x, stop_when_feasible=False, max_iterations=8)
+    second = program.solve(
+        first.x, costs=weights, reference=first.x, stop_when_feasible=False, max_iterations=8
+    )
     assert second.history[-1][1] < 0.8 * second.history[0][1]
 
 
@@ -111,11 +120,14 @@ def test_a_terrain_of_no_height_is_level_ground(small: Build) -> None:
 def test_two_processes_take_identical_iterates_whatever_memory_held_before() -> None:
     said = [
         subprocess.run(
-            [sys.executable, "-c", ITERATES], env={**os.environ, "MALLOC_PERTURB_": perturb, "OMP_NUM_THREADS": "1"},
-            capture_output=True, text=True, check=True,
+            [sys.executable, "-c", ITERATES],
+            env={**os.environ, "MALLOC_PERTURB_": perturb, "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout
         for perturb in ("85", "170")
-    ]  # fmt: skip
+    ]
     assert said[0] == said[1]
     assert said[0].startswith(tuple("123456789"))
 

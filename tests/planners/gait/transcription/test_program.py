@@ -1,4 +1,5 @@
-"""Every term's derivatives by finite differences, over every chart, form of the dynamics and kind of timing."""
+"""Every term's derivatives by finite differences, over every chart, form of the dynamics and kind
+of timing."""
 
 from collections.abc import Callable
 
@@ -36,17 +37,23 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
     small: Build, monkeypatch: pytest.MonkeyPatch, chart: str, dynamics: str, timings: str
 ) -> None:
     monkeypatch.setattr("stancekit.planners.gait.constraints.trunk.NEAR_M", 0.28)
-    built = small(chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02, footing=0.6)
+    built = small(
+        chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02, footing=0.6
+    )
     assert {"trunk", "footing"} <= {term.name for term in built.nlp.constraints}
     program, (x, way, p), step = built.nlp, away(built), 1e-6
     slopes = np.asarray(program.jacobian(x, p)[1] @ way).ravel()
-    ahead, behind = (np.asarray(program.constraint(x + sign * step * way, p)).ravel() for sign in (1.0, -1.0))
+    ahead, behind = (
+        np.asarray(program.constraint(x + sign * step * way, p)).ravel() for sign in (1.0, -1.0)
+    )
     first = 0
     for term in program.constraints:
         rows = slice(first, first + term.rows)
         first += term.rows
         found = (ahead - behind)[rows] / (2.0 * step)
-        assert slopes[rows] == pytest.approx(found, abs=2e-5 * (1.0 + np.abs(found).max())), term.name
+        assert slopes[rows] == pytest.approx(found, abs=2e-5 * (1.0 + np.abs(found).max())), (
+            term.name
+        )
     assert first == program.rows
 
     multipliers = np.random.default_rng(2).standard_normal(program.rows)
@@ -58,11 +65,15 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
     upper = cs.DM(program.hessian(True)(x, p, 1.0, multipliers))
     hessian = upper + upper.T - cs.diag(cs.diag(upper))
     found = (gradient(x + step * way) - gradient(x - step * way)) / (2.0 * step)
-    assert np.asarray(hessian @ way).ravel() == pytest.approx(found, abs=1e-5 * (1.0 + np.abs(found).max()))
+    assert np.asarray(hessian @ way).ravel() == pytest.approx(
+        found, abs=1e-5 * (1.0 + np.abs(found).max())
+    )
 
 
 @pytest.mark.parametrize("chart", ["warped", "decoupled"])
-def test_newton_and_euler_over_a_chart_are_those_of_the_motion_in_the_world(small: Build, chart: str) -> None:
+def test_newton_and_euler_over_a_chart_are_those_of_the_motion_in_the_world(
+    small: Build, chart: str
+) -> None:
     built = small(chart=chart, dynamics="newton-euler")
     x = built.perturbed(np.random.default_rng(3), 0.005)
     values = np.asarray(built.nlp.constraint(x, np.r_[x, 0.0, 0.0, 0.0, 1.0])).ravel()
@@ -74,8 +85,13 @@ def test_newton_and_euler_over_a_chart_are_those_of_the_motion_in_the_world(smal
     spins = [(turn[k + 1] * turn[k].inv()).as_rotvec() / step for k in (0, 1)]
     half = [(Rotation.from_rotvec(0.5 * step * spins[k]) * turn[k]).as_matrix() for k in (0, 1)]
     momentum = [r @ robot.inertia_kgm2 @ r.T @ spin for r, spin in zip(half, spins, strict=True)]
-    force = at.forces_n[1].sum(axis=0) - robot.mass_kg * (acceleration + np.array([0.0, 0.0, GRAVITY_M_S2]))
-    moment = np.cross(at.feet_m[1] - at.torso_m[1], at.forces_n[1]).sum(axis=0) - np.subtract(*momentum[::-1]) / step
+    force = at.forces_n[1].sum(axis=0) - robot.mass_kg * (
+        acceleration + np.array([0.0, 0.0, GRAVITY_M_S2])
+    )
+    moment = (
+        np.cross(at.feet_m[1] - at.torso_m[1], at.forces_n[1]).sum(axis=0)
+        - np.subtract(*momentum[::-1]) / step
+    )
     wanted = np.r_[force / robot.weight_n, moment / (robot.weight_n * robot.stand_height_m)]
     assert values[6 * node : 6 * node + 6] == pytest.approx(wanted, abs=1e-4)
 

@@ -1,4 +1,5 @@
-"""Taylor maps: the terrain's and the warp map's values and derivatives, against the numeric ones and differences."""
+"""Taylor maps: the terrain's and the warp map's values and derivatives, against the numeric ones
+and differences."""
 
 import casadi as cs
 import numpy as np
@@ -15,7 +16,9 @@ DOMAIN = ((-2.0, 2.0), (-1.5, 1.5))
 @pytest.fixture(scope="module")
 def rough() -> HeightField:
     heights = 0.2 * np.random.default_rng(0).standard_normal((33, 25))
-    return HeightField(np.linspace(*DOMAIN[0], 33), np.linspace(*DOMAIN[1], 25), heights).smoothed(0.15)
+    return HeightField(np.linspace(*DOMAIN[0], 33), np.linspace(*DOMAIN[1], 25), heights).smoothed(
+        0.15
+    )
 
 
 @pytest.fixture(scope="module", params=[False, True])
@@ -27,7 +30,8 @@ def warp(request: pytest.FixtureRequest, rough: HeightField) -> SplineMap:
 
 
 def expanded(chart_map: TaylorMap, order: int) -> cs.Function:
-    """Value, Jacobian and the Jacobian of the Jacobian of the Taylor polynomial about a point, there."""
+    """Value, Jacobian and the Jacobian of the Jacobian of the Taylor polynomial about a point,
+    there."""
     point, base = cs.SX.sym("x", chart_map.inputs), cs.SX.sym("b", chart_map.inputs)
     jet = cs.SX.sym("j", chart_map.size(order))
     value, jacobian = chart_map.polynomial(order)(point, base, jet)
@@ -37,7 +41,9 @@ def expanded(chart_map: TaylorMap, order: int) -> cs.Function:
     return cs.Function("at", [at], kernel(at, at, chart_map.jet(order)(at)))
 
 
-def test_a_terrains_expansion_is_its_height_and_gradient_also_far_outside(rough: HeightField) -> None:
+def test_a_terrains_expansion_is_its_height_and_gradient_also_far_outside(
+    rough: HeightField,
+) -> None:
     rng, step = np.random.default_rng(2), 1e-5
     at = np.concatenate([rng.uniform(-1.4, 1.4, (40, 2)), rng.uniform(-60.0, 60.0, (20, 2))])
     surface = expanded(TaylorMap.of_heights(rough), 3)
@@ -47,7 +53,9 @@ def test_a_terrains_expansion_is_its_height_and_gradient_also_far_outside(rough:
         np.testing.assert_allclose(slope.ravel(), rough.gradient(place), atol=1e-10)
         for axis in range(2):
             shift = step * np.eye(2)[axis]
-            difference = (rough.gradient(place + shift) - rough.gradient(place - shift)) / (2 * step)
+            difference = (rough.gradient(place + shift) - rough.gradient(place - shift)) / (
+                2 * step
+            )
             np.testing.assert_allclose(bend[:, axis], difference, atol=2e-3)
 
 
@@ -61,5 +69,7 @@ def test_a_maps_expansion_is_its_points_and_jacobians_and_bends_as_they_do(warp:
         bend = second.reshape(3, 3, 3, order="F")
         for axis in range(3):
             shift = step * np.eye(3)[axis]
-            difference = (warp.jacobians(place + shift) - warp.jacobians(place - shift)) / (2 * step)
+            difference = (warp.jacobians(place + shift) - warp.jacobians(place - shift)) / (
+                2 * step
+            )
             np.testing.assert_allclose(bend[:, :, axis], difference, atol=2e-4)

@@ -23,7 +23,9 @@ def test_the_uniform_basis_is_that_of_scipy(order: int) -> None:
     rng = np.random.default_rng(0)
     coefficients, times = rng.standard_normal(23), rng.uniform(0.0, 2.0, 50)
     spline = BSpline(0.1 * np.arange(-3, 24), coefficients, 3)
-    assert uniform_basis(times, 2.0, 0.1, order) @ coefficients == pytest.approx(spline(times, nu=order), abs=1e-9)
+    assert uniform_basis(times, 2.0, 0.1, order) @ coefficients == pytest.approx(
+        spline(times, nu=order), abs=1e-9
+    )
 
 
 def test_the_symbolic_basis_is_the_numeric_one() -> None:
@@ -41,7 +43,9 @@ def test_hermite_weights_are_those_of_scipy(order: int) -> None:
     spline = CubicHermiteSpline([0.0, lasting], ends, speeds)
     for share in (0.0, 0.3, 0.9):
         a, b, c, d = hermite(share, order)
-        found = (a * ends[0] + b * lasting * speeds[0] + c * ends[1] + d * lasting * speeds[1]) / lasting**order
+        found = (
+            a * ends[0] + b * lasting * speeds[0] + c * ends[1] + d * lasting * speeds[1]
+        ) / lasting**order
         assert found == pytest.approx(float(spline(share * lasting, nu=order)))
 
 
@@ -65,8 +69,12 @@ def test_a_gait_balances_where_fewer_than_three_feet_stand_at_some_moment(name: 
     assert gait.balances == (np.sum([foot.stands(times) for foot in feet], axis=0).min() < 3)
 
 
-@pytest.mark.parametrize(("height_m", "cycle_s"), [(0.42, 1.0), (0.42 / 4.0, 0.5), (0.42 * 0.64, 0.8), (2.0, 1.0)])
-def test_low_robots_step_faster_as_pendulums_of_their_height_fall(height_m: float, cycle_s: float) -> None:
+@pytest.mark.parametrize(
+    ("height_m", "cycle_s"), [(0.42, 1.0), (0.42 / 4.0, 0.5), (0.42 * 0.64, 0.8), (2.0, 1.0)]
+)
+def test_low_robots_step_faster_as_pendulums_of_their_height_fall(
+    height_m: float, cycle_s: float
+) -> None:
     assert GAITS["trot"].at(height_m, 0.05).cycle_s == pytest.approx(cycle_s)
     assert GAITS["trot"].at(height_m, 0.05).duty == GAITS["trot"].duty
     assert GAITS["tripod"].at(height_m, 0.05) is GAITS["tripod"]
@@ -82,14 +90,25 @@ def test_the_shortest_cycle_has_phases_and_a_shorter_one_is_refused_in_one_line(
 
 
 def test_a_gait_that_does_not_fit_is_refused_in_one_line() -> None:
-    with pytest.raises(InvalidInput, match=r"duration_s: expected 1\.3 s or more for one cycle of the trot, got 1 s"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"duration_s: expected 1\.3 s or more for one cycle of the trot, got 1 s",
+    ):
         schedule(GAITS["trot"], ["LF", "RF", "LH", "RH"], 1.0, 0.05)
-    with pytest.raises(InvalidInput, match=r"gait: expected one for 6 feet, got trot, which is for 4"):
+    with pytest.raises(
+        InvalidInput, match=r"gait: expected one for 6 feet, got trot, which is for 4"
+    ):
         schedule(GAITS["trot"], ["foot"] * 6, 10.0, 0.05)
 
 
 def test_a_foot_stands_at_lift_off_and_at_touchdown() -> None:
     foot = FootPhases(np.array([0.5, 0.9, 1.5, 1.9]), 3.0)
     assert foot.stands(np.array([0.0, 0.5, 0.51, 0.89, 0.9, 1.7, 3.0])).tolist() == [
-        True, True, False, False, True, False, True,
-    ]  # fmt: skip
+        True,
+        True,
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
