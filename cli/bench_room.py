@@ -127,11 +127,11 @@ def _table(lines: list[Room]) -> Table:
     """The lines as a table, in percent and points, with 95 % intervals."""
     from rich.table import Table
 
-    told = dict.fromkeys(
+    remarks = dict.fromkeys(
         f"{line.environment}: {line.scenes} scenes, oracle: {line.oracle_budget}" for line in lines
     )
     grid = Table(
-        title="; ".join(told),
+        title="; ".join(remarks),
         caption="shares of all scenes in percent, gain and room in points",
         box=None,
     )

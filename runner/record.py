@@ -114,7 +114,7 @@ class Trace:
         return np.array(since)
 
     def found(self, footholds: int) -> NDArray[np.bool_]:
-        """Whether every foothold's foot touched while it should stand; true of those that never
+        """Tell which footholds' feet touched while it should stand; true of those that never
         should, shape (P,)."""
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
         return np.array(

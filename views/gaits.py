@@ -187,9 +187,9 @@ class GaitView:
     def ways_m(self) -> list[Array]:
         """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another,
         and the last."""
-        told = self.trajectory.provenance.get("guide_m", "")
+        guide = self.trajectory.provenance.get("guide_m", "")
         with suppress(ValueError, RecursionError):
-            return lines_told(json.loads(told)) if isinstance(told, str) else []
+            return lines_told(json.loads(guide)) if isinstance(guide, str) else []
         return []
 
     @cached_property

@@ -193,7 +193,7 @@ def dashes(points: Array, apart_m: float = 0.05) -> Array:
 def lines_told(told: object) -> list[Array]:
     """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none
     is left out."""
-    found = list[Array]()
+    lines = list[Array]()
     for line in told if isinstance(told, list) else []:
         try:
             points = np.asarray(line, dtype=np.float64)
@@ -205,8 +205,8 @@ def lines_told(told: object) -> list[Array]:
             and len(points) > 1
             and np.isfinite(points).all()
         ):
-            found.append(points)
-    return found
+            lines.append(points)
+    return lines
 
 
 def ring(points: Array) -> Array:

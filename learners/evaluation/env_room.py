@@ -89,19 +89,19 @@ def environment_room(
                 rows[index, row["method"]] = row
                 file.write(json.dumps(row) + "\n")
             file.flush()
-    found: dict[str, list[bool]] = {}
+    answers: dict[str, list[bool]] = {}
     anywhere: dict[str, list[bool]] = {}
     for (index, method), row in sorted(rows.items()):
         if index < scenes:
-            found.setdefault(method, []).append(bool(row["found"]))
+            answers.setdefault(method, []).append(bool(row["found"]))
             anywhere.setdefault(method, []).append(bool(row["anywhere"]))
     return room_of(
         environment=f"{name} ({', '.join(map(str, plays.options.values())) or 'as it is'})",
         budget=plays.budget,
         oracle_budget="all policies" + (", exact search without a limit" if plays.solves else ""),
-        within={method: np.array(each) for method, each in found.items()},
+        within={method: np.array(each) for method, each in answers.items()},
         anywhere={method: np.array(each) for method, each in anywhere.items()},
-        fair=[method for method in found if method not in (*RANDOM, *plays.learned)],
+        fair=[method for method in answers if method not in (*RANDOM, *plays.learned)],
         learned=list(plays.learned),
         again={"random": "random-again"},
     )

@@ -108,11 +108,15 @@ def room_of(
     """
     control = max(fair, key=lambda method: int(within[method].sum()))
     mean = np.mean([within[method] for method in learned], axis=0) if learned else None
-    drawn = set(again.values())
-    oracle = np.any([own for method, own in anywhere.items() if method not in drawn], axis=0)
+    redraws = set(again.values())
+    oracle = np.any(
+        [answer for method, answer in anywhere.items() if method not in redraws], axis=0
+    )
     other = None
-    if drawn & set(anywhere):
-        other = np.any([own for method, own in anywhere.items() if method not in again], axis=0)
+    if redraws & set(anywhere):
+        other = np.any(
+            [answer for method, answer in anywhere.items() if method not in again], axis=0
+        )
     return Room(
         environment=environment,
         budget=budget,

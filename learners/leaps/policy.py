@@ -53,13 +53,13 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         **more: Any,
     ) -> None:
         self._begins = {"scorer": None if scorer is None else str(scorer), "kind": kind}
-        own = {
+        defaults = {
             "net_arch": [],
             "ortho_init": False,
             "features_extractor_class": _Scored,
             "features_extractor_kwargs": self._begins,
         }
-        super().__init__(observation_space, action_space, lr_schedule, **{**more, **own})
+        super().__init__(observation_space, action_space, lr_schedule, **{**more, **defaults})
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
         super()._build(lr_schedule)
@@ -70,22 +70,27 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
 
     def scorer(self) -> LeapScorer:
         """The scores as they are now."""
-        found: Any = self.features_extractor
+        extractor: Any = self.features_extractor
         network = ScoreNetwork(
-            found.network.kind, found.network.width, found.network.layers, found.network.heads
+            extractor.network.kind,
+            extractor.network.width,
+            extractor.network.layers,
+            extractor.network.heads,
         )
-        network.load_state_dict(found.network.state_dict())
-        return LeapScorer(network=network.eval(), origin={**found.origin, "method": "maskable-ppo"})
+        network.load_state_dict(extractor.network.state_dict())
+        return LeapScorer(
+            network=network.eval(), origin={**extractor.origin, "method": "maskable-ppo"}
+        )
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        taken = ("net_arch", "ortho_init", "features_extractor_class", "features_extractor_kwargs")
-        kept = {
+        fixed = ("net_arch", "ortho_init", "features_extractor_class", "features_extractor_kwargs")
+        rest = {
             name: value
             for name, value in super()._get_constructor_parameters().items()
-            if name not in taken
+            if name not in fixed
         }
         extractor: Any = self.features_extractor
-        return {**kept, "scorer": None, "kind": extractor.network.kind}
+        return {**rest, "scorer": None, "kind": extractor.network.kind}
 
 
 class _Scored(BaseFeaturesExtractor):

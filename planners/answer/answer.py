@@ -146,8 +146,8 @@ class Answer(Generic[S]):
         from .html import status_html
 
         parts = [part for part in (self.solution, self.report) if part is not None]
-        said = status_html(self.status.value, self.method, self.message)
-        return said + "".join(part._repr_html_() for part in parts)
+        status = status_html(self.status.value, self.method, self.message)
+        return status + "".join(part._repr_html_() for part in parts)
 
     @property
     def sets(self) -> Sets | None:

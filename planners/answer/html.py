@@ -29,8 +29,8 @@ def groups_html(message: str, groups: Iterable[tuple[str, str, str, str, str]]) 
     said of it."""
     rows = "".join(
         f'<tr><td>{escape(name)}</td><td style="color:{COLOURS.get(verdict, "#777")}">{verdict}</td>'
-        f"<td>{escape(measured)}</td><td>{escape(where)}</td><td>{escape(said)}</td></tr>"
-        for name, verdict, measured, where, said in groups
+        f"<td>{escape(measured)}</td><td>{escape(where)}</td><td>{escape(text)}</td></tr>"
+        for name, verdict, measured, where, text in groups
     )
     return f"<p><b>{escape(message)}</b></p><table>{rows}</table>"
 

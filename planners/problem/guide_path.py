@@ -143,7 +143,7 @@ class Footprint:
         return float(np.linalg.norm(self.hull_m, axis=1).max())
 
     def width_m(self, ahead_rad: float) -> float:
-        """Its width across a way in this direction, from x towards y [m]."""
+        """Width across a way in this direction, from x towards y [m]."""
         return float(np.ptp(self.hull_m @ np.array([-np.sin(ahead_rad), np.cos(ahead_rad)])))
 
     def grown(self, room_m: float, scale: float = 1.0) -> Array:

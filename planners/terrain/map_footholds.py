@@ -62,22 +62,24 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     walls, poles and bars are surfaces, too (``map_solids``)."""
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
-        found = _planes_of(terrain, limits, friction)
-        return _with_boxes(found, standing_boxes(terrain, found.noise_m or 0.0))
+        footholds = _planes_of(terrain, limits, friction)
+        return _with_boxes(footholds, standing_boxes(terrain, footholds.noise_m or 0.0))
     ground, beside = (
         ElevationMap.of_points(points, terrain.spacing_m, terrain.name)
         for points in (over.ground_m, over.beside_m)
     )
-    found = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
+    footholds = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
-        below = _planes_of(beside, replace(limits, noise_m=found.noise_m), friction)
-        most = max((piece.surface for piece in found.pieces), default=-1) + 1
+        below = _planes_of(beside, replace(limits, noise_m=footholds.noise_m), friction)
+        most = max((piece.surface for piece in footholds.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
-        found = replace(
-            found, pieces=(*found.pieces, *more), surfaces=(*found.surfaces, *below.surfaces)
+        footholds = replace(
+            footholds,
+            pieces=(*footholds.pieces, *more),
+            surfaces=(*footholds.surfaces, *below.surfaces),
         )
     return _with_boxes(
-        found, np.concatenate([standing_boxes(ground, found.noise_m or 0.0), over.boxes_m])
+        footholds, np.concatenate([standing_boxes(ground, footholds.noise_m or 0.0), over.boxes_m])
     )
 
 
@@ -138,12 +140,12 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         )
         corner = (where[0].start, where[1].start)
         outline = _outline(labels[where] == number, corner, spacing, plane)
-        own = (
+        counted = (
             terrain.samples
             if terrain.samples is not None and not cells.sparse
             else cells.moments[0]
         )
-        samples = int(own[where][labels[where] == number].sum())
+        samples = int(counted[where][labels[where] == number].sum())
         facet = FlatPiece(
             plane=plane,
             polygon=outline,

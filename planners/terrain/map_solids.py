@@ -101,10 +101,10 @@ class Overhead:
         corner = (first - 0.5) * spacing_m
         boxes = list[Array]()
         for number in range(1, int(above[hangs].max()) + 1):
-            own = hangs & (above == number)
+            cells_here = hangs & (above == number)
             bottom, top = np.full(len(floor), np.inf), np.full(len(floor), -np.inf)
-            np.minimum.at(bottom, cell[own], z[own])
-            np.maximum.at(top, cell[own], z[own])
+            np.minimum.at(bottom, cell[cells_here], z[cells_here])
+            np.maximum.at(top, cell[cells_here], z[cells_here])
             bottom, top = _as_beside(bottom.reshape(shape)), -_as_beside(-top.reshape(shape))
             boxes.append(covered(bottom, top, corner, spacing_m))
         ground = order[~hangs]
@@ -145,7 +145,7 @@ def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
 def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np.bool_]:
     """Cells among those with something over the ground, of which all points are over the ground
     beside them."""
-    found = np.zeros(under.shape, dtype=bool)
+    unseen = np.zeros(under.shape, dtype=bool)
     for _ in range(ROUNDS):
         count, height = np.zeros(under.shape), np.zeros(under.shape)
         known = np.pad(under, 1), np.pad(np.where(under, floor, 0.0), 1)
@@ -155,15 +155,15 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
             count += known[0][here]
             height += known[1][here]
         with np.errstate(invalid="ignore", divide="ignore"):
-            more = ~under & ~found & (count > BESIDE) & (lowest - height / count > FREE_M)
+            more = ~under & ~unseen & (count > BESIDE) & (lowest - height / count > FREE_M)
         if not more.any():
             break
-        floor, under, found = (
+        floor, under, unseen = (
             np.where(more, height / np.maximum(count, 1.0), floor),
             under | more,
-            found | more,
+            unseen | more,
         )
-    return found
+    return unseen
 
 
 def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
@@ -194,8 +194,8 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     bottom, top = _closed(bottom, top)
     boxes = np.zeros((0, 6))
     for alike in ALIKE_M:
-        found = list(_rectangles(bottom, top, alike))
-        boxes = np.array(found, dtype=np.float64).reshape(-1, 6)
+        rectangles = list(_rectangles(bottom, top, alike))
+        boxes = np.array(rectangles, dtype=np.float64).reshape(-1, 6)
         if len(boxes) <= MOST_BOXES:
             break
     boxes[:, :2] = corner[0] + spacing * boxes[:, :2] + [APART_M, -APART_M]
@@ -250,7 +250,7 @@ def _run(left: NDArray[np.bool_], i: int, j: int, axis: int) -> int:
 
 def box_patches(boxes_m: Array, friction: float) -> list[Patch]:
     """The six sides of every box."""
-    found = list[Patch]()
+    patches = list[Patch]()
     for x0, x1, y0, y1, z0, z1 in boxes_m.tolist():
         low, high = np.array([x0, y0, z0]), np.array([x1, y1, z1])
         for axis in range(3):
@@ -261,7 +261,7 @@ def box_patches(boxes_m: Array, friction: float) -> list[Patch]:
                 corners[:, v] = [low[v], low[v], high[v], high[v]]
                 normal = np.zeros(3)
                 normal[axis] = sign
-                found.append(
+                patches.append(
                     Patch(
                         vertices_m=corners,
                         normal=normal,
@@ -269,4 +269,4 @@ def box_patches(boxes_m: Array, friction: float) -> list[Patch]:
                         friction=friction,
                     )
                 )
-    return found
+    return patches

@@ -38,7 +38,7 @@ class MeshRung:
 
     @property
     def turn_rad(self) -> float:
-        """How far its surface turns from the middle of the line to the border."""
+        """Angle by which its surface turns from the middle of the line to the border."""
         return max(self.rung.turn_rad, self.lean_rad if self.lean_rad > COARSE_RAD else 0.0)
 
     def line(self, corners_m: Array) -> FlatPiece:
@@ -94,16 +94,16 @@ def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[Mes
     groups = [
         (order[first[k] : first[k + 1]], vectors[k, :, 0]) for k in np.flatnonzero(bent).tolist()
     ]
-    found = [(group, _rung(corners[group], normals[group], axis, flat_m)) for group, axis in groups]
+    rungs = [(group, _rung(corners[group], normals[group], axis, flat_m)) for group, axis in groups]
     return [
         MeshRung(rung=rung, triangles=group, lean_rad=_lean(rung, corners[group], normals[group]))
-        for group, rung in found
+        for group, rung in rungs
         if rung is not None
     ]
 
 
 def _lean(rung: Rung, corners: Array, normals: Array) -> float:
-    """How far triangles, shapes (K, 3, 3) and (K, 3), lean that are under a rung's line [rad]."""
+    """Angle by which triangles, shapes (K, 3, 3) and (K, 3), lean that are under a rung's line [rad]."""
     upward = normals @ rung.upright
     aside = (corners - rung.middle_m) @ np.cross(rung.upright, rung.axis)
     under = (

@@ -83,13 +83,13 @@ class Rung:
 
     def sides(self, low_m: float, high_m: float, friction: float) -> tuple[Patch, ...]:
         """The upper half and some more of the surface as flat patches, which limbs keep out of."""
-        found = []
+        patches = []
         for begin, end in pairwise(SIDES):
             middle, half = 0.5 * (begin + end), self.radius_m * np.sin(0.5 * (end - begin))
-            found += [
+            patches += [
                 self._patch(sign * middle, half, low_m, high_m, friction) for sign in (-1.0, 1.0)
             ]
-        return tuple(found)
+        return tuple(patches)
 
     def _patch(
         self, angle: float, half_m: float, low_m: float, high_m: float, friction: float

@@ -389,8 +389,8 @@ class _Measured:
 
     @cached_property
     def _beside(self) -> tuple[Array, Array, Array]:
-        """The same of the nearest surface that leans otherwise and is touched, too; its gap is
-        infinite without one."""
+        """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too; the
+        gap is infinite without one."""
         centres = self.feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)
         flat, radii = (
@@ -469,8 +469,8 @@ class _Measured:
 
     @cached_property
     def _lacks(self) -> Array:
-        """The same of each row by itself: a program per row finds the forces that come nearest, (T
-        − 2,)."""
+        """Remainder of each row by itself: a program per row finds the forces that come nearest,
+        (T − 2,)."""
         from scipy.optimize import nnls
 
         parts = []

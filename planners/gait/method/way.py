@@ -173,9 +173,9 @@ def plan_walk(
         return plan_gait(
             task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint
         )
-    begun, kept = cpu_s(), checkpoint or Checkpoint(None, task, settings, attempts or ())
+    begun, memory = cpu_s(), checkpoint or Checkpoint(None, task, settings, attempts or ())
     done, solves = list[Attempted](), list[SolveRecord]()
-    way, walked = _gone_on(task, path, kept)
+    way, walked = _gone_on(task, path, memory)
     while way.left:
         piece, cut = way.left[0]
         remains_s = caps.total_s - (cpu_s() - begun)
@@ -189,12 +189,12 @@ def plan_walk(
                 f"the time limit ended after {count} pieces of {len(way.left) + count}",
             )
         choices = default_attempts(piece) if attempts is None or len(attempts) > 1 else attempts
-        told, its = (
+        watched, share_caps = (
             None if progress is None else way.telling(progress),
             replace(caps, total_s=share_s),
         )
         attempts_of_piece = plan_gait(
-            piece, replace(settings, poised=True), told, caps=its, attempts=choices
+            piece, replace(settings, poised=True), watched, caps=share_caps, attempts=choices
         )
         solves += attempts_of_piece.solves
         LOG.info(
@@ -223,7 +223,7 @@ def plan_walk(
             )
         samples = {} if walked is None else {name: getattr(walked, name) for name in SAMPLES}
         if way.left:
-            kept.keep_pieces(way.outcomes, samples)
+            memory.keep_pieces(way.outcomes, samples)
     assert walked is not None
     whole = replace(walked, goal_xy_m=task.goal_xy_m, provenance={**walked.provenance, **way.told})
     report: Report[Trajectory] = check_trajectory(whole)
