@@ -31,8 +31,8 @@ class BenchRoom:
     One line per budget, one try and so many convex problems: random choices, the best unlearned
     control, the learned scores where files of them are given, and the oracle, which is the union of
     all methods at a larger budget. The oracle with another seed stands beside it: where both agree,
-    room is no luck. Rows are kept in a folder, and a run that is stopped goes on. Intervals are of
-    95 %; the gain of learned scores is paired over the scenes.
+    room is no luck. Rows are kept in a folder, and a run that is stopped goes on. All shares have
+    intervals of 95 %; the gain of learned scores is paired over the scenes.
     """
 
     scorer: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE ...")] = ()

@@ -16,7 +16,7 @@ from stancekit.runner.worlds.dynamixel.calibration import nominal
 ROOT = Path(__file__).parents[2]
 TOOLS = {"dev", "docs"}
 """Extras for working on the package, which no command needs."""
-LIBRARY = {"moreau", "evo"}
+LIBRARY = {"moreau", "evo", "tune"}
 """Extras of the library alone; their modules have tests of their own."""
 CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "exact": (
