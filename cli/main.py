@@ -219,7 +219,7 @@ def _texts(*, told: bool) -> Iterator[None]:
 
 
 def _option(argument: str) -> str:
-    """Name of an option; empty for an argument that is none."""
+    """The name of an option, without its value; empty if the argument is not an option."""
     return argument.split("=")[0] if argument.startswith("--") else ""
 
 

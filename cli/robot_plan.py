@@ -1,4 +1,4 @@
-"""Report of ``stancekit plan`` on the whole body."""
+"""Lines that ``stancekit plan`` prints about its planning with the whole body."""
 
 from __future__ import annotations
 

@@ -28,27 +28,29 @@ CORNERS = 8
 
 
 class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
-    """Traverse-v0 over scenes of families, each at a level of its own that success raises.
+    """Traverse-v0 over scenes of several families of terrain; each family has a level of difficulty
+    that rises with success.
 
-    An episode draws a family, and a scene of it at its level. Where the walk arrives at the last
-    frame the family's level rises by step · (1 − target), else it falls by step · target; it stays
-    in [0, 1]. The expected change is zero where the share of success is ``target``, so that is
-    where the level settles. A scene in which the first key frame does not hold is drawn again;
-    where a level has none that holds, it falls. A reset with a seed begins anew at ``level``: equal
-    seeds and equal actions give equal levels.
+    Each episode draws a family, and then one of its scenes at the family's level. If the walk
+    reaches the last frame, the level of the family rises by step · (1 − target); otherwise it falls
+    by step · target. It stays in [0, 1]. The expected change is zero if the share of successful
+    episodes is ``target``, so the level settles there. If the robot cannot stand in the first key
+    frame of a scene, another scene is drawn; if no scene of the level has such a frame, the level
+    falls. A reset with a seed sets all levels back to ``level``: equal seeds and equal actions give
+    equal levels.
 
-    ``info`` has ``level``, that of the episode, beside what Traverse-v0 says, and ``arrived``, 1 in
-    the last step of an episode that did.
+    ``info`` has two more entries than that of Traverse-v0: ``level``, the level of the episode, and
+    ``arrived``, 1 in the last step of an episode whose walk reaches the last frame, else 0.
 
     Arguments:
-        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME, all but the
-            smooth ones unless given; an episode draws one.
-        target: share of success at which a level stays, in (0, 1).
-        step: of a level, in (0, 1].
-        level: at the beginning.
-        options: of ``TraverseEnv`` (horizon, planners, weights, …).
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME; by default all
+            families but the smooth ones.
+        target: share of successful episodes at which a level stays, in (0, 1).
+        step: size of the changes of a level, in (0, 1].
+        level: level of every family at the beginning, in [0, 1].
+        options: arguments of ``TraverseEnv`` (horizon, planners, weights, …).
     Raises:
-        InvalidInput: for another family, and numbers outside of these ranges.
+        InvalidInput: for an unknown family, and for numbers outside of these ranges.
     Source:
         Kaernbach, Simple adaptive testing with the weighted up-down method, 1991.
     Example:

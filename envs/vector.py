@@ -242,7 +242,7 @@ class _Batch:
         return answer
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: there is no process to end."""
 
     def reset(self, asked: tuple[Seeds, NDArray[np.bool_]]) -> _Begun:
         """Draw the next scenes of those in the mask; the seed None goes on with the generator that

@@ -125,7 +125,8 @@ class Trace:
         )
 
     def _stood(self, footholds: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
-        """Rows and limbs of every foothold, and at which of them its foot touches first."""
+        """Yield for each foothold the rows and the limbs of the samples in which its foot should
+        stand there, and the position in these of the first one that touches; 0 if none does."""
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
         for foothold in range(footholds):
             rows, limbs = np.nonzero(self.foothold == foothold)

@@ -291,8 +291,8 @@ def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
 
 @contextmanager
 def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], None]], Frame]]:
-    """A function that draws what another one puts into MuJoCo's scene. Raises InvalidInput without
-    a GL library."""
+    """Yield a function that renders one frame: it lets its argument, a function, fill MuJoCo's
+    scene, and returns the picture. Raises InvalidInput without a GL library."""
     mujoco, (width, height) = _mujoco(), size_px
     model.vis.quality.shadowsize = SHADOW_PX
     model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = (

@@ -46,8 +46,12 @@ def force_entry(newtons_a_unit: float, longest: float) -> Entry:
 def draw_legend(
     figure: Figure, bottom: float, entries: Sequence[Entry], friction: ScalarMappable | None = None
 ) -> None:
-    """Write the entries in one line, so far above the figure's foot in 0.01 inch, and the scale of
-    friction."""
+    """Write the entries in one line at the foot of the figure, and the scale of friction.
+
+    bottom: distance of the line from the lower edge of the figure, in 0.01 inch.
+    entries: signs with their words, from left to right.
+    friction: the colours of friction; None for no scale.
+    """
     width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
     axes = plain_axes(figure, 0.0, bottom, height - bottom - 50.0)
     axes.set(xlim=(0.0, width), ylim=(0.0, 50.0))

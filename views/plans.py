@@ -191,7 +191,8 @@ class PlanView:
 
     @property
     def tried_m(self) -> list[Array]:
-        """Nominal paths of the body that were tried, and left for others, shape (L, 3) each [m]."""
+        """Nominal paths of the body that the planner tried and gave up, each of L points, shape (L,
+        3) [m]."""
         return lines_told(self.plan.provenance.get("tried_m"))
 
     def chosen_at(self, now: Samples) -> list[DrawnBody]:

@@ -38,10 +38,12 @@ class Part:
 class RobotShape:
     """Shape of a robot, as it is drawn.
 
-    outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces
-    and marks are drawn to; bone_m: thickness of its limbs. links: its own, where it is a URDF's;
-    what is said of limbs are then angles, shape (n,) [rad], instead of the places of their joints,
-    shape (J, 3) [m], foot last.
+    outline_m: outline of its trunk from above, in the trunk's frame, shape (K, 3) [m].
+    size_m: size of the robot, which sets the scale of forces and marks [m].
+    bone_m: thickness of its limbs [m].
+    links: the links of its URDF; None for a robot without one. With links a limb is given by its
+    joint angles, shape (n,) [rad]; without, by the places of its joints, shape (J, 3) [m], foot
+    last.
     """
 
     limbs: Sequence[str]

@@ -125,8 +125,13 @@ def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) ->
 
 
 def _within(patch: Patch, box_m: Array) -> Array:
-    """The part of a patch within a box on its plane, about its first corner, shape (K, 2) [m]; K
-    below 3 for none."""
+    """The part of a patch that lies within a box, as a polygon in the coordinates of the patch's
+    plane.
+
+    patch: the patch; its first corner is the origin of the coordinates.
+    box_m: lower and upper corner of the box in the world frame, shape (2, 3) [m].
+    Returns the corners, shape (K, 2) [m]; K < 3 if no part lies within.
+    """
     plane, origin = patch.frame[:, 1:], patch.vertices_m[0]
     normals = np.concatenate([plane, -plane])
     offsets = np.concatenate([box_m[1] - origin, origin - box_m[0]])

@@ -196,7 +196,7 @@ class LeapTries:
         return arrays
 
     def leaps(self) -> Iterator[Leap]:
-        """All scenes as questions, in their order."""
+        """Yield every scene as the ``Leap`` problem that it poses, in the order of the data set."""
         for shard in range(self.header.plan.shards):
             first = self.header.plan.scenes_of(shard).start
             for k, row in enumerate(_firsts(self._scene_table(shard)), first):

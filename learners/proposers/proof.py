@@ -1,13 +1,14 @@
-"""A proof of infeasibility out of a network's numbers, and what it proves: the dual half.
+"""Proofs of infeasibility from the numbers of a network, and the bound that they prove: the dual
+half.
 
-Multipliers ν_F, ν_M of the balances (E5, E6) and r of every limb's reach (E11) refute a problem
-where the least of
+The multipliers are ν_F, ν_M of the balances (E5, E6) and r of each limb's reach (E11). They prove
+that a problem is infeasible if the minimum of
 
     ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ [r·(q − c − s − Θ × s) − ρ‖r‖]
 
-over all q, c, Θ, f that meet everything else is positive; with ν_M = 0 they do so whatever the
-moments. This is the bound of one leaf (``planners.verify.lagrangian``) but for shear limits and
-rounding, in a form that can be descended.
+over all q, c, Θ, f that satisfy the other constraints is positive. With ν_M = 0 they prove it even
+without the balance of moments. This is the bound of one leaf (``planners.verify.lagrangian``)
+except for shear limits and rounding, in a form that gradient descent can be used on.
 """
 
 from __future__ import annotations

@@ -171,14 +171,16 @@ def evolve(
     checkpoint: Path | None = None,
     progress: OnProgress | None = None,
 ) -> GeneticResult:
-    """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale
-    of mutations.
+    """Run the genetic algorithm.
 
-    oracle: says what P1 admits, of the feasible problems followed by the infeasible ones; a
-    ``CachingOracle`` if None. checkpoint: file that is written after every generation and gone on
-    from where it is there already: the result is that of a run that was not interrupted, except for
-    ``counts``, which are of the work that was done. progress: is told every generation. Raises
-    InvalidInput, also for the checkpoint of another run.
+    points: S, shape (F, N, 6), for the first generation and for the scale of the mutations.
+    oracle: says what P1 admits, for the feasible problems followed by the infeasible ones; None for
+    a ``CachingOracle``.
+    checkpoint: file that is written after every generation; if it exists, the run resumes from it.
+    The result is the same as without an interruption, except for ``counts``, which count only the
+    work of this run.
+    progress: is called after every generation.
+    Raises InvalidInput, also for the checkpoint of another run.
     """
     trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     rng = np.random.default_rng(settings.seed)

@@ -85,7 +85,7 @@ class LeapPlan:
 
     @property
     def times_s(self) -> Array:
-        """Ends of the intervals, shape (M + 1,) [s]."""
+        """Times at which the M intervals begin and end, shape (M + 1,) [s]."""
         return self.problem.times_s(self.timing)
 
     if not TYPE_CHECKING:  # or a checker would take any name for one that there is

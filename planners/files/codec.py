@@ -227,10 +227,11 @@ def numbers(value: Any, deepest: int = 8) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """Metadata of a number: its limits, which the class, its reader and the reference of keys have
-    from here.
+    """Limits of a number, given as the metadata of its field; the class that has the field, the
+    reader of its files and the reference of keys all take the limits from here.
 
-    above: it is larger than this. least, most: it is no smaller and no larger.
+    above: the number must be larger than this; None for no such limit.
+    least, most: the number must lie in [least, most].
     """
 
     above: float | None = None

@@ -268,10 +268,11 @@ def _labels(course: Problem) -> dict[str, list[Any]]:
 
 
 def _of_joints(course: Problem) -> Problem:
-    """The course of a plan that has joints, whose robot has legs.
+    """The course of a plan that has joints; its robot is given drawn-up legs unless it has legs or
+    soles.
 
-    A file from before a course could ask for drawn-up legs does not say that its robot of limbs has
-    them.
+    Files from before a course could ask for drawn-up legs do not say that a robot which is
+    described by its limbs alone has them.
     """
     robot = course.robot
     return (
@@ -288,7 +289,8 @@ def _seal(content: Mapping[str, Any]) -> str:
 
 
 def _header(path: Path) -> dict[str, Any]:
-    """The header, as it was written. Raises InvalidInput."""
+    """Read the keys of a plan's file, with their values as they are in the file. Raises
+    InvalidInput for a file of another format, and for missing or unknown keys."""
     data = read_json(path)
     version = data.get("format") if isinstance(data, dict) else type(data).__name__
     if version not in tuple(ARRAYS):

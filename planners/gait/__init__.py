@@ -1,1 +1,2 @@
-"""Gait optimisation over height fields (Pan et al. §III, §IV-C, §IV-D; its root is TOWR)."""
+"""Gait optimisation over height fields, after Pan et al. §III, §IV-C and §IV-D, whose method goes
+back to TOWR."""

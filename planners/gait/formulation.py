@@ -1,5 +1,5 @@
-"""The gait program of a task: a short list of terms over a chart (W1 in ambient, W7 in warped
-coordinates)."""
+"""The optimisation program of a gait: a short list of constraints, written for a chart of the space
+(W1 in ambient coordinates, W7 in warped ones)."""
 
 from __future__ import annotations
 

@@ -102,7 +102,8 @@ class FootPhases:
 
     @property
     def edges_s(self) -> Array:
-        """Ends of the phases, shape (2 S + 2,) [s]: even intervals are stances."""
+        """Times at which the phases begin and end, shape (2 S + 2,) [s]; phases of even index are
+        stances."""
         return np.concatenate([[0.0], self.switches_s, [self.duration_s]])
 
     def stance(self, index: int) -> tuple[float, float]:

@@ -54,8 +54,8 @@ class PostureKeys:
 
 
 def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
-    """The numbers of a problem without its contacts. Raises InvalidInput with everything that is
-    wrong with them."""
+    """Check the values of a posture problem other than its contacts, and return them by their keys.
+    Raises InvalidInput that lists every value that is wrong."""
     fields_of_body: dict[str, Any] = {"wrench": None}
 
     def number(name: str, **limits: float) -> None:

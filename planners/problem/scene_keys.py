@@ -1,5 +1,5 @@
-"""The keys of a scene's file: what a kinematic planner publishes of a scene, and beside it what we
-add to it."""
+"""Keys of a scene's file: those that a kinematic planner publishes, and those that this package
+adds."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Forces for a robot that stands on given toes: the smallest ones that keep a reserve of friction,
+"""Forces for a robot that stands on given toes: the smallest ones that keep a reserve of friction
 or of torque.
 
-A planner's forces may lie on the border of their cones, where a simulated or a real foot slips, or
-ask more of a joint than it has. With toes and body held the balances are linear, and so are the
-torques at rest with the joints held, so this is one small second-order cone program.
+The forces of a planner may lie on the border of their friction cones, where a simulated or a real
+foot slips, or they may need more torque than a joint has. If the toes and the body are fixed, the
+balances are linear in the forces; if the joints are fixed too, so are the torques at rest. This is
+therefore one small second-order cone program.
 """
 
 from __future__ import annotations
@@ -73,8 +74,9 @@ NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros
 
 
 class ForceDistribution:
-    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts; with joints the least
-    largest torque."""
+    """Second-order cone program for the forces of N contacts: it minimises Σ‖f‖² subject to balance
+    and to cones whose friction is a share of μ. If joints are given, it minimises the largest
+    torque as a share of its limit instead."""
 
     def __init__(self, contacts: int, foot_of: Sequence[int] = ()) -> None:
         """foot_of: the contact that every joint leads to, shape (J,): the largest torque as a share

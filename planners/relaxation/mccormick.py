@@ -316,7 +316,8 @@ class McCormick:
 
 
 def _best(answers: Sequence[RelaxationAnswer]) -> RelaxationAnswer:
-    """The answer of least margin, and which it was."""
+    """The answer with the least margin, with its index as ``chosen``; an answer with margin NaN if
+    that one is not feasible and some of the answers are not known."""
     if len(answers) == 1:
         return answers[0]
     chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))

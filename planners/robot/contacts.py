@@ -287,8 +287,8 @@ def check_contacts(
 
 
 def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> str:
-    """The key of a YAML file for a leg's foot: the ball nearest to its shape, or the point at its
-    end."""
+    """An example for a message: the YAML entry that would describe a leg's foot as the ball nearest
+    to its shape, or as the point at the end of the leg."""
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
     corners = [
         shape.origin_m + points @ shape.rotation.T

@@ -379,9 +379,12 @@ class Kinematics:
         )
 
     def _placed(self, angles: Array) -> Array:
-        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture.
+        """Put the legs into a posture, and return the centres of the feet, shape (N, 3) [m].
 
-        A posture that was placed last is not placed again.
+        Afterwards ``_levers`` and ``_jacobian`` are those of this posture. Nothing is computed
+        again if it is the same posture as in the last call.
+
+        angles: joint angles [rad].
         """
         key = np.asarray(angles, dtype=np.float64).tobytes()
         if key != self._at:

@@ -76,6 +76,6 @@ def _all_over(corners: Array, triangles: Array, apart_m: float) -> Array:
 
 
 def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
-    """Numbers of the points that are left where of those in half of this distance one is enough,
-    the first."""
+    """Thin out points: lay a grid of cells half as wide as ``apart_m`` [m] over them, and return
+    the indices of the first point in each cell."""
     return np.asarray(np.unique(np.round(points / (0.5 * apart_m)), axis=0, return_index=True)[1])

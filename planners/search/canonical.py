@@ -1,9 +1,9 @@
-"""Canonical postures: of all that a problem has, one that follows from the problem alone, whatever
-found it feasible.
+"""Canonical postures: for each problem one posture that depends on the problem alone, not on the
+method that found the problem feasible.
 
-The toes are those that a fixed iteration comes to (``witness``), and with them held the rest is the
-middle of what is left (``centre``), whoever else is in the batch. Where the iteration comes to no
-end the toes are those that were found.
+The toes are those that a fixed iteration converges to (``witness``). With these toes held fixed,
+the body and the forces are the middle of the set that remains (``centre``), whatever other problems
+are in the batch. If the iteration does not converge, the toes are those that the method found.
 """
 
 from __future__ import annotations

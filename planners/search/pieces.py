@@ -239,7 +239,8 @@ def _shorter(
 
 
 def _failed_frame(answer: Answer[Plan]) -> float | None:
-    """The frame of a piece at which it is worst, where its report says so."""
+    """The frame of the first violated group that names one in the report on a piece; None if there
+    is no report or no such group."""
     if answer.report is None:
         return None
     frames = [

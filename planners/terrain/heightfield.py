@@ -197,8 +197,12 @@ class HeightField:
     def from_array(
         cls, heights_m: Array, spacing_m: float = 0.05, *, name: str = ""
     ) -> HeightField:
-        """Heights, shape (n, m), h at x_i and y_j, on a square grid of this spacing with its middle
-        at the origin."""
+        """Make a height field on a grid of square cells whose middle is the origin.
+
+        heights_m: the height h at (x_i, y_j), shape (n, m) [m].
+        spacing_m: distance between neighbouring grid points along x and along y [m].
+        name: name of the terrain.
+        """
         try:
             heights = np.asarray(heights_m)
         except ValueError:  # rows of several lengths

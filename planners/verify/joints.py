@@ -121,15 +121,17 @@ class JointReport:
 
 
 def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, ...]:
-    """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``.
+    """Check whether the robot can do it: the groups ``joints``, ``torque``, ``bodies`` and
+    ``motion``.
 
-    Nothing is checked without pinocchio, or where the legs are not known, and no bodies without
-    coal; a motion is not asked for where nobody carries between frames.
+    Nothing is checked without pinocchio, or if the robot's legs are not known; bodies are not
+    checked without coal. A motion is not required of a course in which all limbs lift at once, so
+    that nothing carries the robot between two frames.
 
     Arguments:
-        plan: to judge.
-        deadline: when to stop (``time.perf_counter()``); groups that were not looked at by then are
-            not checked.
+        plan: the plan to judge.
+        deadline: time at which to stop, on the clock of ``time.perf_counter()`` [s]; groups that
+            are not reached by then are not checked.
     """
     from ..robot.kinematics import Kinematics  # slow to import
 

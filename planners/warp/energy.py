@@ -39,7 +39,7 @@ class Evaluation:
 
     @property
     def total(self) -> float:
-        """E_map + E_match."""
+        """The energy E_map + weight·E_match; ``match`` already has its weight."""
         return self.conformal + self.barrier + self.match
 
 

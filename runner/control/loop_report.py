@@ -55,7 +55,7 @@ class LoopReport:
     wall_s: float
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Return the report as JSON-ready values; a number that is not finite becomes None."""
         numbers = {
             n: None if isinstance(v, float) and not np.isfinite(v) else v
             for n, v in self.__dict__.items()

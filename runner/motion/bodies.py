@@ -47,8 +47,8 @@ def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
 
 
 def spaced(targets: Sequence[Target]) -> Iterator[Target]:
-    """As few of a motion's targets as are not farther apart than ``APART_M`` and ``TURN_RAD``, with
-    the first and the last."""
+    """Thin out the targets of a motion: yield the first, the last, and as few in between as keep
+    neighbours within ``APART_M`` and ``TURN_RAD`` of each other."""
     points = [np.concatenate([target.sample.feet_m, target.origin_m[None]]) for target in targets]
     for row in rows_apart(np.array(points), np.array([target.angles_rad for target in targets])):
         yield targets[row]

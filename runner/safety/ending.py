@@ -26,8 +26,10 @@ Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
 
 @runtime_checkable
 class _Unsettled(Protocol):
-    """A device that knows what may still move it after ``hold``; pending: what, empty where nothing
-    may."""
+    """A device that knows what may still move the robot after ``hold``.
+
+    pending: what may still move it, in words; empty if nothing may.
+    """
 
     pending: str
 

@@ -64,9 +64,11 @@ def own_names(host: str) -> frozenset[str]:
 
 @contextmanager
 def guarded_server(host: str) -> Iterator[None]:
-    """Have the server that is made in this block let in no foreign page, and serve our own.
+    """Guard the server that viser makes within this block: it refuses websockets from foreign pages
+    and serves the pages of the playground.
 
-    Raises InvalidInput where viser does not make its server as it did.
+    host: the name or the address that the server listens at.
+    Raises InvalidInput if this version of viser makes its server in another way.
     """
     websockets: Any = import_module("websockets.asyncio.server")
     made, names, guarded = websockets.serve, own_names(host), []

@@ -303,7 +303,7 @@ class KeysScenario:
         return spec_from(self.keys)
 
     def text(self) -> tuple[str, str]:
-        """A YAML file."""
+        """The suffix ``.yaml`` and the keys of the course as YAML text."""
         return ".yaml", yaml.safe_dump(
             _plain(self.keys), sort_keys=False, default_flow_style=None, width=110
         )

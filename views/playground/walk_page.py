@@ -215,7 +215,8 @@ class WalkPage:
         )
 
     def _pose(self) -> None:
-        """The robot at the time that is shown, and what its feet give then."""
+        """Draw the robot at the time that is shown, and list the contact forces on its feet at that
+        time."""
         view = self._view
         assert view is not None
         trajectory, now = view.trajectory, view.now(self._player.at)

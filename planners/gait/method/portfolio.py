@@ -135,7 +135,8 @@ class Attempts:
 
     @property
     def message(self) -> str:
-        """One line: the verdict, or what the best attempt was refused for."""
+        """One line: the verifier's verdict on the best attempt, or the reason why there is no
+        walk."""
         best = self.best
         if best is None:
             return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")

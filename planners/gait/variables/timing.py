@@ -156,7 +156,8 @@ def moving_groups(
 
 
 def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
-    """Numbers of the phases that may hold at a time: one or two that follow each other."""
+    """Indices of the phases that a foot may be in at this time [s]: one, or two neighbours if the
+    time is within ``slack`` [s] of the switch between them."""
     edges = entries.phases.edges_s
     low = np.concatenate([[-np.inf], edges[1:-1] - slack, [np.inf]])
     high = np.concatenate([[-np.inf], edges[1:-1] + slack, [np.inf]])

@@ -247,7 +247,8 @@ class ServoBus:
         return table
 
     def peek(self, address: int, size: int) -> Bytes | None:
-        """As ``read_all``, but asked twice at most; None where an answer is missing or damaged."""
+        """Read as ``read_all`` does, but with two attempts at most; None if an answer is missing or
+        damaged."""
         return self._read_some(address, size, 2)[0]
 
     def reboot(self, index: int) -> None:
