@@ -270,12 +270,12 @@ class _Measured:
         return _Worst.of(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
-        """Way of feet along the terrain since they came down, (T, N): of contact points or centres,
-        whichever is less.
+        """Slip of feet along the terrain since they came down, (T, N).
 
         A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is
         how far the point of contact slid. Planners that take feet for points keep the centre where
-        it is, and their feet stand, too.
+        it is. One of the two holds for all feet of a motion, the one with the smaller largest slip:
+        a foot that rolls beside one that spins in place slips by either.
         """
         centres, turns = self.feet
         normals = self.surface[1]
@@ -286,12 +286,12 @@ class _Measured:
         moved = np.diff(centres, axis=0)
         both = np.stack([moved - radii * cross(turned, normals[1:]), moved])  # (2, T − 1, N, 3)
         both = both - np.sum(both * normals[1:], axis=-1, keepdims=True) * normals[1:]
-        far, total = np.zeros(self.stands.shape), np.zeros((2, *centres.shape[1:]))
+        far, total = np.zeros((2, *self.stands.shape)), np.zeros((2, *centres.shape[1:]))
         stays = self.stands[1:] & self.stands[:-1]
         for k in range(both.shape[1]):
             total = np.where(stays[k][:, None], total + both[:, k], 0.0)
-            far[k + 1] = np.linalg.norm(total, axis=-1).min(axis=0)
-        return _Worst.of(far, self.limbs, self.times_s)
+            far[:, k + 1] = np.linalg.norm(total, axis=-1)
+        return _Worst.of(min(far, key=np.max), self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
         """Part of the force and moment that the motion needs and that no forces within the cones
