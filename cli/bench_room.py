@@ -67,6 +67,13 @@ class BenchRoom:
 
     def run(self) -> int:
         """Measure what is missing, and print the table."""
+        if others := [name for name in self.environment if name != LEAPS]:
+            from stancekit.learners.evaluation.env_room import ENVIRONMENTS
+            from stancekit.planners.files.arrays import checked_choice
+
+            with as_options("environment"):
+                for name in others:
+                    checked_choice(name, "environment", (LEAPS, *ENVIRONMENTS))
         rooms = [
             line
             for name in self.environment
