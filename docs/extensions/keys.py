@@ -171,7 +171,8 @@ them out."""
 @cache
 def forbidding() -> frozenset[str]:
     """Every class of the package that refuses unknown keys, as module:class, found by reading the
-    sources."""
+    sources.
+    """
     classes: dict[str, tuple[str, bool, list[str]]] = {}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -210,7 +211,8 @@ def loaded(place: str) -> Any:
 
 def schemas(section: Section) -> dict[str, dict[str, Any]]:
     """By name, the JSON schema of every model of a section: those that are named, and those that
-    they hold."""
+    they hold.
+    """
     found: dict[str, dict[str, Any]] = {}
     kinds = [loaded(place) for place in section.models]
     kinds += [keys_of(loaded(place), whole=section.whole) for place in section.values]
@@ -287,7 +289,8 @@ def anchor(name: str) -> str:
 
 def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
     """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are
-    keys."""
+    keys.
+    """
     flat = " ".join(docstring.split())
     found: dict[str, str] = {}
     starts = [
@@ -365,7 +368,8 @@ def _default(schema: dict[str, Any]) -> str:
 
 def missing() -> Iterator[str]:
     """Keys without a meaning, meanings without a key, and models that neither the reference nor
-    INTERNAL knows."""
+    INTERNAL knows.
+    """
     written, reached, known = written_meanings(), set(), set()
     for section in SECTIONS:
         for name, schema in schemas(section).items():
