@@ -288,20 +288,15 @@ def anchor(name: str) -> str:
 
 
 def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
-    """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are
-    keys.
-    """
-    flat = " ".join(docstring.split())
-    found: dict[str, str] = {}
-    starts = [
-        (at.start(), at.end(), [name.strip() for name in at[1].split(",")])
-        for at in re.finditer(r"(?:(?<=^)|(?<=\. )|(?<=; ))(\w+(?:, \w+)*): ", flat)
-    ]
-    starts = [one for one in starts if set(one[2]) <= keys]
-    for index, (_, begin, names) in enumerate(starts):
-        end = starts[index + 1][0] if index + 1 < len(starts) else len(flat)
-        found |= dict.fromkeys(names, flat[begin:end].strip().rstrip(".;"))
-    return found
+    """Meanings of keys in a docstring's ``Arguments:``, ``key: text`` or ``key, key: text`` each."""
+    section = re.search(r"^Arguments:\n((?: .*\n?|\n(?= ))*)", docstring, re.M)
+    entries = re.split(r"^    (?=\S)", section[1] if section else "", flags=re.M)
+    texts: dict[str, str] = {}
+    for entry in entries:
+        names, _, text = " ".join(entry.split()).partition(": ")
+        if text and set(names.split(", ")) <= keys:
+            texts |= dict.fromkeys(names.split(", "), text.rstrip("."))
+    return texts
 
 
 def meanings(

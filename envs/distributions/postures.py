@@ -237,11 +237,12 @@ def distribution(
     Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last
     one's scenes are cut from a terrain's file.
 
+    What is drawn is named after the class, the robot and the terrain, by name and digest.
+
     Arguments:
         robot: a built-in name, a ``.urdf`` or a ``.yaml`` file, or a ``Robot``; the default hexapod
             where None.
-        terrain: a mesh or a grid, or a ground by its name. What is drawn is named after the class,
-            the robot and the terrain, by name and digest.
+        terrain: a mesh or a grid, or a ground by its name.
 
     Raises:
         InvalidInput: that lists the names there are, and for a robot with fewer legs, a leg without

@@ -107,11 +107,12 @@ def smooth_mistakes(
 ) -> tuple[float, Array]:
     """Mean σ(sign · t / τ) over the problems and its gradient in the bounds, shape (K, 12N).
 
+    t is the soft least of the boxes' margins t_k, −τ log mean exp(−t_k/τ): with one box its margin,
+    with several each box learns from the problems that are its own. Boxes without a margin are left
+    out; so are problems without any.
+
     Arguments:
-        sign: 1 where the problems are feasible, −1 where not. t is the soft least of the boxes'
-            margins t_k, −τ log mean exp(−t_k/τ): with one box its margin, with several each box
-            learns from the problems that are its own. Boxes without a margin are left out; so are
-            problems without any.
+        sign: 1 where the problems are feasible, −1 where not.
     """
     total, slope = 0.0, np.zeros((len(envelopes), 2 * envelopes[0].low.size))
     for problem in problems:

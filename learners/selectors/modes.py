@@ -37,11 +37,13 @@ def learn_modes(
     """Draw postures of each distribution, solve them exactly, and put the quantile box around their
     solutions.
 
+    The modes are named after the terrains and counted in the order given, which for ground and wall
+    is that of ``Problem.modes``.
+
     Arguments:
         count: solutions of each.
         share: of them left out on each side of each dimension; with none it is the exterior
-            boundary of Algorithm E2. The modes are named after the terrains and counted in the
-            order given, which for ground and wall is that of ``Problem.modes``.
+            boundary of Algorithm E2.
 
     Raises:
         InvalidInput: for a count below 1.
@@ -60,9 +62,11 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in
     world axes.
 
+    The modes are named after the terrains of the distributions, or after these where they do not
+    say theirs.
+
     Arguments:
-        share: as for ``learn_modes``. The modes are named after the terrains of the distributions,
-            or after these where they do not say theirs.
+        share: as for ``learn_modes``.
 
     Raises:
         InvalidInput: for fewer than two data sets, for different limbs, and for one without

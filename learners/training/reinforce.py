@@ -51,12 +51,14 @@ def train(
 
     Raises InvalidInput.
 
+    Uses one torch thread.
+
     Arguments:
         resume: go on from the folder's checkpoint; its configuration must be the same but for
             ``steps``.
         scenes: None labels them in the folder.
         progress: told steps done and in all.
-        labelling: which data set, its rows done and in all. Uses one torch thread.
+        labelling: which data set, its rows done and in all.
     """
     torch.set_num_threads(1)
     checkpoint = folder / NAME

@@ -79,10 +79,10 @@ class TrainConfig:
         legs: of a class whose scenes are given, and which no distribution draws.
         train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
         envs: sub-environments.
-        workers: their processes (selection only). Selection.
-        base, offset, spread: the envelope that the policy moves the bounds of, how far it may, and
-            the initial standard deviation of that, as a share of offset. Refinement: budget of
-            solves an episode.
+        workers: their processes (selection only).
+        base, offset, spread: the envelope whose bounds the policy moves, how far it may, and the
+            initial standard deviation of that, as a share of offset (selection only).
+        budget: solves per episode (refinement only).
         tensorboard: write its logs, too.
         method: "ppo", or for selection "paired", with the settings of its name; it has no use for
             envs, workers, base, offset and spread.

@@ -110,10 +110,12 @@ def within_half_spaces(
     """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖
     ≤ b, the inner one.
 
+    The rows are all half-spaces of the limbs that stand, frame by frame; d = p_w − c has columns of
+    its own.
+
     Arguments:
         com, rotation: columns of c and Θ, (M, 3).
-        put_toes: see ``terms.Toes``. The rows are all half-spaces of the limbs that stand, frame by
-            frame; d = p_w − c has columns of its own.
+        put_toes: see ``terms.Toes``.
     """
     frame, _, foothold = layout.standing
     leg, is_leg = rows.variable("leg", len(frame), 3), rows.equal("leg", len(frame), 3)

@@ -165,8 +165,10 @@ def check_numbers(
     """Check numbers that a value has, or None in their place: those above 0, those that are 0 or
     more, finite ones.
 
+    Raises one InvalidInput that says all that is wrong.
+
     Arguments:
-        key: what their names begin with. Raises one InvalidInput that says all that is wrong.
+        key: what their names begin with.
     """
     limits = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
     limits += [(name, {}) for name in finite]

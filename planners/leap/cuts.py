@@ -251,10 +251,11 @@ def _table(
     """The least of P·p + Σ (y + w × (p − ĉ))·f over a candidate's toes and the forces in its cone,
     (P, options).
 
+    The toe's least is at a vertex, since the forces' least is concave in it.
+
     Arguments:
         pulls: P of every foothold.
-        slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3). The toe's least is at a
-            vertex, since the forces' least is concave in it.
+        slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3).
     """
     scaled: Scaled = numbers.scaled
     layout = scaled.layout

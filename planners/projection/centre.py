@@ -33,10 +33,12 @@ LESS = 0.1
 def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) -> PointBatch:
     """The analytic centres of these problems with the toes held.
 
+    Where Newton's method has not come to an end, which only rounding can keep it from, it is its
+    last point.
+
     Arguments:
         points: one a problem, on the balances and strictly inside of everything else.
-        moments: False where moments need not balance. Where Newton's method has not come to an end,
-            which only rounding can keep it from, it is its last point.
+        moments: False where moments need not balance.
     """
     if not len(points):
         return points

@@ -72,9 +72,11 @@ class NlpProgram:
         """Project ``start`` on the bilinear surface by IPOPT, then hold its toes and solve for the
         rest as a conic program.
 
+        The residual is inf where IPOPT did not converge.
+
         Arguments:
             programs: where that one comes from.
-            start: of the layout's candidates. The residual is inf where IPOPT did not converge.
+            start: of the layout's candidates.
         """
         return self.attempt(programs, scaled, start)[0]
 

@@ -56,10 +56,11 @@ class LeastGap:
         """The point of least gap as linearised about another, rounded onto patches and friction
         cones.
 
+        Returns the rounded point with residual 0.0, which says that there is one: its own moments
+        are near zero, not zero. The residual is inf where the lift has no answer.
+
         Arguments:
-            about: [p̂, f̂]; one candidate a foothold. Returns the rounded point with residual 0.0,
-                which says that there is one: its own moments are near zero, not zero. The residual
-                is inf where the lift has no answer.
+            about: [p̂, f̂]; one candidate a foothold.
         """
         solution = self.rows.solve(Given(scaled, about))
         if not solution.solved:

@@ -142,10 +142,12 @@ class MicpProgram:
     """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in
     its place.
 
+    The objective's squares become tangents where cones become planes.
+
     Arguments:
         envelope: of the envelope rows, where there are any.
         gap: the relative one to which a course's objective is minimised; None takes the first point
-            found. The objective's squares become tangents where cones become planes.
+            found.
     """
 
     def __init__(

@@ -132,9 +132,11 @@ class Chain:
         """Points of one joint's turned frame in the one before it (the base's for the first), at
         the joint's angles.
 
+        So the feet are this over all joints, from the last to the first.
+
         Arguments:
             points: shape (3, M, K).
-            angles: shape (K,). So the feet are this over all joints, from the last to the first.
+            angles: shape (K,).
         """
         return self._turned(joint, points, angles) + self._shift(joint, angles)[:, None]
 

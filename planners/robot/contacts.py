@@ -244,9 +244,10 @@ def with_balls(
     links that have them now: in place of the mesh that is the ball, beside other shapes where a
     person says what touches.
 
+    The text is empty where nothing changes.
+
     Arguments:
-        indices: for every leg the number of the shape that touches, −1 for none. The text is empty
-            where nothing changes.
+        indices: for every leg the number of the shape that touches, −1 for none.
     """
     elements, links = (
         shape_elements(root),

@@ -98,9 +98,10 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     """The limits that a leg's joints give: their velocities along the standing leg, all their
     power, its shortest fold.
 
+    Joints without a limit leave the leg without one.
+
     Arguments:
-        com_m: the centre of mass in the base's frame, shape (3,) [m]. Joints without a limit leave
-            the leg without one.
+        com_m: the centre of mass in the base's frame, shape (3,) [m].
     """
     foot, jacobian = (part[0] for part in leg.chain.feet_and_jacobian(leg.stance_rad[None]))
     along = (foot - leg.hip_m) / max(float(np.linalg.norm(foot - leg.hip_m)), 1e-9)

@@ -24,11 +24,12 @@ PATCH_M = 1e-3
 class LinksInGround:
     """Shapes of links over one ground.
 
+    Shapes are where they are with R_WS and p_WS, (S, 3, 3), (S, 3).
+
     Arguments:
         points: whose hulls the shapes are, a shape each, (K, 3) [m].
         feet: the limb that touches with a shape, −1 for none.
-        radii_m: of the limbs' feet. Shapes are where they are with R_WS and p_WS, (S, 3, 3), (S,
-            3).
+        radii_m: of the limbs' feet.
     """
 
     def __init__(

@@ -34,9 +34,10 @@ class ReachRows:
     """Half-spaces normals · (p − c) ≤ bounds_m in the body frame, where the body is not turned.
 
     Arguments:
-        normals: a, shape (K, 3), of any length but 0, are made unit and bounds_m, shape (K,) [m],
-            with them. The set may be unbounded, since the ball about the shoulder holds, too, and
-            need not hold the origin.
+        normals: outward normals, shape (K, 3), of any length but 0; they are made unit, and
+            bounds_m with them. The set may be unbounded, since the ball about the shoulder holds,
+            too, and need not hold the origin.
+        bounds_m: shape (K,) [m].
 
     Raises:
         InvalidInput: for a normal of no length, and for rows that leave no room.

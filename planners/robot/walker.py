@@ -96,14 +96,15 @@ def walker_of(
     """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its
     trunk.
 
+    Where a foot has no room about it as the model stands, the walker stands a little lower, and its
+    feet where they are.
+
     Arguments:
         workspaces: of its legs; measured, or taken from the cache, where not given.
         trunk_half_m: half sides of the trunk's box, shape (3,) [m]; of the shapes that no leg
             carries where not given.
         ceiling_m: how high above the centre of mass a foot may be.
-        inner_m: how far a foot stays from the planes half way to the others [m]. Where a foot has
-            no room about it as the model stands, the walker stands a little lower, and its feet
-            where they are.
+        inner_m: how far a foot stays from the planes half way to the others [m].
 
     Raises:
         InvalidInput: for a leg without a workspace, or whose foot has no room about it at any

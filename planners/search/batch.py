@@ -49,10 +49,12 @@ def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = Fal
     """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical
     witnesses.
 
+    Without proposers certificates are the same, too. ``residual_nm`` is NaN but where the search
+    decided; ``seconds`` are a share of what each stage took.
+
     Arguments:
         points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are
-            looked for. Without proposers certificates are the same, too. ``residual_nm`` is NaN but
-            where the search decided; ``seconds`` are a share of what each stage took.
+            looked for.
 
     Raises:
         InvalidInput: where the planner's proposers are for other problems.

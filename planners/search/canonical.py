@@ -34,8 +34,10 @@ than the first."""
 def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> Found:
     """Canonical postures of the problems that the iteration finds one for.
 
+    Problems that are not in it may be feasible all the same.
+
     Arguments:
-        tolerance: as in ``Acceptance``. Problems that are not in it may be feasible all the same.
+        tolerance: as in ``Acceptance``.
     """
     return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
 

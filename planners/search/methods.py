@@ -597,10 +597,11 @@ def make_planner(
 ) -> Planner:
     """Make a planner.
 
+    What is not the package's own answers through the verifier.
+
     Arguments:
         method: a value with its settings; or the text that stands for one, a name of ``PLANNERS``
-            or "FILE.py:NAME", with ``settings``. What is not the package's own answers through the
-            verifier.
+            or "FILE.py:NAME", with ``settings``.
         of: the kind of question that it will be asked, in place of the one in ``options``: what
             does not fit it is refused at once.
 

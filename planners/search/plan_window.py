@@ -69,11 +69,12 @@ def course_window(
 ) -> Problem:
     """Key frames ``first`` to ``last`` of a course, as a course.
 
+    The least progress is asked for as far as a body that stands off its nominal path can make it.
+
     Arguments:
         standing: the robot at frame ``first``, whose toes stay; without it toes and COM are free
             there as in the course, and ``first`` is 0. The goal is the course's at its end, else
-            the nominal COM at ``last``. The least progress is asked for as far as a body that
-            stands off its nominal path can make it.
+            the nominal COM at ``last``.
 
     Raises:
         InvalidInput: for frames that there are not.
@@ -261,10 +262,11 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """The plans of neighbouring windows as one plan of the course, or of its beginning where they
     stop earlier.
 
+    Joints are those of the windows where all have some.
+
     Arguments:
         plans: of windows from frame 0 on, each but the first begun from where the last one ended;
             what they say of their own first frames is left out. The first may be of frame 0 alone.
-            Joints are those of the windows where all have some.
     """
     if course.has_soles:
         raise InvalidInput("windows: expected point feet to join plans of, got soles")

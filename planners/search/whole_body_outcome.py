@@ -34,14 +34,15 @@ def with_whole_body(
     """The outcome with joint angles in its plan, with torques within the limits where such a plan
     is found, and with the verifier's report on all of it.
 
+    Where the joints cannot do it, or bodies collide, the course is undecided, with the reason and
+    the plan: nothing is proved of others. So it is where the time ended before all was judged. The
+    outcome as it is where there is no plan; no joints, where no torque is asked for, for a robot
+    without a file whose legs are not known, or without pinocchio.
+
     Arguments:
         start_rad: those of a robot that stands already where the plan begins, as for
             ``plan_angles``, shape (J,).
-        deadline: when it is wanted (``time.perf_counter()``). Where the joints cannot do it, or
-            bodies collide, the course is undecided, with the reason and the plan: nothing is proved
-            of others. So it is where the time ended before all was judged. The outcome as it is
-            where there is no plan; no joints, where no torque is asked for, for a robot without a
-            file whose legs are not known, or without pinocchio.
+        deadline: when it is wanted (``time.perf_counter()``).
 
     Raises:
         InvalidInput: where these are needed.

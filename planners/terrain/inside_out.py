@@ -41,9 +41,11 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m];
     None without one.
 
+    Surfaces that are open are not judged.
+
     Arguments:
         corners: each given once, shape (V, 3) [m].
-        triangles: by corners' numbers, shape (T, 3). Surfaces that are open are not judged.
+        triangles: by corners' numbers, shape (T, 3).
     """
     piece, suspects, closed = _pieces(corners, triangles)
     if not len(suspects):

@@ -317,10 +317,12 @@ class _Around:
     ) -> NDArray[np.int_]:
         """Triangles that face up above each point less those that face down, shape (K,).
 
+        A facet's own triangles are as far off its plane as flat things may be, and none of them is
+        above it.
+
         Arguments:
             facet_of: number of the facet that each point is on.
-            own: of each triangle, −1 for none. A facet's own triangles are as far off its plane as
-                flat things may be, and none of them is above it.
+            own: of each triangle, −1 for none.
         """
         lean = np.zeros((3, 3))
         lean[2, :2] = LEAN

@@ -43,9 +43,10 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
     of a posture problem, the cheapest growth first, those of a course's weakest leaf, the one that
     changes least first, or friction and reach of a leap.
 
+    A certificate that is not accepted explains nothing: no relaxations, and the message says why.
+
     Arguments:
-        tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted
-            explains nothing: no relaxations, and the message says why.
+        tolerance: as for ``check_certificate``; a leap has none.
 
     Raises:
         InvalidInput: for one that does not know its problem.

@@ -63,11 +63,13 @@ def contact_frames(normals: Array, references: Array) -> Array:
 def patch_distances(polygons: list[Array], toes: Array) -> Array:
     """Distance of every toe from the convex hull of its patch's vertices (E1).
 
+    Returns shape (K,) [m]. A flat convex polygon is the fan of its triangles. The corners of a
+    rounded file span a thin body, and where a toe is off the fan of such, its distance is that from
+    the body's nearest point.
+
     Arguments:
         polygons: one a toe, shape (U, 3) [m] each.
-        toes: shape (K, 3) [m]. Returns shape (K,) [m]. A flat convex polygon is the fan of its
-            triangles. The corners of a rounded file span a thin body, and where a toe is off the
-            fan of such, its distance is that from the body's nearest point.
+        toes: shape (K, 3) [m].
     """
     counts = [len(polygon) for polygon in polygons]
     if max(counts) == 3:

@@ -76,11 +76,13 @@ def bowed(rotation: Array, legs: Array, rows: tuple[Array, Array]) -> Array:
     """The most that toes which stay are beyond their half-spaces on a straight way of the body [m],
     shape (K,).
 
+    A row at the share t is (1 − t) g₀ + t g₁ − q t (1 − t) with q = (ΔΘ × a)·Δ(p_w − c), largest
+    between the ends where q is negative.
+
     Arguments:
         rotation: Θ at either end, (2, 3).
         legs: p_w − c, (2, K, 3).
-        rows: as ``reach_rows`` has them. A row at the share t is (1 − t) g₀ + t g₁ − q t (1 − t)
-            with q = (ΔΘ × a)·Δ(p_w − c), largest between the ends where q is negative.
+        rows: as ``reach_rows`` has them.
     """
     normals, bounds = rows
     start, end = (

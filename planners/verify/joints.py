@@ -176,11 +176,12 @@ def joint_report(
 
     Raises InvalidInput without pinocchio.
 
+    A plan that says within which torque it was made is held to that, where joints have more.
+
     Arguments:
         servo: drives the joints of drawn-up legs, in place of the robot's own.
         reached_m: a foot farther than this from where it should be is out of reach.
-        solver: of the plan's robot, in place of one with this servo. A plan that says within which
-            torque it was made is held to that, where joints have more.
+        solver: of the plan's robot, in place of one with this servo.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 

@@ -76,10 +76,11 @@ class Refuter:
         """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it
         refutes the choice.
 
+        Returns shape (K,); −inf where there is no such timing, no such candidate, or a number that
+        is not finite. Multipliers are taken in units of the largest.
+
         Arguments:
-            choices: a candidate per foothold, shape (K, P). Returns shape (K,); −inf where there is
-                no such timing, no such candidate, or a number that is not finite. Multipliers are
-                taken in units of the largest.
+            choices: a candidate per foothold, shape (K, P).
         """
         nothing = np.full(len(choices), -np.inf)
         options = np.array([len(foothold.candidates) for foothold in self._leap.footholds])

@@ -28,15 +28,16 @@ class Chart(ABC):
     initial guess (``torso_bar``, ``foot_bar``, ``force_bar``). It is used by its name in
     ``charts.CHARTS``, or as ``FILE.py:NAME``.
 
+    While a foot stands, a force that is constant in the chart keeps its angle to the true normal,
+    so the cone is asked of the force's coefficients.
+
     Arguments:
         flat: the terrain is z̄ = 0.
         scales: follows the terrain when a homotopy scales its heights; False for charts that are
             made of a terrain's map.
         torso_map, foot_map: the smooth maps that the kernels need about the torso and about each
             foot, whose first inputs are the coordinates there; what they are at a point comes as an
-            ``ExpansionPoint``, None without a map. While a foot stands, a force that is constant in
-            the chart keeps its angle to the true normal, so the cone is asked of the force's
-            coefficients.
+            ``ExpansionPoint``, None without a map.
     """
 
     flat: bool = True

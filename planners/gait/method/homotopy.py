@@ -113,13 +113,14 @@ def follow_homotopy(
 
     A gentler terrain on which the task is none is left out.
 
+    Ends at the last factor, after most_stages, or where a step is too small to halve.
+
     Arguments:
         guess: of the first stage in its program, shape (size,), the attempt's own if missing.
         stage: the index of the height to begin with, where a run goes on.
         solve: in place of the programs' own.
         max_iterations: of one stage.
-        stop: asked before every stage but the first. Ends at the last factor, after most_stages, or
-            where a step is too small to halve.
+        stop: asked before every stage but the first.
     """
     ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
     begun = attempt.heights[stage - 1] if stage else 0.0

@@ -36,12 +36,13 @@ NOTHING = -1
 class FootEntries:
     """Entries of one foot's variables in the decision vector.
 
+    NOTHING marks what is always 0.
+
     Arguments:
         stances: shape (S + 1, 3), their places.
         swings: shape (S, 6), place and velocity in the middle of each swing.
         forces: for each stance, shape (coefficients, 3), those of its clamped B-spline.
-        switches: shape (2 S,), lift-offs and touchdowns, empty where timings are fixed. NOTHING
-            marks what is always 0.
+        switches: shape (2 S,), lift-offs and touchdowns, empty where timings are fixed.
     """
 
     phases: FootPhases
