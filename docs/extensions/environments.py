@@ -102,7 +102,7 @@ def _room(name: str) -> str:
     own = [line for line in lines if line["environment"].startswith(name)]
     text = ["## Room for learning", ""]
     for command in dict.fromkeys(line["command"] for line in own if "said" not in line):
-        mine = [line for line in own if line["command"] == command]
+        mine = [line for line in own if line.get("command") == command]
         first = mine[0]
         text += ["```sh", command, "```", ""]
         text += [
