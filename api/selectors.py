@@ -260,7 +260,8 @@ def theorem(
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
         >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
         >>> boxes = stancekit.fit(train, "quantile").envelopes
-        >>> stancekit.selectors.theorem(boxes, test).conditions["2-p1"].holds.of
+        >>> from stancekit.selectors import theorem
+        >>> theorem(boxes, test).conditions["2-p1"].holds.of
         6
     """
     rows, learned = rows_of(dataset), selector_for(dataset, envelopes, name)

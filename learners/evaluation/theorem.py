@@ -1,8 +1,8 @@
 """The conditions of Lin et al.'s theorem (§III), asked of envelopes on labelled scenes.
 
 (1) Every feasible problem has a solution with [p, f] in the box. Decided: by the label's own
-    posture, or by halving the box where P1 over a part still has points and P2 with p kept finds
-    no posture there; P1 without an answer over every part is the proof that there is none.
+    posture, or by halving the box where P1 over a part still has points and P2 finds no posture
+    there; P1 without an answer over every part is the proof that there is none.
 (2) As printed, the box holds no [p, f] of an infeasible problem without its bilinear constraint
     (P̄). That is more than the theorem needs, which is that P1 has no answer: both are counted.
 (3) Whatever P1 admits can be projected. A claim about every point of P1's set, so that only its
@@ -26,6 +26,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.project import SURFACE, project
+from stancekit.planners.relaxation.coned import Coned
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
@@ -38,10 +39,12 @@ from .evaluate import CHUNK, Progress, Share
 
 CORNERS = 8
 """Corners of P1's set that are projected, beside its own answer; directions are the same for all."""
-PARTS = 400
+PARTS = 600
 """Parts of a box that are looked at before condition (1) is left undecided."""
 INSIDE = 1e-6
 """By how much [p, f] may leave a box by the solver's tolerance."""
+SOUGHT = ("fix-p", "fix-toes", "scp")
+"""Projections by which condition (1) looks for a posture in a part of the box."""
 WAYS = {"p": "fix-p", "f": "fix-f"}
 """Projections of condition (3), by the part that they keep."""
 
@@ -102,7 +105,8 @@ class Theorem:
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
         >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
         >>> boxes = stancekit.fit(train, "quantile").envelopes
-        >>> sorted(stancekit.selectors.theorem(boxes, test).conditions)
+        >>> from stancekit.selectors import theorem
+        >>> sorted(theorem(boxes, test).conditions)
         ['1', '2', '2-p1', '3-f', '3-p']
     """
 
@@ -234,8 +238,9 @@ def _met(
 def _searched(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope
 ) -> bool | None:
-    """Whether a posture has [p, f] in a box: P1 over halves of it, deepest first."""
-    program, queue = programs.get(McCormick, scaled.layout), [box]
+    """Whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's bounds
+    (``Coned``), deepest first."""
+    program, queue = programs.get(Coned, scaled.layout), [box]
     whole = box.high - box.low
     for _ in range(PARTS):
         if not queue:
@@ -253,7 +258,8 @@ def _searched(
         else:
             side = np.unravel_index(int(widths.argmax()), widths.shape)
         middle = 0.5 * (part.low[side] + part.high[side])
-        for name in ("low", "high"):
+        at = middle if answer.at is None else answer.at[side]
+        for name in ("high", "low") if at > middle else ("low", "high"):  # its own half comes last
             ends = {"low": part.low.copy(), "high": part.high.copy()}
             ends[name][side] = middle
             queue.append(Envelope(**ends))
@@ -263,7 +269,7 @@ def _searched(
 def _posture(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope, relaxed: Any
 ) -> bool:
-    """Whether the forces can be chosen in the box with a part's p kept, and the verifier agrees."""
+    """Whether a part's point projects to a posture in the box, forces in it, and verified."""
     low, high = (
         np.maximum(scaled.force_min, box.low[:, 3:]),
         np.minimum(scaled.force_max, box.high[:, 3:]),
@@ -271,12 +277,17 @@ def _posture(
     if (low > high).any():
         return False
     choice, start = relaxed.rounded()
-    point = project(programs, "fix-p", scaled.with_force_box(low, high), start)
-    if not point.residual <= max(SURFACE, 0.5 * Acceptance().tolerance):
-        return False
-    plan = plan_of(scene.problem, scaled, choice, point)
-    if not box.contains(scaled.point(plan)[None], margin=INSIDE)[0]:
-        return False
-    claim = Claim(found=plan)
-    answer = Acceptance().answer(scene.problem, claim, method="theorem", clock=Clock.start())
-    return answer.status is Status.FEASIBLE
+    within = scaled.with_force_box(low, high)
+    for way in SOUGHT:
+        point = project(programs, way, within, start)
+        if not point.residual <= max(SURFACE, 0.5 * Acceptance().tolerance):
+            continue
+        plan = plan_of(scene.problem, scaled, choice, point)
+        if not box.contains(scaled.point(plan)[None], margin=INSIDE)[0]:
+            continue
+        answer = Acceptance().answer(
+            scene.problem, Claim(found=plan), method="theorem", clock=Clock.start()
+        )
+        if answer.status is Status.FEASIBLE:
+            return True
+    return False

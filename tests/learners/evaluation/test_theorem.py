@@ -5,6 +5,7 @@ import pytest
 
 import stancekit
 from stancekit.envs.data.scenes import scenes_of
+from stancekit import selectors
 from stancekit.learners.evaluation.theorem import TITLES, theorem
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -59,10 +60,10 @@ def test_a_box_of_one_solution_is_met_by_its_scene_and_decided_for_all(rows):
 def test_the_second_as_printed_holds_nowhere_where_p1_does_not_refuse(rows, tmp_path):
     train = stancekit.label("wall-3", tmp_path / "train", rows=(12, 6), seed=6)
     boxes = stancekit.fit(train, "quantile").envelopes
-    found = stancekit.selectors.theorem(boxes, rows).conditions
+    found = selectors.theorem(boxes, rows).conditions
     assert set(found["2-p1"].broken) <= set(found["2"].broken)
     assert found["3-p"].holds.of == found["3-f"].holds.of <= 6
-    one, two = (stancekit.selectors.theorem(boxes, rows, workers=count) for count in (1, 2))
+    one, two = (selectors.theorem(boxes, rows, workers=count) for count in (1, 2))
     assert one == two
 
 
@@ -71,8 +72,8 @@ def test_envelopes_of_another_class_and_rows_without_labels_are_refused(rows, tm
     boxes = stancekit.fit(other, "quantile").envelopes
     message = "expected envelopes learned for wall-3, got some learned for ground-3"
     with pytest.raises(InvalidInput, match=message):
-        stancekit.selectors.theorem(boxes, rows)
+        selectors.theorem(boxes, rows)
     mine = EnvelopeSet.for_problems("wall-3", list(rows.problems()), boxes.envelopes)
     message = "expected rows labelled feasible or infeasible, not trivially, got none of 0"
     with pytest.raises(InvalidInput, match=message):
-        stancekit.selectors.theorem(mine, rows.select([]))
+        selectors.theorem(mine, rows.select([]))
