@@ -128,7 +128,8 @@ def overview() -> str:
 
 def brief(name: str) -> str:
     """The first line of a verb's docstring, read from its file: to import all of them takes a
-    second."""
+    second.
+    """
     import ast
 
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
@@ -144,8 +145,10 @@ def verbs() -> dict[str, type[Verb]]:
 
 
 def parse(arguments: Sequence[str]) -> Verb:
-    """The verb that the arguments name, with its options. Exits with 2 after one line where they
-    are wrong."""
+    """The verb that the arguments name, with its options.
+
+    Exits with 2 after one line where they are wrong.
+    """
     import tyro
 
     from .console import complain
@@ -188,8 +191,9 @@ def _texts(*, told: bool) -> Iterator[None]:
     """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and
     breaks them, too.
 
-    told: whether they are shown; else they are not read from the source at all, which takes as long
-    as the rest.
+    Arguments:
+        told: whether they are shown; else they are not read from the source at all, which takes as
+            long as the rest.
     """
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
@@ -295,8 +299,10 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _ended_by(error: BaseException) -> int:
-    """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as
-    SystemExit."""
+    """The exit code for what nobody raised on purpose, after one line.
+
+    Raises what is no error, as SystemExit.
+    """
     from stancekit.planners.plugins import blamed
 
     from .console import complain
@@ -322,7 +328,8 @@ def _ended_by(error: BaseException) -> int:
 
 def _close_output() -> None:
     """Send what is still in the buffer of standard output nowhere, or Python complains of it at the
-    end."""
+    end.
+    """
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

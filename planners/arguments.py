@@ -1,5 +1,6 @@
 """Arguments and settings, held against their annotations: what does not fit is one line that says
-so."""
+so.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +77,8 @@ def checked(verb: Callable[P, R]) -> Callable[P, R]:
 
 def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise InvalidInput, which begins with the name, for a value that an annotation does not
-    allow."""
+    allow.
+    """
     if not _fits(value, hint):
         raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
 
@@ -91,6 +93,7 @@ def settings_from(
         kind: the dataclass.
         given: keyword arguments by name.
         beside: further arguments that the caller takes, for the message.
+
     Raises:
         InvalidInput: for a name that no field has, and a value that its field does not allow.
     """

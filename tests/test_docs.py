@@ -1,5 +1,6 @@
 """What the documents show is true: their Python and commands run, their problem is solved, their
-tables are whole."""
+tables are whole.
+"""
 
 import importlib
 import io

@@ -1,5 +1,6 @@
 """Extensions, each one file and one registration: a relaxation, a reward term, a verifier group, a
-command."""
+command.
+"""
 
 from importlib.metadata import EntryPoint
 from pathlib import Path

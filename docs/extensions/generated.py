@@ -1,5 +1,6 @@
 """Writes the pages that follow from the code, before the others are read: keys, environments,
-verbs, scripts."""
+verbs, scripts.
+"""
 
 from __future__ import annotations
 

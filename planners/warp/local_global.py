@@ -29,7 +29,8 @@ Solve = Callable[[Array], Array]
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descent:
     """Result of a method: control points, the energy's parts by iteration, CPU seconds by
-    iteration, and a word."""
+    iteration, and a word.
+    """
 
     psi: Array
     history: list[Evaluation]
@@ -57,8 +58,9 @@ def accelerated(
     """Algorithm W1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson
     acceleration.
 
-    memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the
-    energy is dropped.
+    Arguments:
+        memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the
+            energy is dropped.
     """
     began = process_time()
     solve = SeparableSolver(energy.grid, energy.match_weight).solve

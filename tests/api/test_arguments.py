@@ -1,5 +1,6 @@
 """What a verb of the library is given and cannot use is one line that names the argument, before
-any work."""
+any work.
+"""
 
 import inspect
 from typing import Any, get_type_hints

@@ -1,5 +1,6 @@
 """What `import stancekit` gives: names that come when asked for, each with a docstring that is
-enough to use it."""
+enough to use it.
+"""
 
 import ast
 import doctest

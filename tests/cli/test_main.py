@@ -294,7 +294,8 @@ def test_drawing_postures_of_the_default_robot_takes_nothing_that_is_slow_to_imp
 
 def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
     """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of
-    them."""
+    them.
+    """
     slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (

@@ -1,5 +1,6 @@
 """The guard around every world: what gets through, what stops it, and that nothing is sent after a
-stop."""
+stop.
+"""
 
 from __future__ import annotations
 

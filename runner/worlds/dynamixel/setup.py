@@ -1,5 +1,6 @@
 """Servos as the driver relies on them: checked before anything is sent, and set up while their
-torque is off."""
+torque is off.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +62,12 @@ def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
     """Bring what the driver relies on into every servo; the EEPROM is written only where it
     differs.
 
-    current: Current Limit, in its units, shape (S,). Raises InvalidInput for a setting that differs
-    on a servo whose torque is on, HardwareFault for whatever a servo refuses.
+    Arguments:
+        current: Current Limit, in its units, shape (S,).
+
+    Raises:
+        InvalidInput: for a setting that differs on a servo whose torque is on, HardwareFault for
+            whatever a servo refuses.
     """
     count = len(bus.ids)
     free = bus.read_all(table.TORQUE_ENABLE.address, 1)[:, 0] == 0
