@@ -32,6 +32,8 @@ from stancekit.planners.warp.report import spread
 
 HALVINGS = 7
 """Of the bisection: the scale is known to one part in 128."""
+THINNEST = 4
+"""Cells across a band; with fewer the quadrature does not tell all splines apart."""
 BINS = np.linspace(0.0, 0.6, 25)
 """Of the histograms: 2.5 % each."""
 
@@ -96,7 +98,7 @@ def errors(fit: MapFit) -> dict[str, Any]:
 
 def of_band(field: HeightField, band_m: float) -> dict[str, Any]:
     """Errors of a map of a band of this thickness, in cells of about the same size."""
-    cells = (CELLS[0], CELLS[1], max(2, round(CELLS[2] * band_m / HEIGHT_M)))
+    cells = (CELLS[0], CELLS[1], max(THINNEST, round(CELLS[2] * band_m / HEIGHT_M)))
     try:
         return {"method": "gauss-newton"} | errors(
             fit_map(field, method="gauss-newton", cells=cells, height_m=band_m)
