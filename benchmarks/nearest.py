@@ -132,7 +132,8 @@ def measured(
     its: Arguments,
 ) -> Iterator[Row]:
     """One row per method, on problems that the exact planner has an answer to; teacher: solves
-    those that are known."""
+    those that are known.
+    """
     known, asked, exact_s = list[Known](), list[tuple[Problem, Answer[Plan]]](), list[float]()
     while len(known) < counts[0]:
         problem = draw()
