@@ -167,7 +167,7 @@ def _rates(record: dict[str, Any] | None) -> str:
 
 def _rate(record: dict[str, Any], name: str) -> str:
     """A share in percent with its interval."""
-    low, high = (100 * end for end in record[f"{name}_interval"])
+    low, high = (100 * max(end, 0.0) for end in record[f"{name}_interval"])
     return f"{100 * record[name]:.0f} [{low:.0f}, {high:.0f}]"
 
 
