@@ -98,7 +98,9 @@ class SparedGiven(WholeBodyGiven):
         off -= np.einsum("mnij,mj->mni", self.by_turn, point.rotation)
         off[holds < 0] = 0.0
         steps = (self.steps_of_joints * off[:, self.solver.legs]).sum(axis=2)
-        return np.clip(self.angles + steps, self.solver.lowest_rad, self.solver.highest_rad)
+        return np.asarray(
+            np.clip(self.angles + steps, self.solver.lowest_rad, self.solver.highest_rad)
+        )
 
 
 class SparedContacts:
@@ -183,14 +185,15 @@ def spared_contacts(programs: Programs, at: SparedGiven) -> tuple[Point, Array] 
     The balances are exact; torques, and that joints reach, hold to first order alone.
     """
     scaled, leg_of = at.scaled, tuple(at.solver.legs.tolist())
-    make = lambda held: programs.get(  # noqa: E731
-        SparedContacts, scaled.layout, leg_of, scaled.box_implied, held
+    free, held = (
+        programs.get(SparedContacts, scaled.layout, leg_of, scaled.box_implied, hold_toes)
+        for hold_toes in (False, True)
     )
-    lifted = make(False).solve(at)
+    lifted = free.solve(at)
     if not lifted.solved:
         return None
     toes = toes_of(lifted, scaled)
-    solution = make(True).solve(replace(at, about=replace(at.held, toes=toes)))
+    solution = held.solve(replace(at, about=replace(at.held, toes=toes)))
     if not solution.solved:
         return None
     point = Point(
