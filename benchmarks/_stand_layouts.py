@@ -31,7 +31,8 @@ MISSING = get_args(Missing)
 
 def rows(entry: Entry, folder: Path, lines: Lines, limit_s: float) -> Iterator[dict[str, Any]]:
     """Lines of an entry over the layout that is asked for, and where that has no plan over all
-    others."""
+    others.
+    """
     missing = ""
     for alternative in ALTERNATIVES:
         key = f"{entry.name}:{alternative.message}"
@@ -48,7 +49,8 @@ def tried(entry: Entry, folder: Path, alternative: Alternative, limit_s: float) 
     """Whether there is a plan over one layout alone, what is missing where there is none, and CPU
     time.
 
-    limit_s: processor time [s].
+    Arguments:
+        limit_s: processor time [s].
     """
     mesh = folder / "grounds" / f"{entry.name}.obj"
     mesh.parent.mkdir(parents=True, exist_ok=True)
@@ -77,7 +79,8 @@ def tried(entry: Entry, folder: Path, alternative: Alternative, limit_s: float) 
 @contextmanager
 def processor_time() -> Iterator[None]:
     """Planners' clocks count the processor time of this process, so that their limits end the same
-    search on a busy computer."""
+    search on a busy computer.
+    """
     with patch.object(time, "perf_counter", time.process_time):
         yield
 
@@ -126,7 +129,8 @@ def orders(
     processor time that it takes, by order: as listed in the package, and as the table of the other
     robots' entries has it.
 
-    budget_s: processor time of an entry, over all layouts but the one that is asked for.
+    Arguments:
+        budget_s: processor time of an entry, over all layouts but the one that is asked for.
     """
     robots = {row["entry"]: row["entry"].split("-")[0] for row in found}
     listed = [each.message for each in ALTERNATIVES[1:]]
@@ -145,7 +149,8 @@ def orders(
 
 def gone_through(rows: Sequence[Mapping[str, Any]], budget_s: float) -> tuple[bool, float]:
     """Whether one of the layouts, tried one after the other, has a plan before the budget ends, and
-    the processor time until then."""
+    the processor time until then.
+    """
     used_s = 0.0
     for row in rows:
         used_s += row["cpu_s"]

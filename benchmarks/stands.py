@@ -264,7 +264,8 @@ class Order(Options):
 
 def not_as_asked(folder: Path) -> list[str]:
     """Names of the entries of a folder of ``plan`` that have no plan over the layout that was asked
-    for."""
+    for.
+    """
     names = []
     for row in Lines(folder / "plans.jsonl").rows.values():
         file = folder / "plans" / f"{row['key']}.json"

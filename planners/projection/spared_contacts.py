@@ -42,12 +42,14 @@ DAMPED = 1e-4
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparedGiven(WholeBodyGiven):
     """Data of P1 and P2 with torques: a problem, the plan about which torques are linearised, and
-    its joints."""
+    its joints.
+    """
 
     @cached_property
     def steps_of_joints(self) -> Array:
         """J⁺, the least step of a foot's own joints that moves it, of every joint, shape (M, J,
-        3)."""
+        3).
+        """
         out, legs = np.zeros_like(self.by_joint), self.solver.legs
         for leg in range(self.scaled.layout.limbs):
             own = self.by_joint[:, legs == leg]
@@ -106,8 +108,10 @@ class SparedGiven(WholeBodyGiven):
 class SparedContacts:
     """The program; one candidate a foothold, point feet.
 
-    leg_of: the leg of every joint. implied: leave out rows of the force box that the cones imply
-    (``Scaled.box_implied``). hold_toes: P2, else P1.
+    Arguments:
+        leg_of: the leg of every joint.
+        implied: leave out rows of the force box that the cones imply (``Scaled.box_implied``).
+        hold_toes: P2, else P1.
     """
 
     def __init__(
@@ -150,7 +154,8 @@ class SparedContacts:
         forces: Forces,
     ) -> None:
         """No torque has more of its limit than the share, either way, which is what is wanted or
-        more."""
+        more.
+        """
         rows, share = self.rows, self.rows.variable("share", 1)
         row, force = np.nonzero(of.contact[:, None] == forces.contact)
         for name, sign in (("torque", 1.0), ("torque_back", -1.0)):

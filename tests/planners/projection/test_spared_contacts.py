@@ -1,5 +1,6 @@
 """Torques as rows of P1 and P2: to first order those of pinocchio, with balances that are exact, and
-less torque on plans of walls."""
+less torque on plans of walls.
+"""
 
 from __future__ import annotations
 
