@@ -59,7 +59,8 @@ class Noise:
 
     def samples_alike(self, per_m2: float) -> float:
         """Number of samples, of so many per m², that a mean is no surer by than by one of white
-        noise; 1 or more."""
+        noise; 1 or more.
+        """
         alike = max(np.pi * self.length_m**2 * per_m2, 1.0)
         return 1.0 + self.correlated * (alike - 1.0)
 
@@ -88,7 +89,8 @@ def correlated_noise(cells: GroundCells) -> Noise | None:
 def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:
     """Deviation of heights off planes through 3 × 3 cells, 1, 2, 3, … cells apart, that no edge
     crosses [m]. Of narrow squares those beside each other along one axis, the quieter one of
-    both."""
+    both.
+    """
     deviations = list[float]()
     for step in range(1, int(WIDEST_M / (2.0 * cells.spacing_m)) + 1):
         ways = [(step, step)] if wide else [(step, 1), (1, step)]
@@ -148,7 +150,8 @@ def _along(cells: GroundCells, *steps: int) -> float | None:
 
 def _lowest_mode(variances: Array) -> float:
     """Where logarithms of variances first gather, which is the variance itself, however many
-    squares are crossed by edges."""
+    squares are crossed by edges.
+    """
     logs = np.log(np.maximum(variances, 1e-18))
     bins = np.arange(logs.min() - 1.0, logs.max() + 1.0 + BIN, BIN)
     density = gaussian_filter1d(np.histogram(logs, bins)[0].astype(float), SMOOTH / BIN)

@@ -43,10 +43,14 @@ def turned(
     corners: Array, triangles: NDArray[np.int_]
 ) -> tuple[NDArray[np.int_], int, Array | None]:
     """Triangles of which narrow solids that are inside out are turned, how many such solids there
-    were, and a place in another one that has room inside, and may be a room, shape (3,) [m]; None
-    without one.
+    were, and a place in another solid that is inside out and may be a room; None without one.
 
-    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3).
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
+
+    Returns:
+        Triangles, shape (T, 3); a count; a place, shape (3,) [m].
     """
     wrong = _inside_out(corners, triangles)
     count = 0
@@ -66,8 +70,11 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m];
     None without one.
 
-    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3).
     Surfaces that are open are not judged.
+
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
     """
     wrong = _inside_out(corners, triangles)
     return None if wrong is None else np.asarray(wrong[1])
@@ -77,7 +84,8 @@ def _inside_out(
     corners: Array, triangles: NDArray[np.int_]
 ) -> tuple[NDArray[np.int_], Array, NDArray[np.int_]] | None:
     """The piece of each triangle, a place in a solid that is inside out, and the pieces of all such
-    solids; None without one."""
+    solids; None without one.
+    """
     piece, suspects, closed = _pieces(corners, triangles)
     if not len(suspects):
         return None
@@ -154,14 +162,16 @@ def _balanced(
 
 def _volumes(corners: Array, triangles: NDArray[np.int_]) -> Array:
     """The share of each triangle in the volume that they enclose, by the divergence theorem, shape
-    (T,) [m³]."""
+    (T,) [m³].
+    """
     a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
     return np.asarray(np.vecdot(a, np.cross(b, c)) / 6.0)
 
 
 def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     """Winding number of closed triangles, shape (T, 3, 3), about points, shape (P, 3); 0 for points
-    not looked at."""
+    not looked at.
+    """
     turned, rays = surface @ RAY, points @ RAY
     flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)

@@ -1,5 +1,6 @@
 """Noise that is correlated over a few centimetres is told from white noise, and footholds on it say
-how sure they are."""
+how sure they are.
+"""
 
 import numpy as np
 import pytest
