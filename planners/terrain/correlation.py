@@ -29,6 +29,8 @@ LENGTHS_M = np.geomspace(0.015, 0.2, 23)
 """Lengths that are tried [m]."""
 LONGEST_M = 0.1
 """What is correlated over more is the shape of the ground [m]."""
+HILLS = 2.0
+"""Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
 WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
 """Shares of white noise in the variance that are tried."""
 LEAST, BIN, SMOOTH = 0.15, 0.05, 0.35
@@ -79,11 +81,13 @@ def correlated_noise(cells: GroundCells) -> Noise | None:
     broad = _residuals(cells, wide=True)
     if rise <= RISES[1] and max(broad, default=0.0) <= BROAD_RISE * narrow[0]:
         return None
-    for deviations, wide in ((broad, True), (narrow, False)):
-        noise = _fitted(cells, deviations, wide=wide)
-        if noise is not None and noise.length_m <= LONGEST_M:
-            return noise
-    return None
+    noise = _fitted(cells, broad, wide=True)
+    if noise is not None and noise.length_m <= LONGEST_M:
+        return noise
+    noise = _fitted(cells, narrow, wide=False)  # edges cross the wide squares, or it is a hill
+    if noise is None or noise.length_m > LONGEST_M or max(broad) > HILLS * noise.deviation_m:
+        return None
+    return noise
 
 
 def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:
