@@ -1,12 +1,12 @@
 """Do accepted plans stand? A fixed list of robots and grounds, planned, and played by a referee of
 its own.
 
-    python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--grounds gap]
-    [--draws 0] python benchmarks/stands.py play FOLDER [--no-world] python benchmarks/stands.py
-    play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction .85 --delay-ms 15] python
-    benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40 --seed 0] python
-    benchmarks/stands.py table FOLDER python benchmarks/stands.py layouts FOLDER [--robots ...]
-    [--grounds ...] [--draws 1] [--limit-s 20] [--write]
+    python benchmarks/stands.py plan --out FOLDER [--first N] [--robots go1 hyq] [--draws 0]
+    python benchmarks/stands.py play FOLDER [--no-world]
+    python benchmarks/stands.py play FILE.json ... --out LINES.jsonl [--mass 1.1 --friction 0.85]
+    python benchmarks/stands.py push FOLDER|FILE.json ... --out LINES.jsonl [--stances 40]
+    python benchmarks/stands.py table FOLDER
+    python benchmarks/stands.py layouts FOLDER [--planned FOLDER ...] [--entries 12] [--write]
 
 The list, its limits, and how grounds are scaled are in stands/list.yaml; the referee,
 benchmarks/referee, imports nothing of the package, and its settings are in stands/referee.yaml.
@@ -25,14 +25,20 @@ contacts. push: stances of plans drawn by seed, each pushed at the base in eight
 falls; what was held in the worst of them against what the verifier says that the stance bears.
 table: shares with 95 % intervals (Wilson), by robot and by ground: of the list those accepted; of
 those that stood in the referee with feedback and without, and in the package's own run (world; what
-it refuses does not stand there). layouts: entries that have no plan over the layout that is asked
-for, over each of the others alone; the table of successes that says in which order the package
-tries them, and --write puts it there.
+it refuses does not stand there). layouts: entries that have no plan
+over the layout that is asked for, over each of the others alone, and the table of successes that
+says in which order the package tries them; --write puts it there. Limits are of processor time
+here, so that a busy computer gives the same table. With --planned, folders of ``plan``, their
+entries alone are tried, and those whose plan there is over the layout that is asked for are not;
+--entries draws so many of the others by seed. order: whether that order helps: for every robot the
+table is made of the other robots' entries, and its entries are gone through in that order, and in
+the order in which the package has them, until a plan is found or --budget-s of processor time ends.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -208,15 +214,26 @@ class Layouts(Listed):
     """Try layouts one by one, and make the table of successes."""
 
     folder: Annotated[Path, tyro.conf.Positional]
-    limit_s: float = 20.0
-    """Of one layout; what is not decided by then has no plan."""
+    planned: tuple[Path, ...] = ()
+    """Folders of ``plan``: only their entries, but for those planned as they were asked for."""
+    entries: int | None = None
+    """So many entries, drawn by seed; all of them unless said."""
+    limit_s: float = 12.0
+    """Processor time of one layout; what is not decided by then has no plan."""
     write: bool = False
     """Write the table into the package."""
 
     def run(self) -> None:
         """Try what is not there yet, and print the table."""
         lines = Lines(self.folder / "layouts.jsonl")
-        for entry in self.chosen():
+        some = list(self.chosen())
+        if self.planned:
+            left = {name for folder in self.planned for name in not_as_asked(folder)}
+            some = [entry for entry in some if entry.name in left]
+        if self.entries is not None:
+            drawn = np.random.default_rng(self.seed).permutation(len(some))
+            some = [some[index] for index in drawn[: self.entries]]
+        for entry in some:
             for row in layouts.rows(entry, self.folder, lines, self.limit_s):
                 self.say(row)
         tables = layouts.table(list(lines.rows.values()))
@@ -225,6 +242,38 @@ class Layouts(Listed):
                 self.say({"missing": missing, **row})
         if self.write:
             layouts.write(tables)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order(Options):
+    """Say whether the order that the table gives helps robots that it was not made from."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    budget_s: float = 40.0
+    """Processor time of an entry, over all of its layouts."""
+
+    def run(self) -> None:
+        """Print shares and processor time by order."""
+        rows = list(Lines(self.folder / "layouts.jsonl").rows.values())
+        for name, found in layouts.orders(rows, self.budget_s).items():
+            solved = [accepted for accepted, _ in found.values()]
+            cpu_s = [cpu_s for _, cpu_s in found.values()]
+            shown = {"order": name, "planned": _share(solved), "cpu_s": round(sum(cpu_s), 1)}
+            self.say(shown | {"by_robot": layouts.by_robot(found)})
+
+
+def not_as_asked(folder: Path) -> list[str]:
+    """Names of the entries of a folder of ``plan`` that have no plan over the layout that was asked
+    for.
+    """
+    names = []
+    for row in Lines(folder / "plans.jsonl").rows.values():
+        file = folder / "plans" / f"{row['key']}.json"
+        as_asked = row["accepted"] and not json.loads(file.read_text(encoding="utf-8"))[
+            "provenance"
+        ].get("layout")
+        names += [] if as_asked else [row["key"]]
+    return names
 
 
 def found_files(paths: Sequence[Path]) -> list[Path]:
@@ -316,7 +365,14 @@ def main() -> None:
     """Do what is asked for."""
     with threadpool_limits(1):
         asked = tyro.extras.subcommand_cli_from_dict(
-            {"plan": Plan, "play": Play, "push": Pushes, "table": Table, "layouts": Layouts},
+            {
+                "plan": Plan,
+                "play": Play,
+                "push": Pushes,
+                "table": Table,
+                "layouts": Layouts,
+                "order": Order,
+            },
             description=__doc__,
         )
         asked.run()

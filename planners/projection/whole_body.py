@@ -2,13 +2,15 @@
 than it has, and no link through another one or the terrain, at key frames and on the way between
 them.
 
-Three things are tried, each where the one before leaves a torque above its limit, or bodies that
+Four things are tried, each where the one before leaves a torque above its limit, or bodies that
 collide:
 
 * forces that spare the joints, with toes, body and joints held: stance by stance, exact (``restoration``);
+* for torques, contacts anew: P1 and P2 of the plan's own patches with torques as rows, linearised at its joints
+  (``spared_contacts``);
 * steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan
   whose path is looked at anew (``clearance``);
-* both again with all of the friction, where the plan keeps a reserve of it.
+* all again with all of the friction, where the plan keeps a reserve of it.
 
 What is found takes the plan's place only where the verifier accepts it, and it is better: neither
 its largest torque, as a share of what the joint has, nor the deepest collision is worse, as far as
@@ -39,6 +41,7 @@ from .force_distribution import EASY
 from .joint_ranges import keeps_to
 from .largest_torque import largest, on_the_way
 from .restoration import Restoration, Restored
+from .spared_contacts import SparedGiven, spared_contacts
 from .support_margin import pressing, push_share, pushed
 from .whole_body_limits import WholeBodyLimits
 from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep
@@ -50,6 +53,9 @@ square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its
 bounds."""
+SPARED = 2
+"""So often contacts are found anew with torques as rows, each time about the plan found before,
+before steps of the whole plan."""
 GAIN = 3e-4
 """A step lowers the price of what is too much by so much, or is none."""
 ENOUGH = 0.5
@@ -100,7 +106,7 @@ class WholeBodyPlan:
     """A plan with joint angles, and what it took.
 
     Arguments:
-        steps: of the whole plan.
+        steps: of the whole plan, and times that its contacts were found anew.
         before, after: of the plan as it came, and of this one.
         late: whether the time ended before all was tried.
         report: the verifier's on this plan; None where it was not asked.
@@ -368,6 +374,9 @@ class _Stage:
                 except TimeEnded:
                     self.late = True
                     break
+                if restored.share > 1.0:
+                    begun, steps = self._spared(scaled, restoration, begun)
+                    steps_taken += steps
                 state, steps = self._stepped(scaled, restoration, begun)
                 steps_taken += steps
             else:
@@ -395,6 +404,40 @@ class _Stage:
                 near.missing(ENOUGH * self._limits.clearance_m).any()
             )
         return _State(at=found, near=near, price=price, too_near=too_near)
+
+    def _spared(
+        self, scaled: Scaled, restoration: Restoration, state: _State
+    ) -> tuple[_State, int]:
+        """After contacts were found anew with torques as rows of P1 and P2, as long as that makes
+        less too much; and how often that was.
+        """
+        rounds = min(SPARED, self._limits.steps)  # 0: forces alone
+        for found in range(rounds):
+            if state.at.share <= self._limits.share:
+                return state, found
+            at = SparedGiven(
+                scaled,
+                state.at.point,
+                solver=self._solver,
+                angles=state.at.angles,
+                limit_nm=self._limit_nm,
+                wanted=AIM * self._limits.share,
+            )
+            spared = spared_contacts(self._programs, at)
+            restored = None if spared is None else restoration.restore(*spared, wanted=EASY)
+            if restored is None or not keeps_to(
+                self._solver, scaled.layout, state.at.angles, restored.angles
+            ):
+                return state, found
+            try:
+                other = self._state(restored, restoration.friction_share)
+            except TimeEnded:
+                self.late = True
+                return state, found
+            if other.price >= state.price - GAIN:
+                return state, found
+            state = other
+        return state, rounds
 
     def _stepped(
         self, scaled: Scaled, restoration: Restoration, state: _State

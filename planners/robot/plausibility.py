@@ -29,7 +29,7 @@ A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a lar
 3e-6."""
 SLIGHT = 1e-3
 """A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's
-frame with a placeholder."""
+frame with a placeholder, or with moments that no body has."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
 LEAST_SHARE = 0.01
@@ -120,7 +120,8 @@ def impossible(mass_kg: float, moments: Array) -> str:
 
 
 def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) -> str:
-    if why := impossible(mass, moments):
+    why = impossible(mass, moments)
+    if why and not (mass >= 0.0 and moments[0] >= -ROUNDED_KGM2 and moments[2] <= slight):
         return why
     most = FAR * mass * size_m**2
     if mass > 0.0 and moments[2] > max(most + ROUNDED_KGM2, slight):

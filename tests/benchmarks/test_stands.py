@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -195,7 +196,6 @@ def test_the_table_of_layouts_has_first_what_adds_most_by_what_is_missing(script
             "layout": name,
             "missing": "" if not name else "contacts" if entry == "d" else "body",
             "accepted": (entry, name) in hits,
-            "starved": False,
             "cpu_s": 2.0,
         }
         for entry in "abcd"
@@ -211,3 +211,62 @@ def test_the_table_of_layouts_has_first_what_adds_most_by_what_is_missing(script
     ]
     assert [row["layout"] for row in contacts] == [names[1], *names[2:]]
     assert contacts[0]["adds"] == 1
+
+
+def test_an_order_is_judged_on_robots_that_it_was_not_made_from(scripts: None) -> None:
+    import _stand_layouts as layouts
+
+    names = [each.message for each in layouts.ALTERNATIVES]
+    hits = {("go1-gap-1", names[3]), ("b1-gap-1", names[3]), ("hyq-gap-2", names[2])}
+    found = [
+        {
+            "entry": entry,
+            "layout": name,
+            "missing": "body" if name else "",
+            "accepted": (entry, name) in hits,
+            "cpu_s": 10.0,
+        }
+        for entry in ("go1-gap-1", "b1-gap-1", "hyq-gap-2", "hyq-slabs-1")
+        for name in names
+    ]
+    ways = layouts.orders(found, 25.0)
+    # go1 from b1 and hyq: what either has is worth one each, and the order of the package decides
+    assert ways["by the table"]["go1-gap-1"] == (True, 20.0)
+    # hyq from go1 and b1: both have plans over names[3] alone, and its own comes behind what adds nothing
+    assert ways["by the table"]["hyq-gap-2"] == (False, 25.0)
+    assert ways["as listed"] == {
+        "go1-gap-1": (False, 25.0),
+        "b1-gap-1": (False, 25.0),
+        "hyq-gap-2": (True, 20.0),
+        "hyq-slabs-1": (False, 25.0),
+    }
+    assert layouts.by_robot(ways["as listed"]) == {"go1": "0/1", "b1": "0/1", "hyq": "1/2"}
+
+
+def test_planners_count_processor_time_where_layouts_are_tried(scripts: None) -> None:
+    import _stand_layouts as layouts
+
+    from stancekit.planners.search.clock import Clock
+
+    with layouts.processor_time():
+        clock = Clock.start()
+        time.sleep(0.2)
+        assert clock.elapsed() < 0.1
+    assert Clock.start().elapsed() < 0.1
+
+
+def test_entries_that_were_planned_as_asked_are_not_tried_again(
+    scripts: None, tmp_path: Path
+) -> None:
+    import stands
+
+    (tmp_path / "plans").mkdir()
+    layouts = {"a": "", "b": "body level", "c": None}
+    for name, layout in layouts.items():
+        made = {} if not layout else {"layout": layout}
+        file = tmp_path / "plans" / f"{name}.json"
+        if layout is not None:
+            file.write_text(json.dumps({"provenance": made}))
+    rows = [{"key": name, "accepted": layout is not None} for name, layout in layouts.items()]
+    (tmp_path / "plans.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert stands.not_as_asked(tmp_path) == ["b", "c"]

@@ -309,3 +309,28 @@ def test_a_frame_with_a_placeholder_for_its_inertia_is_no_doubt(tmp_path: Path) 
     from stancekit.runner.worlds.simulated_body import simulated_body
 
     assert 'name="frame"' in simulated_body(model).urdf
+
+
+@pytest.mark.parametrize(("times", "doubted"), [(1.0, False), (100.0, True)])
+def test_a_sensor_whose_slight_inertia_no_body_has_is_no_doubt(times: float, doubted: bool) -> None:
+    """ANYmal C's depth cameras have moments of 0.00137, 0.000669 and 0.00000867 kg m²."""
+    moments = zip(("ixx", "iyy", "izz"), (1.37e-3, 6.69e-4, 8.67e-6), strict=True)
+    entries = " ".join(f'{name}="{times * value:g}"' for name, value in moments)
+    camera = (
+        f'<link name="camera"><inertial><mass value="0.06"/><inertia {entries}/></inertial></link>'
+        '<joint name="hold" type="fixed"><parent link="trunk"/><child link="camera"/></joint></robot>'
+    )
+    model = model_of(quadruped().replace("</robot>", camera), where="made")
+    assert ("camera: moments of inertia that no body has" in said(model)) == doubted
+    from stancekit.runner.worlds.simulated_body import simulated_body
+
+    if doubted:
+        with pytest.raises(InvalidInput, match="link camera: expected what a body can weigh"):
+            simulated_body(model)
+        return
+    assert 'name="camera"' in simulated_body(model).urdf
+    pytest.importorskip("mujoco")
+    from stancekit.runner.worlds import make_world
+
+    with make_world("mujoco", robot_of(model)):
+        pass
