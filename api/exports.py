@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_json, read_text
 from stancekit.planners.files.validation import shown
-from stancekit.planners.files.writing import check_writable, write_text
+from stancekit.planners.files.writing import alone_in, check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
 from stancekit.runner.export.formats import FORMATS, beside, moved_of
 from stancekit.runner.export.moved import Subject
@@ -288,18 +288,19 @@ def _drawn(
         "robot": robot,
     }
     ledger = folder / LEDGER
-    lines = list(_ledger(ledger, settings))
-    if not lines:  # before the first motion, so that whoever is killed in it can go on
-        write_text(ledger, json.dumps(settings) + "\n")
-    for seed in range(MOST_DRAWS * (count + 1)):
-        if sum("file" in line for line in lines) >= count:
-            break
-        if seed < len(lines):
-            continue
-        lines.append(_one(f"{family}:{height:g}:{seed}", folder, to, rate_hz, robot))
-        write_text(ledger, "".join(json.dumps(line) + "\n" for line in [settings, *lines]))
-        if progress is not None:
-            progress(min(count, sum("file" in line for line in lines)), count)
+    with alone_in(folder):
+        lines = list(_ledger(ledger, settings))
+        if not lines:  # before the first motion, so that whoever is killed in it can go on
+            write_text(ledger, json.dumps(settings) + "\n")
+        for seed in range(MOST_DRAWS * (count + 1)):
+            if sum("file" in line for line in lines) >= count:
+                break
+            if seed < len(lines):
+                continue
+            lines.append(_one(f"{family}:{height:g}:{seed}", folder, to, rate_hz, robot))
+            write_text(ledger, "".join(json.dumps(line) + "\n" for line in [settings, *lines]))
+            if progress is not None:
+                progress(min(count, sum("file" in line for line in lines)), count)
     done = [folder / line["file"] for line in lines if "file" in line][:count]
     refused = Counter(line["refused"] for line in lines if "refused" in line)
     if len(done) < count:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from stancekit.envs.data.leap_tries import open_rows
-from stancekit.learners.leaps.kinds import FORMAT
+from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
 from stancekit.planners.answer.certificate import Certificate
@@ -50,6 +50,7 @@ Saved = (
     | Proof
     | Trajectory
     | Learned
+    | Scores
 )
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
@@ -146,6 +147,10 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
         case Learned():
             thing.write(Path(path))
+        case Scores():
+            if Path(path).suffix != SCORER:
+                raise InvalidInput(f"{path}: expected a name that ends in {SCORER} for scores")
+            thing.write(path)
         case [Problem() | Leap() as subject, Certificate() as certificate]:
             _write_proof(path, certificate.of(subject))
         case Certificate():
@@ -174,7 +179,7 @@ def _read(path: Path) -> Any:
         str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))
     ) and not path.exists():
         return read_course(path)
-    if path.suffix == ".safetensors":
+    if path.suffix == SCORER:
         if safetensors_format(path) == FORMAT:
             from stancekit.learners.leaps.scorer import LeapScorer  # torch takes a while to load
 

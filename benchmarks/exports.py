@@ -8,7 +8,8 @@ commands, beside the table that was exported: the same verdict, and figures with
 without contacts and forces: the same verdict per group where it is known; and four times spoiled,
 each of which has to be found: a foot that slips by 40 mm along x where it stands, a foot that goes
 30 mm into what it stands on, a joint 0.05 rad beyond its limit, a body 60 mm beside the outermost
-foot that stands, which tips over. A motion without joints is named and left out. FILEs are what
+foot that stands, which tips over. A motion without joints is named and left out, and so is the
+limit of a robot whose joints have none. FILEs are what
 ``stancekit plan`` and ``gait`` write.
 """
 
@@ -59,7 +60,8 @@ class Exports:
         """Judge all of them, and say what came of it."""
         lines = [line for line in map(self._line, self.files) if "without" not in line]
         for name in ("accepted", "same", "stripped_same", *WANTED):
-            print(f"{name}: {sum(line[name] is True for line in lines)} of {len(lines)}")
+            said = [line[name] for line in lines if line[name] is not None]
+            print(f"{name}: {sum(each is True for each in said)} of {len(said)}")
         print(f"figures off by {max(float(line['off']) for line in lines):.2g} at most")
 
     def _line(self, path: Path) -> dict[str, object]:
@@ -107,8 +109,12 @@ class Exports:
             "same": same,
             "stripped_same": all(a.verdict == b.verdict for a, b in known),
         }
+        kinematics = Kinematics(robot)
         for name, wanted in WANTED.items():
-            report = judged(spoiled(moved.table, name, Kinematics(robot), terrain))
+            if name == "limit" and not np.isfinite(kinematics.highest_rad).any():
+                line |= {name: None}
+                continue
+            report = judged(spoiled(moved.table, name, kinematics, terrain))
             broken = [group.name for group in report.refused]
             line |= {name: any(each in wanted for each in broken), f"{name}_refused": broken}
         print(json.dumps(line), flush=True)

@@ -12,6 +12,8 @@ sample:
     own surface z_rms    root mean square of the distance from footholds to the true surface in
     standard deviations, as the package
              says them; z_beyond_3: share of the footholds' area where it is more than three
+    tilt_rms    the same of the slopes of surfaces, by their covariance; tilt_beyond_3: share of the
+             surfaces whose slopes are farther off than three deviations
     cpu_s    time of the search
 
 With --plan a hexapod's course is planned over each, with --play it is executed on the true ground:
@@ -64,6 +66,8 @@ LEAST_SD_M = 1e-4
 FAR_M, HOLE_M, STEP_M = 0.02, 0.06, 0.01
 """Footholds farther than this off the truth are counted; side of a hole; and steps lower than this
 are no edges [m]."""
+TILT_3 = 11.83
+"""Square of two slopes in deviations that is larger as often as one value is beyond three."""
 Truth = tuple[Array, NDArray[np.int_]]
 """Heights [m], and which surface is there, the same number for one plane."""
 
@@ -145,7 +149,18 @@ def cells(options: GroundOptions) -> list[tuple[str, str, int, str]]:
 
 def means(rows: list[Row]) -> Row:
     """Means of the figures that every row has, and of plans their counts."""
-    keys = ("area", "off_mm", "worst_mm", "far", "over", "cpu_s", "z_rms", "z_beyond_3")
+    keys = (
+        "area",
+        "off_mm",
+        "worst_mm",
+        "far",
+        "over",
+        "cpu_s",
+        "z_rms",
+        "z_beyond_3",
+        "tilt_rms",
+        "tilt_beyond_3",
+    )
     some: Row = {
         key: round(float(np.mean([row[key] for row in rows if key in row] or [np.nan])), 4)
         for key in keys
@@ -232,7 +247,7 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
     good = distance_transform_edt(~edge) * FINE_M > MARGIN_M
     covered = np.zeros(x.shape, dtype=bool)
     off, over, cells_of = list[Array](), 0, 0
-    standard = list[Array]()
+    standard, tilts = list[Array](), dict[int, float]()
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
         if abs(normal[2]) < 0.1:
@@ -259,6 +274,17 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
             places = np.stack([x[part][inside], y[part][inside]], axis=-1)
             spread = np.maximum(piece.patch.certainty.height_sd_m(places), LEAST_SD_M)
             standard.append((level - heights[part])[inside] / spread)
+            places, own_heights = places[own[inside]], heights[part][inside & own]
+            if piece.surface not in tilts and len(places) > 2:
+                slopes = np.linalg.lstsq(
+                    np.column_stack([np.ones(len(places)), places]), own_heights, rcond=None
+                )[0][1:]
+                wrong = -normal[:2] / normal[2] - slopes
+                certainty = piece.patch.certainty
+                slope_covariance = getattr(
+                    certainty, "slope_covariance", certainty.covariance[1:, 1:]
+                )
+                tilts[piece.surface] = float(wrong @ np.linalg.solve(slope_covariance, wrong))
         over += int((inside & ~own).sum())
         cells_of += int(inside.sum())
         covered[part] |= inside & own & (np.abs(level - heights[part]) < FAR_M)
@@ -272,6 +298,12 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
             "z_beyond_3": round(float(np.mean(z > 3.0)), 4),
         }
     )
+    if tilts:
+        squares = np.array(list(tilts.values()))
+        errors |= {
+            "tilt_rms": round(float(np.sqrt(np.mean(squares) / 2.0)), 3),
+            "tilt_beyond_3": round(float(np.mean(squares > TILT_3)), 4),
+        }
     return errors | {
         "area": round(float((covered & good).sum() / good.sum()), 4),
         "off_mm": round(float(np.quantile(all_off, 0.95)), 2),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
 """Settings by the options that give them."""
 
-WIDTH = 180
+WIDTH = 200
 """Of tables where standard output is no terminal."""
 
 
@@ -144,7 +144,7 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
     grid = Table(
         title="Table I",
-        caption="success % / verified %, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
+        caption="success % / verified %, each with its 95 % interval, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
     grid.add_column("method", no_wrap=True)
@@ -159,9 +159,16 @@ def success_table(records: list[dict[str, Any]]) -> Table:
 def _rates(record: dict[str, Any] | None) -> str:
     if record is None:
         return "–"
-    text = f"{100 * record['success']:.0f} / {100 * record['verified']:.0f} of {record['cells']}"
+    text = " / ".join(_rate(record, name) for name in ("success", "verified"))
+    text += f" of {record['cells']}"
     text += "" if record["paper"] is None else f" ({100 * record['paper']:.0f})"
     return text + (f" ! {record['capped']}" if record["capped"] else "")
+
+
+def _rate(record: dict[str, Any], name: str) -> str:
+    """A share in percent with its interval."""
+    low, high = (100 * max(end, 0.0) for end in record[f"{name}_interval"])
+    return f"{100 * record[name]:.0f} [{low:.0f}, {high:.0f}]"
 
 
 def speed_table(records: list[dict[str, Any]]) -> Table:

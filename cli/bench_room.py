@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from rich.console import Console
 
+from stancekit.planners.errors import InvalidInput
+
 from .bench_planner import WIDTH
 from .console import as_options, emit, make_folder, out, stages
 
@@ -42,9 +44,9 @@ class BenchRoom:
     """Methods that learn nothing, of those of bench leaps; the best within a budget is its
     control."""
     environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (LEAPS,)
-    """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0. Of all but
-    the first the budget is that of an episode, and a planner beside the environment is a control,
-    too."""
+    """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0,
+    WarpedGait-v0. Of all but the first the budget is that of an episode, and a planner beside the
+    environment is a control, too. A walk takes a minute of the processor for all policies."""
     distribution: str = "leap-hard"
     """Class of leaps."""
     scenes: int = 300
@@ -67,6 +69,9 @@ class BenchRoom:
 
     def run(self) -> int:
         """Measure what is missing, and print the table."""
+        if not self.environment:
+            with as_options("environment"):
+                raise InvalidInput("environment: expected one or more, got none")
         if others := [name for name in self.environment if name != LEAPS]:
             from stancekit.learners.evaluation.env_room import ENVIRONMENTS
             from stancekit.planners.files.arrays import checked_choice
@@ -105,9 +110,22 @@ class BenchRoom:
         from stancekit.planners.files.arrays import checked, checked_int
 
         with as_options(
-            "distribution", "scenes", "seed", "method", "solves", "cpu_s", "oracle_solves"
+            "distribution",
+            "scenes",
+            "seed",
+            "method",
+            "scorer",
+            "solves",
+            "cpu_s",
+            "oracle_solves",
         ):
             checked_int(self.oracle_solves, "oracle_solves", least=1)
+            for path in self.scorer:
+                if not leap_bench.is_scorer(path):
+                    names = ", ".join(leap_bench.shipped_scorers())
+                    raise InvalidInput(
+                        f"scorer: expected a file of leaps' scores, or one of {names}, got {path}"
+                    )
             for solves in self.solves:
                 checked_int(solves, "solves", least=1, most=self.oracle_solves)
             for seconds in self.cpu_s:
@@ -120,6 +138,10 @@ class BenchRoom:
                 solves=self.oracle_solves,
                 proof=0,
             )
+            if not {*leap_bench.FINDERS, *leap_bench.TUNED} & {*settings.methods}:
+                raise InvalidInput(
+                    f"method: expected a control among them, got {', '.join(self.method) or 'none'}"
+                )
         make_folder(self.out)
         with stages("bench room") as on_progress:
             rows = leap_bench.run(settings, self.out, on_progress)

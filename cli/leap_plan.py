@@ -129,6 +129,8 @@ def _method(asked: PlanCourse) -> Any:
     order: Any = "finder" if asked.planner == "two-stage" else asked.planner
     rule: Scorer = Rule()
     if asked.policy is not None:
+        if order == "random":
+            raise InvalidInput("--policy: expected none with --planner random, which has no scores")
         from stancekit.learners.leaps.scorer import LeapScorer
 
         rule = LeapScorer.read(asked.policy)

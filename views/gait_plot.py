@@ -262,6 +262,8 @@ def draw_directions(
     place = (middle, 0.35 / high, 1.0 - 2.0 * middle, 0.11 / high)
     bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal")
     bar.outline.set_visible(False)
+    bar.ax.xaxis.set_major_formatter("{x:g}")  # the default one writes mathematics
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
     return figure
 

@@ -1,5 +1,5 @@
-"""Room for learning in the environments of postures and climbs: episodes that policies play, paired
-over the scenes.
+"""Room for learning in the environments of postures, climbs and walks: episodes that policies play,
+paired over the scenes.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, Wide
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
+from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.search.exact import ExactPlanner
 
 from .room import Room, room_of
@@ -168,6 +169,8 @@ def _drawn(env: Any, observation: Any, rng: np.random.Generator) -> Any:
     space = env.action_space
     if isinstance(space, gym.spaces.Discrete):
         return np.int64(rng.integers(space.n))
+    if isinstance(space, gym.spaces.MultiDiscrete):
+        return rng.integers(space.nvec)
     return rng.uniform(space.low, space.high).astype(space.dtype)
 
 
@@ -209,6 +212,16 @@ def _always(chosen: int) -> Player:
     return lambda env, observation, rng: np.int64(chosen)
 
 
+def _charts() -> Mapping[str, Player]:
+    """Every chart, on the terrain as it is, from the guess that follows it."""
+    always = {f"always {chart}": _at_once(k) for k, chart in enumerate(CHARTS.names())}
+    return {**dict.fromkeys(RANDOM, _drawn), **always}
+
+
+def _at_once(chart: int) -> Player:
+    return lambda env, observation, rng: np.array([chart, 0, 0])
+
+
 ENVIRONMENTS: Mapping[str, Plays] = {
     "EnvelopeSelection-v0": Plays(
         options={"problem": "wall-3"},
@@ -224,5 +237,7 @@ ENVIRONMENTS: Mapping[str, Plays] = {
         solves=50,
     ),
     "Traverse-v0": Plays(budget="an episode", players=_planners),
+    "WarpedGait-v0": Plays(budget="one attempt", players=_charts),
 }
-"""Environments whose episodes take little enough time, by name without the package's."""
+"""Environments whose episodes policies play, by name without the package's; those of WarpedGait-v0
+take seconds of the processor each."""

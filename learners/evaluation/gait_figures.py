@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .evaluate import Share
 from .gait_bench import METHODS, PAPER
 
 Row = Mapping[str, Any]
@@ -21,7 +22,8 @@ QUARTILES = (25.0, 50.0, 75.0)
 def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """One record a method and terrain, in the order of ``METHODS`` and of the rows.
 
-    cells; success, verified: shares; left_cone: share of those that succeeded whose feet leave the
+    cells; success, verified: shares, each with its Wilson 95 % interval (success_interval,
+    verified_interval); left_cone: share of those that succeeded whose feet leave the
     true cone; paper: the success that Pan et al. print for it, if any; capped: how many were cut
     off. verified_cpu_s: quartiles over what the verifier accepts. Quartiles over the cells that
     succeeded: iterations, cpu_s, iteration_s, linear_share (of the CPU time in the solver and its
@@ -51,6 +53,10 @@ def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
         "cells": len(rows),
         "success": _share(row["success"] for row in rows),
         "verified": _share(row["verified"] for row in rows),
+        "success_interval": list(Share(hits=len(good), of=len(rows)).interval),
+        "verified_interval": list(
+            Share(hits=sum(row["verified"] for row in rows), of=len(rows)).interval
+        ),
         "left_cone": _share(
             row["outside_cone"] > 0.0 for row in good if row.get("outside_cone") is not None
         ),

@@ -31,6 +31,7 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
+from ..leaps.kinds import SCORER
 from ..leaps.shipped import shipped_scorers
 
 FIRST_RULE = Rule(grip=3.0, grip_cap=0.3, room=20.0, room_cap=0.03)
@@ -54,9 +55,6 @@ TUNED = {
 }
 """The finder with the rule's constants chosen on the 900 scenes from which learned scores are
 learned, too."""
-SCORER = ".safetensors"
-"""Ending of a file of learned scores, which the finder takes in place of the rule's: a method by
-the file's name."""
 UNLEARNED = (*METHODS, *TUNED, *(name for name, _ in AGAIN.values()))
 """Names of all methods but learned scores."""
 PROOF = "proof"

@@ -13,7 +13,10 @@ from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from .kinds import Kind
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_choice
+
+from .kinds import KINDS, Kind
 from .scorer import FOOTHOLDS, LeapScorer, ScoreNetwork
 
 
@@ -31,7 +34,7 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         more: other keywords of sb3-contrib's policy.
 
     Raises:
-        InvalidInput: for a file that holds no scorer.
+        InvalidInput: for a file that holds no scorer, another kind, and another environment.
     Source:
         None: proximal policy optimisation with masks, as sb3-contrib has it.
 
@@ -54,6 +57,9 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         kind: Kind = "set",
         **more: Any,
     ) -> None:
+        if "mask" not in getattr(observation_space, "spaces", {}):
+            raise InvalidInput("environment: expected stancekit/LeapChoice-v0, got another one")
+        checked_choice(kind, "kind", KINDS)
         self._begins = {"scorer": None if scorer is None else str(scorer), "kind": kind}
         defaults = {
             "net_arch": [],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +15,10 @@ from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE,
 from .convergence import Generation
 
 
-@DEFAULT_STYLE
+Curves = tuple[Sequence[float], Sequence[float], Sequence[float]]
+"""Mean, variance and best of the fitness by generation."""
+
+
 def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
     """Mean fitness with a band of one standard deviation, and the best, by generation: Lin et al.,
     Fig. 4.
@@ -23,19 +27,46 @@ def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str =
         raise InvalidInput(
             "histories: expected one or more generations of one or more runs, got none"
         )
+    curves: dict[str, Curves] = {
+        name: (
+            [done.mean for done in history],
+            [done.variance for done in history],
+            [done.best for done in history],
+        )
+        for name, history in histories.items()
+    }
+    return _drawn(curves, title)
+
+
+def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
+    """``draw_convergence`` of the run that envelopes came from.
+
+    Raises InvalidInput for envelopes of another method, and for those written before their
+    provenance kept the variance.
+    """
+    notes = provenance.get("notes", {})
+    curves = tuple(notes.get(name, ()) for name in ("mean", "variance", "best"))
+    if not all(curves):
+        raise InvalidInput(
+            "provenance: expected mean, variance and best of the fitness per generation, as ga "
+            f"writes them, got the notes {sorted(notes)}"
+        )
+    return _drawn({str(provenance.get("method", "ga")): curves}, title)  # type: ignore[dict-item]
+
+
+@DEFAULT_STYLE
+def _drawn(curves: Mapping[str, Curves], title: str) -> Figure:
     figure = sheet((1200, 640), (1200, 640))
     axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
     colours = (LEG_COLOURS[0], ACCENT, *LEG_COLOURS[1:])
-    for index, (name, history) in enumerate(histories.items()):
+    for index, (name, (means, variances, best)) in enumerate(curves.items()):
         colour = colours[index % len(colours)]
-        number = np.array([done.number for done in history])
-        mean = np.array([done.mean for done in history])
-        half = np.sqrt([done.variance for done in history])
+        number, mean, half = np.arange(len(means)), np.array(means), np.sqrt(variances)
         axes.fill_between(number, mean - half, mean + half, color=colour, alpha=0.15, lw=0)
         axes.plot(number, mean, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
         axes.plot(
             number,
-            [done.best for done in history],
+            best,
             color=colour,
             lw=1.2,
             ls=(0, (4, 2)),

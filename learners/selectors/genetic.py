@@ -377,6 +377,7 @@ def fit_genetic(
             "cached": result.counts.cached,
             "best": [done.best for done in result.history],
             "mean": [done.mean for done in result.history],
+            "variance": [done.variance for done in result.history],
         },
     }
     return EnvelopeSet.for_problems(

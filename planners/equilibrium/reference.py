@@ -60,6 +60,24 @@ def p1(scaled: Scaled, box: ContactBox, *, soft: bool, axes: Axes = "contact") -
     return ConicModel(margin[0], {**terms, **mccormick(products.parts, box, margin=margin)})
 
 
+def within_box(scaled: Scaled, box: ContactBox, slope: Array, *, products: bool) -> ConicModel:
+    """The least slope · [p, f] over P1 over a box, or over P̄ within it (§III, the theorem).
+
+    slope: shape (B, 6). products: with the envelope and E9; else with the box alone.
+    """
+    plan = PlanVariables(scaled)
+    forces = ContactForces.of_candidates(plan)
+    every = Products(plan, forces, "contact")
+    terms = {**_on_toes(plan), **_on_forces(forces)}
+    envelope = mccormick(every.parts, box)
+    if products:
+        terms |= {**every.terms(), **envelope}
+    else:
+        terms |= {**every.sums(), "sides": envelope["sides"]}
+    at = cp.hstack([every.position, every.forces])
+    return ConicModel(cp.sum(cp.multiply(slope, at)), terms)
+
+
 def joint(
     scaled: Scaled, box: ContactBox, about: Point | None, *, price: float | None
 ) -> ConicModel:

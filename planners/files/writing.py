@@ -94,6 +94,32 @@ def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
                     _remove_unlocked(folder / name)
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder's lock, so that two processes do not work in it at once; a killed process lets
+    go of it, and a file system without locks has none.
+
+    Raises InvalidInput where another process holds it.
+    """
+    try:
+        lock = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise InvalidInput(
+            f"{folder}: expected a folder in which no other process is at work, found one"
+        ) from None
+    except OSError:
+        pass
+    try:
+        yield
+    finally:
+        os.close(lock)
+
+
 def check_new_folder(path: Path) -> None:
     """Raise InvalidInput where there is a file, or a folder with something in it."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):

@@ -37,12 +37,14 @@ class GroundCells:
             [m].
         spacing_m: side of a cell [m].
         sparse: a cell without samples between others is by chance, and no hole.
+        weight: count of a sample in the sums, below 1 where the noise of neighbours is alike.
     """
 
     moments: Array
     corner_m: Array
     spacing_m: float
     sparse: bool = False
+    weight: float = 1.0
 
     @classmethod
     def of_map(cls, terrain: ElevationMap) -> GroundCells:
@@ -99,7 +101,7 @@ class GroundCells:
     @property
     def places(self) -> tuple[Array, Array]:
         """Mean place of each cell's samples, the middle of a cell that has none."""
-        one = np.maximum(self.moments[0], 1.0)
+        one = np.where(self.known, self.moments[0], 1.0)
         i, j = np.indices(one.shape, dtype=np.float64)
         return np.where(self.known, self.moments[1] / one, i), np.where(
             self.known, self.moments[2] / one, j
@@ -108,6 +110,10 @@ class GroundCells:
     def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
         """Cells without the samples of other cells."""
         return replace(self, moments=self.moments * wanted)
+
+    def weighed(self, weight: float) -> GroundCells:
+        """Cells whose samples count so much each."""
+        return replace(self, moments=weight / self.weight * self.moments, weight=weight)
 
     def noise_m(self) -> float:
         """Deviation of white noise of the heights, by the residuals of planes over 3 × 3 cells that
@@ -219,7 +225,8 @@ def block_squares(
     owner[block] = number
     weight = np.bincount(block, weights=one)
     square = np.asarray(
-        np.bincount(block, weights=rest) ** 2 / np.maximum(weight, 1.0), dtype=np.float64
+        np.bincount(block, weights=rest) ** 2 / np.where(weight > 0.0, weight, 1.0),
+        dtype=np.float64,
     )
     return (
         np.bincount(owner, weights=square, minlength=len(planes)).astype(np.float64),
@@ -232,4 +239,4 @@ def mean_square(planes: Array, moments: Array) -> Array:
     (a, b, c), (one, x, y, xx, xy, yy, z, xz, yz, zz) = planes, moments
     total = zz + a * a * xx + b * b * yy + c * c * one - 2.0 * (a * xz + b * yz + c * z)
     total = total + 2.0 * (a * b * xy + a * c * x + b * c * y)
-    return np.asarray(np.maximum(total, 0.0) / np.maximum(one, 1.0))
+    return np.asarray(np.maximum(total, 0.0) / np.where(one > 0.0, one, 1.0))

@@ -10,6 +10,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.codec import LATER
 
+BENT_M = 0.08
+"""Distance over which the ground turns that is off its plane from place to place [m]."""
 NEGATIVE = 1e-9
 """What rounding makes of a covariance, as a share of its largest entry."""
 
@@ -64,4 +66,11 @@ class Certainty:
     @property
     def tilt_sd_rad(self) -> float:
         """Standard deviation of the slope along the way on which it is largest [rad]."""
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[1:, 1:])[-1], 0.0)))
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.slope_covariance)[-1], 0.0)))
+
+    @property
+    def slope_covariance(self) -> Array:
+        """Covariance of the ground's slopes at a place, shape (2, 2) [rad²]: of the plane's, and by
+        what the ground is off it from one foot's width to the next.
+        """
+        return np.asarray(self.covariance[1:, 1:] + (self.rough_m / BENT_M) ** 2 * np.eye(2))

@@ -164,6 +164,8 @@ class Footholds:
         limits: that they are within.
         noise_m: deviation of a map's or a cloud's heights, as it was told or as they show it; None
             of a mesh [m].
+        noise_length_m: distance at which the correlation of that noise is 1/e, 0 where it is white
+            [m].
     Source:
         None: planar convex pieces with a margin.
 
@@ -181,11 +183,17 @@ class Footholds:
     surfaces: tuple[Patch, ...]
     limits: FootholdLimits
     noise_m: float | None = None
+    noise_length_m: float = 0.0
 
     @property
     def noise_source(self) -> str:
-        """Words for the source of the noise: given, or estimated."""
-        return "estimated from the heights" if self.limits.noise_m is None else "as given"
+        """Words for the source of the noise: given, or estimated; and for its correlation."""
+        estimated = self.limits.noise_m is None
+        source = "estimated from the heights" if estimated else "as given"
+        if not self.noise_length_m:
+            return source
+        alike = f"{source}, correlated over {100.0 * self.noise_length_m:.2g} cm"
+        return f"{alike}, or bumps: noise_m tells" if estimated else alike
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready values."""
@@ -195,5 +203,6 @@ class Footholds:
             "refused_m2": self.refused_m2,
             "noise_m": self.noise_m,
             "noise": None if self.noise_m is None else self.noise_source,
+            "noise_length_m": None if self.noise_m is None else self.noise_length_m,
             "patches": [piece.to_json() for piece in self.pieces],
         }

@@ -19,6 +19,8 @@ LEAST_M3 = 1e-6
 """Volume below which a solid is not judged [m³]."""
 OFF = 1e-3
 """Distance of a sample from its triangle, as a share of the root of the triangle's area."""
+ROOM_M = 0.4
+"""A solid that is narrower along an axis has no room inside for a robot [m]."""
 SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
 FINEST, MOST_ENTRIES = 512, 4_000_000
@@ -37,6 +39,33 @@ RAY = np.array(
 """Axes in columns, the last of them along the rays: no terrain's edges are parallel to it."""
 
 
+def turned(
+    corners: Array, triangles: NDArray[np.int_]
+) -> tuple[NDArray[np.int_], int, Array | None]:
+    """Triangles of which narrow solids that are inside out are turned, how many such solids there
+    were, and a place in another solid that is inside out and may be a room; None without one.
+
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
+
+    Returns:
+        Triangles, shape (T, 3); a count; a place, shape (3,) [m].
+    """
+    wrong = _inside_out(corners, triangles)
+    count = 0
+    if wrong is not None:
+        piece, _, pieces = wrong
+        narrow = np.zeros(len(triangles), dtype=bool)
+        for number in np.unique(pieces):
+            own = piece == number
+            if np.ptp(corners[triangles[own]].reshape(-1, 3), axis=0).min() < ROOM_M:
+                narrow |= own
+                count += 1
+        triangles = np.where(narrow[:, None], triangles[:, ::-1], triangles)
+    return triangles, count, inside_out(corners, triangles) if wrong is not None else None
+
+
 def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m];
     None without one.
@@ -46,6 +75,16 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     Arguments:
         corners: each given once, shape (V, 3) [m].
         triangles: by corners' numbers, shape (T, 3).
+    """
+    wrong = _inside_out(corners, triangles)
+    return None if wrong is None else np.asarray(wrong[1])
+
+
+def _inside_out(
+    corners: Array, triangles: NDArray[np.int_]
+) -> tuple[NDArray[np.int_], Array, NDArray[np.int_]] | None:
+    """The piece of each triangle, a place in a solid that is inside out, and the pieces of all such
+    solids; None without one.
     """
     piece, suspects, closed = _pieces(corners, triangles)
     if not len(suspects):
@@ -62,7 +101,7 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     )
     points = spread[samples].mean(axis=1) + off
     wrong = np.flatnonzero(_winding(spread[closed], points) < 0)
-    return np.asarray(points[wrong[0]]) if len(wrong) else None
+    return (piece, points[wrong[0]], piece[samples[wrong]]) if len(wrong) else None
 
 
 def _pieces(

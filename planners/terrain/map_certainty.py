@@ -21,7 +21,7 @@ samples' distances."""
 
 
 def certainties(
-    labels: Labels, cells: GroundCells, noise_m: float, margin_m: float
+    labels: Labels, cells: GroundCells, noise_m: float, margin_m: float, shape_m: float = 0.0
 ) -> list[Certainty]:
     """The certainty of each surface.
 
@@ -35,6 +35,7 @@ def certainties(
         cells: the samples.
         noise_m: deviation of a sample [m].
         margin_m: of footholds from the borders [m].
+        shape_m: deviation of bumps that are a sensor's noise or the ground's shape [m].
     """
     planes, _, _ = fitted(labels, cells)
     count = len(planes)
@@ -43,11 +44,13 @@ def certainties(
     spacing, (x, y) = cells.spacing_m, cells.places
     i, j = np.nonzero((labels >= 0) & cells.known)
     sums = sums_of(labels[i, j], cells.moments[:, i, j], count)
-    one = np.maximum(sums[0], 1.0)
+    one = np.maximum(sums[0], cells.weight)
     middle = sums[1:3] / one
     squares, blocks = block_squares(labels, cells, planes, max(round(BLOCK_M / spacing), 1))
     freedom = np.maximum(blocks - 3.0, 0.0)
     mean_square = (KNOWN * noise_m**2 + squares) / (KNOWN + freedom)
+    if cells.weight < 1.0:  # blocks are not wider than the noise is alike
+        mean_square = np.maximum(mean_square, noise_m**2)
     local = np.maximum(squares - freedom * noise_m**2, 0.0) / one
     xx, xy, yy = spacing**2 * np.stack(
         [
@@ -70,7 +73,7 @@ def certainties(
             Certainty(
                 about_m=cells.corner_m[:2] + spacing * middle[:, k],
                 covariance=mean_square[k] * covariance,
-                rough_m=float(np.sqrt(local[k])),
+                rough_m=float(np.hypot(np.sqrt(local[k]), shape_m)),
                 edge_sd_m=float(np.hypot(spacing / np.sqrt(12.0), blur)),
                 inset_m=margin_m + 0.5 * spacing + blur,
             )

@@ -25,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .cells import GroundCells, Labels, fitted, renumbered, solved
+from .correlation import Noise, correlated_noise
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
@@ -71,7 +72,8 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     )
     footholds = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
-        below = _planes_of(beside, replace(limits, noise_m=footholds.noise_m), friction)
+        told = limits if footholds.noise_length_m else replace(limits, noise_m=footholds.noise_m)
+        below = _planes_of(beside, told, friction)
         most = max((piece.surface for piece in footholds.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
         footholds = replace(
@@ -96,12 +98,14 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
     """The footholds of the upper side of a map or a cloud, whose surfaces are those of the
     footholds.
     """
-    cells, noise_m = _cells_of(terrain, limits)
+    cells, noise = _cells_of(terrain, limits)
+    noise_m = noise.deviation_m
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
     if noisy:
-        labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m))
+        near_m = max(noise.near_m, QUIET * limits.roughness_m) if noise.correlated else None
+        labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m), near_m)
     else:
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
         labels = np.where(
@@ -130,7 +134,12 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum()
     )
     refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
-    sure = certainties(labels, cells, noise_m, limits.margin_m) if noisy else [None] * len(planes)
+    shape_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
+    sure = (
+        certainties(labels, cells, noise_m, limits.margin_m, shape_m)
+        if noisy
+        else [None] * len(planes)
+    )
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
@@ -147,7 +156,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             if terrain.samples is not None and not cells.sparse
             else cells.moments[0]
         )
-        samples = int(counted[where][labels[where] == number].sum())
+        samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
         facet = FlatPiece(
             plane=plane,
             polygon=outline,
@@ -176,6 +185,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         surfaces=tuple(surfaces),
         limits=limits,
         noise_m=noise_m,
+        noise_length_m=noise.length_m,
     )
 
 
@@ -183,7 +193,7 @@ def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
     """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet
     can use.
     """
-    dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    dense = max(float(np.mean(cells.moments[0][cells.known])), cells.weight)
     side = max(LARGEST_M, 3.0 * cells.spacing_m)
     most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
     if limits.noise_m is not None and limits.noise_m > most:
@@ -208,18 +218,28 @@ def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray
     return narrow
 
 
-def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, float]:
-    """The samples of a map or of its cloud, and their noise: as it is told, else as they show it
-    [m].
+def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, Noise]:
+    """The samples of a map or of its cloud, which count for less where their noise is correlated,
+    and their noise: as it is told, else as they show it.
     """
     if terrain.points_m is None:
         cells = GroundCells.of_map(terrain)
-        return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
-    spacing, noise_m = terrain.spacing_m, limits.noise_m
-    if noise_m is None:  # the upper side is cut by the noise, so that it is estimated twice
-        noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
-        noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
-    return GroundCells.of_points(terrain.points_m, spacing, noise_m), noise_m
+        noise_m = cells.noise_m() if limits.noise_m is None else limits.noise_m
+    else:
+        spacing, told = terrain.spacing_m, limits.noise_m
+        noise_m = told or 0.0
+        if told is None:  # the upper side is cut by the noise, so that it is estimated twice
+            noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
+            noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
+        cells = GroundCells.of_points(terrain.points_m, spacing, noise_m)
+    noise = None if limits.noise_m == 0.0 else correlated_noise(cells)
+    least = QUIET * limits.roughness_m if limits.noise_m is None else 0.5 * limits.noise_m
+    if noise is None or noise.deviation_m < max(2.0 * QUIET * limits.roughness_m, least):
+        return cells, Noise(deviation_m=noise_m)
+    if limits.noise_m is not None:
+        noise = replace(noise, deviation_m=limits.noise_m)
+    per_m2 = float(np.mean(cells.moments[0][cells.known])) / cells.spacing_m**2
+    return cells.weighed(1.0 / noise.samples_alike(per_m2)), noise
 
 
 def _outline(

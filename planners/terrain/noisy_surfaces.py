@@ -44,6 +44,8 @@ TURN_RAD = 0.12
 [rad]."""
 FEWEST = 6
 """Samples that a plane is fitted to."""
+FEWEST_ALIKE = 2.0
+"""The same of samples whose noise is alike, by what they count."""
 SURE = 16.4
 """Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a
 plane."""
@@ -71,18 +73,33 @@ CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
 how far off it they may be in deviations of the noise."""
 
 
-def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
-    """The surface of every cell, −1 for none, shape (n, m)."""
+def noisy_surfaces(
+    cells: GroundCells, limits: FootholdLimits, noise_m: float, near_m: float | None = None
+) -> Labels:
+    """The surface of every cell, −1 for none, shape (n, m).
+
+    Arguments:
+        cells: the samples.
+        limits: for roughness and slope.
+        noise_m: deviation of a sample [m].
+        near_m: deviation of heights off planes through 3 × 3 cells, where it is less than that of
+            the noise, which is correlated; None where it is white [m].
+    """
     labels = np.full(cells.known.shape, -1)
     if np.count_nonzero(cells.known) < FEWEST:
         return labels
-    dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    dense = max(float(np.mean(cells.moments[0][cells.known])), cells.weight)
     largest = max(int(LARGEST_M / (3.0 * cells.spacing_m)), 1)
     fine, coarse = (
         int(np.clip(np.ceil(noise_m / (sd * 3.0 * np.sqrt(dense))), 1, largest))
         for sd in (FINE_SD_M, COARSE_SD_M)
     )
-    for side in sorted({fine, (fine + coarse) // 2, coarse}, reverse=True):
+    sides = sorted({fine, (fine + coarse) // 2, coarse}, reverse=True)
+    if near_m is not None:
+        labels = _parted(_between_edges(cells, near_m), cells, limits, noise_m, coarse)
+        labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
+        return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
+    for side in sides:
         left = cells.known & (labels < 0)
         if np.count_nonzero(left) < FEWEST:
             break
@@ -99,6 +116,17 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     )
     labels = _bordered(_rejoined(labels, cells, noise_m), cells, limits, noise_m)
     return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
+
+
+def _between_edges(cells: GroundCells, near_m: float) -> Labels:
+    """Surfaces of cells that hang together beside those that an edge crosses: planes through 3 × 3
+    cells are off them by more than noise is that is alike in neighbours.
+    """
+    sums = boxed(cells.moments, 3) / cells.weight
+    rms = solved(about(sums, *np.indices(cells.known.shape, dtype=np.float64)))[1]
+    squares, freedom = rms**2 * sums[0], np.maximum(sums[0] - 3.0, 1.0)
+    inside = cells.known & (squares <= SURE / 6.0 * near_m**2 * freedom)
+    return _apart(np.where(inside, 0, -1))
 
 
 def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -168,12 +196,12 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     i, j = np.indices((n, m), dtype=np.float64)
     total = np.sum([parts[way] for way in shifts], axis=0)
     (a, b, c), rms = solved(about(total, i, j))
-    count = np.maximum(total[0], 1.0)
+    count = np.maximum(total[0], cells.weight)
     off = np.zeros((n, m))
     for way in shifts:
         one, x, y, z = (parts[way][k] for k in (0, 1, 2, 6))
         rest = z - a * (x - i * one) - b * (y - j * one) - c * one
-        off += rest**2 / np.maximum(one, 1.0)
+        off += rest**2 / np.maximum(one, cells.weight)
     variance = noise_m**2
     slope = np.hypot(a, b) / cells.spacing_m
     spread = cells.spacing_m * side * np.sqrt(6.0 / 9.0)  # of places in a square along an axis
@@ -264,7 +292,7 @@ def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     rest = z - a * x - b * y - c * one
     box = boxed(np.stack([one, rest]), 2 * (side // 2) + 1)
     i, j = np.indices(labels.shape)
-    return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5))
+    return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5 * cells.weight))
 
 
 def _parted(
@@ -458,11 +486,12 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
         a, b, c = (planes[of, k] for k in range(3))
         off = (
             (a * x[i, j] + b * y[i, j] + c - mean[i, j]) ** 2
-            * np.minimum(one[i, j], 4.0)
+            * np.minimum(one[i, j], 4.0 * cells.weight)
             / variance[of]
         )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
-        energy = np.where((candidates >= 0) & (off <= FARTHEST**2), off - AGREEMENT * votes, np.inf)
+        near = off <= FARTHEST**2 * cells.weight
+        energy = np.where((candidates >= 0) & near, off - AGREEMENT * votes, np.inf)
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
         if np.array_equal(best, label):
@@ -474,11 +503,12 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
 def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
     labels = _apart(labels)
+    fewest = FEWEST if cells.weight == 1.0 else max(FEWEST * cells.weight, FEWEST_ALIKE)
     count = np.bincount(
         labels[labels >= 0],
         weights=cells.moments[0][labels >= 0],
         minlength=labels.max(initial=-1) + 1,
     )
     return renumbered(
-        np.where((labels >= 0) & np.append(count >= FEWEST, False)[labels], labels, -1)
+        np.where((labels >= 0) & np.append(count >= fewest, False)[labels], labels, -1)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from ..files.arrays import Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import ImportOptions
-from .inside_out import inside_out
+from .inside_out import ROOM_M, turned
 from .obstacles import fan
 from .patch import Patch
 from .raster import raised
@@ -61,12 +62,17 @@ class TriangleMesh:
                 raise InvalidInput(
                     f"{name}: crop_m: expected some of the mesh inside, got none of it"
                 )
-        middle = inside_out(corners, triangles)
+        triangles, count, middle = turned(corners, triangles)
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
             raise InvalidInput(
                 f"{name}: expected triangles that turn to the left as seen from outside, got a solid about ({place}) m "
                 "that is inside out; turn its normals, or crop the ceiling off a room"
+            )
+        if count:
+            warnings.warn(
+                f"{name}: {count} closed parts narrower than {ROOM_M:g} m are inside out and were turned",
+                stacklevel=2,
             )
         return cls(corners_m=corners, triangles=triangles, name=name)
 

@@ -44,8 +44,8 @@ def bench(tmp_path, **options):
 def test_the_tables_say_success_iterations_and_ratios(tmp_path, capsys):
     assert bench(tmp_path).run() == 0
     shown = capsys.readouterr().out
-    assert "100 / 0 of 2" in shown
-    assert "100 / 100 of 2" in shown
+    assert "100 [34, 100] / 0 [0, 66] of 2" in " ".join(shown.split())
+    assert "100 [34, 100] / 100 [34, 100] of 2" in " ".join(shown.split())
     assert (
         "ours: decoupled, centred over baseline: ambient, PCDM: ripple 0.50 × iterations, 1.00 × time"
         in shown
@@ -119,6 +119,8 @@ def test_what_was_not_measured_is_a_dash():
         "terrain": "ripple",
         "success": 1.0,
         "verified": 0.5,
+        "success_interval": [0.342, 1.0],
+        "verified_interval": [0.094, 0.906],
         "cells": 2,
         "paper": None,
     }
@@ -127,8 +129,8 @@ def test_what_was_not_measured_is_a_dash():
     )
     assert [list(column.cells) for column in table.columns] == [
         ["ours", "other"],
-        ["100 / 50 of 2", "–"],
-        ["–", "100 / 50 of 2 ! 1"],
+        ["100 [34, 100] / 50 [9, 91] of 2", "–"],
+        ["–", "100 [34, 100] / 50 [9, 91] of 2 ! 1"],
     ]
     assert "–: not measured" in table.caption
 

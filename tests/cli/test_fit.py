@@ -4,6 +4,7 @@ come from.
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -135,3 +136,17 @@ def test_an_unfinished_data_set_is_refused(refusal, stancekit, labelled, tmp_pat
         (tmp_path / "data" / name).write_bytes((labelled / name).read_bytes())
     said = refusal("fit", "data", "--out", "e.json")
     assert said.startswith("data: shard-00001.parquet and 2 more shards are missing")
+
+
+def test_the_fitness_of_ga_is_drawn_and_kept(stancekit, refusal, labelled, write):
+    config = write("ga.yaml", "genetic: {population: 6, generations: 3, terrains: 8}\n")
+    options = ("--method", "ga", "--config", config, "--out", "ga.json", "--picture", "ga.png")
+    ran = stancekit("fit", labelled, *options, "--json")
+    assert ran.code == 0
+    notes = ran.records[0]["provenance"]["notes"]
+    assert len(notes["mean"]) == len(notes["variance"]) == len(notes["best"]) == 3
+    assert Path("ga.png").read_bytes().startswith(b"\x89PNG")
+    message = "--picture: expected with --method ga, got quantile"
+    said = refusal("fit", labelled, "--method", "quantile", "--out", "q.json", "--picture", "q.png")
+    assert said == message
+    assert not Path("q.json").exists()

@@ -57,6 +57,20 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
     ("given", "line"),
     [
         ("bench room --scenes 0 --out room", "--scenes: expected"),
+        ("bench room --environment --out room", "--environment: expected one or more, got none"),
+        (
+            "bench room --method --out room",
+            "--method: expected a control among them, got none",
+        ),
+        (
+            "bench room --scorer neural-wall-3 --out room",
+            "--scorer: expected a file of leaps' scores, or one of set-leap-hard, got neural-wall-3",
+        ),
+        (
+            "plan leap-base:1 --planner random --policy set-leap-hard",
+            "--policy: expected none with --planner random",
+        ),
+        ("plan leap-base:1 --policy neural-wall-3", "expected a file, or one of set-leap-hard"),
         ("bench room --distribution leap-none --out room", "--distribution: expected one of"),
         ("bench room --solves 0 --out room", "--solves: expected 1 to 50, got 0"),
         ("bench room --solves 60 --out room", "--solves: expected 1 to 50, got 60"),

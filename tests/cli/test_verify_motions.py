@@ -182,6 +182,22 @@ def test_drawn_motions_are_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFi
     assert "to: expected 'npz', found motions of another one there" in capsys.readouterr().err
 
 
+def test_two_processes_do_not_draw_into_one_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from stancekit.planners.files.writing import alone_in
+
+    folder = tmp_path / "drawn"
+    folder.mkdir()
+    arguments = ("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder)
+    with alone_in(folder):
+        assert run(*arguments) == 2
+    said = capsys.readouterr().err
+    assert (said.count("\n"), "in which no other process is at work" in said) == (1, True), said
+    assert list(folder.iterdir()) == []
+    assert run(*arguments) == 0
+
+
 def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

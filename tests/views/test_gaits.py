@@ -400,3 +400,11 @@ def test_guide_paths_of_a_walk_are_shown_and_what_a_file_says_of_them_is_not_bel
     assert len(view.ways_m) == count
     assert len(view.fixed.paths) == 2 + count
     assert any("guide path" in words for _, words in view.legend) == (count > 0)
+
+
+def test_the_bar_of_violations_has_numbers_that_can_be_read():
+    figure = draw_directions(runs(2))
+    figure.canvas.draw()
+    labels = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
+    assert "0.001" in labels
+    assert not any("$" in label for label in labels)

@@ -52,3 +52,19 @@ def test_bad_names_and_foreign_rows_are_refused(tmp_path):
     (tmp_path / "rows.jsonl").write_text("nothing\n")
     with pytest.raises(InvalidInput, match="expected rows of bench room"):
         environment_room("Traverse-v0", tmp_path, scenes=1, seed=0)
+
+
+def test_a_walk_is_played_by_every_chart_and_by_chance(tmp_path):
+    room = environment_room("WarpedGait-v0", tmp_path, scenes=1, seed=3)
+    rows = played(tmp_path, "WarpedGait-v0")
+    assert sorted(method for _, method in rows) == [
+        "always ambient",
+        "always decoupled",
+        "always shear",
+        "always warped",
+        "always warped-exact",
+        "random",
+        "random-again",
+    ]
+    assert room.controlled_by.startswith("always ")
+    assert (room.budget, room.learned) == ("one attempt", None)

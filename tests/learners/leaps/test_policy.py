@@ -14,6 +14,7 @@ pytest.importorskip("sb3_contrib")
 from sb3_contrib import MaskablePPO
 
 from stancekit.learners.leaps.policy import ScorePolicy
+from stancekit.planners.errors import InvalidInput
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,14 @@ def test_what_it_learned_is_given_back_and_saved(begun, tmp_path):
             each.predict(observation, deterministic=True)[0],
             trained.predict(observation, deterministic=True)[0],
         )
+
+
+def test_another_environment_and_another_kind_are_refused():
+    with pytest.raises(InvalidInput, match=r"^environment: expected stancekit/LeapChoice-v0"):
+        MaskablePPO(ScorePolicy, "stancekit/Traverse-v0", n_steps=8, batch_size=8)
+    env = gymnasium.make("stancekit/LeapChoice-v0", problem="leap-few", tries=1)
+    with pytest.raises(InvalidInput, match=r"^kind: expected one of additive, set, got 'tree'"):
+        MaskablePPO(ScorePolicy, env, n_steps=8, batch_size=8, policy_kwargs={"kind": "tree"})
 
 
 def test_batches_are_played_one_by_one(begun):

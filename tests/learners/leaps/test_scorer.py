@@ -138,12 +138,18 @@ def test_scores_are_learned_from_tries_written_read_and_planned_with(kind, tries
     again = stancekit.fit(tries, kind, epochs=3, seed=2)
     numbers = LeapNumbers.of(drawn(5))
     np.testing.assert_array_equal(scorer.scores(numbers), again.scores(numbers))
-    scorer.write(tmp_path / "scores.safetensors")
+    stancekit.save(scorer, tmp_path / "scores.safetensors")
     read = stancekit.load(tmp_path / "scores.safetensors", LeapScorer)
     np.testing.assert_array_equal(read.scores(numbers), scorer.scores(numbers))
     assert read.origin["class"] == "leap-base"
     answer = stancekit.plan("leap-base:1", LeapFinder(rule=read, solves=20, proof=0))
     assert answer.solution is None or stancekit.verify(answer.solution).accepted
+
+
+def test_scores_are_saved_under_a_name_that_is_read_back(tries, tmp_path):
+    with pytest.raises(InvalidInput, match=r"s\.json: expected a name that ends in \.safetensors"):
+        stancekit.save(stancekit.fit(tries, "additive", epochs=1), tmp_path / "s.json")
+    assert not (tmp_path / "s.json").exists()
 
 
 def test_the_best_pass_is_no_worse_than_the_first(tries):

@@ -2,6 +2,7 @@
 hangs together.
 """
 
+from contextlib import nullcontext
 from itertools import product
 from pathlib import Path
 
@@ -120,23 +121,17 @@ def written(path, solids, *, shared):
 
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize("wrong", [(), (0,), (1,), (0, 1)])
-def test_touching_boxes_of_a_file_have_tops_or_are_refused(tmp_path: Path, shared, wrong):
+def test_touching_plates_of_a_file_have_tops_whichever_way_they_turn(tmp_path: Path, shared, wrong):
     places = [((-1.0, -1.0, -0.2), (1.0, 1.0, 0.0)), ((1.0, -1.0, -0.2), (3.0, 1.0, 0.1))]
     path = written(
         tmp_path / "boxes.obj",
         [box(*place, k in wrong) for k, place in enumerate(places)],
         shared=shared,
     )
-    if wrong:
-        with pytest.raises(
-            InvalidInput, match=r"got a solid about \(.*\) m that is inside out; turn its normals"
-        ):
-            read_footholds(path)
-    else:
-        heights = {
-            round(float(piece.patch.vertices_m[0, 2]), 6) for piece in read_footholds(path).pieces
-        }
-        assert heights == {0.0, 0.1}
+    said = f"boxes.obj: {len(wrong)} closed parts narrower than 0.4 m are inside out"
+    with pytest.warns(UserWarning, match=said) if wrong else nullcontext():
+        found = read_footholds(path)
+    assert {round(float(piece.patch.vertices_m[0, 2]), 6) for piece in found.pieces} == {0.0, 0.1}
 
 
 def test_one_of_thousands_of_touching_solids_is_found():
@@ -153,3 +148,30 @@ def test_one_of_thousands_of_touching_solids_is_found():
     np.testing.assert_allclose(middle, low[777] + 0.5, atol=0.51)
     mesh = TriangleMesh.of(corners, number.reshape(-1, 3), ImportOptions(), "blocks")
     assert len(mesh.triangles) == len(spread)
+
+
+def test_a_plate_that_is_inside_out_is_turned_and_said_and_a_room_is_refused(tmp_path):
+    ground, plate = box((0.0, 0.0, -0.1), (2.0, 2.0, 0.0)), ((0.5, 0.5, 0.0), (1.5, 1.5, 0.1))
+    path = tmp_path / "plate.stl"
+
+    def write(*solids):
+        spread = np.concatenate(solids)
+        text = "".join(
+            "facet normal 0 0 0 outer loop "
+            + " ".join("vertex " + " ".join(map(repr, corner)) for corner in triangle.tolist())
+            + " endloop endfacet\n"
+            for triangle in spread
+        )
+        path.write_text(f"solid plate\n{text}endsolid plate\n")
+        return path
+
+    sound = read_footholds(write(ground, box(*plate)))
+    with pytest.warns(UserWarning, match=r"1 closed parts narrower than 0\.4 m are inside out"):
+        found = read_footholds(write(ground, box(*plate, flipped=True)))
+    assert found.area_m2 == pytest.approx(sound.area_m2, rel=1e-12)
+    assert len(found.pieces) == len(sound.pieces)
+    room = box((3.0, 0.0, 0.0), (5.0, 2.0, 0.5), flipped=True)
+    with pytest.raises(InvalidInput, match="that is inside out; turn its normals"):
+        read_footholds(write(room))
+    with pytest.raises(InvalidInput, match="that is inside out; turn its normals"):
+        read_footholds(write(ground, box(*plate, flipped=True), room))

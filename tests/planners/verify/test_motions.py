@@ -141,6 +141,76 @@ def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(mov
     )
 
 
+@pytest.mark.parametrize(
+    ("rolling", "slides", "slip_m"),
+    [
+        ((0, 1, 2, 3), (), 0.0),  # balls that roll
+        ((), (), 0.0),  # points that stay
+        ((0,), (), None),  # one rolls, and three spin in place: either rule finds slip
+        ((0, 1, 3), (2,), 0.03),  # three roll, and one slides
+        ((), (2,), 0.03),
+        ((0,), (0,), 0.03),  # the one that rolls slides beside that
+    ],
+)
+def test_feet_that_roll_or_spin_in_place_and_one_that_slides_beside_them(
+    moved: Moved, rolling: tuple[int, ...], slides: tuple[int, ...], slip_m: float | None
+) -> None:
+    kinematics, known = Kinematics(moved.robot), moved.table.known()
+    count, turn = 80, moved.table.rotation[0]
+    origin = np.tile(known["origin_m"][0], (count, 1))
+    origin[:, 0] += 0.14 * np.linspace(-0.5, 0.5, count)  # the body sways; shanks turn
+    near = known["angles_rad"][0]
+    chains = [leg.chain for leg in kinematics.model.legs]
+    joints = [kinematics.joints_of(i) for i in range(len(chains))]
+    slid = np.zeros((count, len(chains), 3))
+    slid[:, list(slides), 1] = np.linspace(0.0, 0.03, count)[:, None]
+    feet = known["origin_m"][0] + kinematics.feet(near) @ turn.T
+    angles: list[np.ndarray] = []
+
+    def shanks(of: np.ndarray) -> list[np.ndarray]:
+        return [
+            turn @ chain.frames(of[None, j])[0][0, -1]
+            for chain, j in zip(chains, joints, strict=True)
+        ]
+
+    for row in range(count):
+        target = feet.copy()
+        for _ in range(4):  # where a ball is that rolled since the row before
+            found = kinematics.reach(
+                (target + slid[row] - origin[row]) @ turn, near, near, limits=False
+            )[0]
+            if not angles:
+                break
+            for i in rolling:
+                skewed = shanks(found)[i] @ shanks(angles[-1])[i].T
+                omega = 0.5 * np.array(
+                    [
+                        skewed[2, 1] - skewed[1, 2],
+                        skewed[0, 2] - skewed[2, 0],
+                        skewed[1, 0] - skewed[0, 1],
+                    ]
+                )
+                target[i, :2] = (
+                    feet[i] + kinematics.radii_m[i] * np.cross(omega, [0.0, 0.0, 1.0])
+                )[:2]
+        feet, near = target, found
+        angles.append(found)
+    table = MotionTable(
+        time_s=0.01 * np.arange(count),
+        joints=moved.table.joints,
+        limbs=moved.table.limbs,
+        angles_rad=np.array(angles),
+        origin_m=origin,
+        quaternion=np.tile(known["quaternion"][0], (count, 1)),
+        contact=np.ones((count, len(chains)), dtype=bool),
+    )
+    group = judged(table, moved).group("slip")
+    if slip_m is None:
+        assert group.verdict == "violated"
+    else:
+        assert group.value == pytest.approx(slip_m, abs=2e-3)
+
+
 def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) -> None:
     forces, contact = np.array(moved.table.forces_n), moved.table.contact
     assert contact is not None

@@ -1,0 +1,185 @@
+"""Noise of heights that is correlated over a length, as filtered maps and most depth cameras have
+it.
+
+Planes are fitted to 3 × 3 samples that are ever farther apart. White noise leaves them the same
+residuals whatever their distance; correlated noise leaves little to samples that are close, and all
+of it to those that are farther apart than it reaches. Real bumps of that size look the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.special import chdtri
+
+from ..files.arrays import Array
+from .cells import GroundCells, about, solved
+
+WIDEST_M = 0.13
+"""Side of the largest squares of samples: most grounds have some that no edge crosses [m]."""
+MOST_SQUARES = 12_000
+"""Squares of one size that are looked at, at most."""
+FEWEST_SQUARES = 60
+RISES, BROAD_RISE = (1.06, 1.2), 2.0
+"""Residuals of white noise over narrow squares do not grow with the distance of samples: not by the
+second factor, and not by the first where those of wide squares grow by a third."""
+LENGTHS_M = np.geomspace(0.015, 0.2, 23)
+"""Lengths that are tried [m]."""
+LONGEST_M = 0.1
+"""What is correlated over more is the shape of the ground [m]."""
+HILLS = 2.0
+"""Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
+WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
+"""Shares of white noise in the variance that are tried."""
+LEAST, BIN, SMOOTH = 0.15, 0.05, 0.35
+"""Of a mode its least share of the highest one; width of the bins of logarithms of variances, and
+of what they are smoothed by."""
+QUIET, TRUSTED = 0.04, 2.0
+"""Quantile beside the mode, and how many times as large as by it the deviation by the mode may
+be."""
+OFTEN = 3
+"""A cell of a cloud is as good as so many places along each of its sides."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Noise of the heights of a map or a cloud.
+
+    Arguments:
+        deviation_m: standard deviation of a height [m].
+        length_m: distance at which the correlation of two heights is 1/e, 0 for white noise [m].
+        correlated: share of the variance that is correlated.
+        near_m: deviation of heights off planes through 3 × 3 cells beside each other [m].
+    """
+
+    deviation_m: float
+    length_m: float = 0.0
+    correlated: float = 0.0
+    near_m: float = 0.0
+
+    def samples_alike(self, per_m2: float) -> float:
+        """Number of samples, of so many per m², that a mean is no surer by than by one of white
+        noise; 1 or more.
+        """
+        alike = max(np.pi * self.length_m**2 * per_m2, 1.0)
+        return 1.0 + self.correlated * (alike - 1.0)
+
+
+def correlated_noise(cells: GroundCells) -> Noise | None:
+    """The noise of heights that is correlated over a few centimetres; None where it is white, or
+    nothing can be said.
+
+    Squares that are long and narrow cross fewer edges, and tell whether it is white; wide ones
+    know its size.
+    """
+    narrow = _residuals(cells, wide=False)
+    rise = max(narrow, default=0.0) / max([*narrow[:1], 1e-9])
+    if rise <= RISES[0]:
+        return None
+    broad = _residuals(cells, wide=True)
+    if rise <= RISES[1] and max(broad, default=0.0) <= BROAD_RISE * narrow[0]:
+        return None
+    noise = _fitted(cells, broad, wide=True)
+    if noise is not None and noise.length_m <= LONGEST_M:
+        return noise
+    noise = _fitted(cells, narrow, wide=False)  # edges cross the wide squares, or it is a hill
+    if noise is None or noise.length_m > LONGEST_M or max(broad) > HILLS * noise.deviation_m:
+        return None
+    return noise
+
+
+def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:
+    """Deviation of heights off planes through 3 × 3 cells, 1, 2, 3, … cells apart, that no edge
+    crosses [m]. Of narrow squares those beside each other along one axis, the quieter one of
+    both.
+    """
+    deviations = list[float]()
+    for step in range(1, int(WIDEST_M / (2.0 * cells.spacing_m)) + 1):
+        ways = [(step, step)] if wide else [(step, 1), (1, step)]
+        known = [each for way in ways if (each := _along(cells, *way)) is not None]
+        if not known or (deviations and min(known) > deviations[-1] * (step / (step - 1)) ** 2.5):
+            break  # no noise rises so fast: edges cross all squares
+        deviations.append(min(known))
+    return deviations
+
+
+def _fitted(cells: GroundCells, deviations: list[float], *, wide: bool) -> Noise | None:
+    """The noise that leaves such deviations to planes."""
+    if len(deviations) < 2:
+        return None
+    white = WHITE if len(deviations) > 2 else WHITE[:1]
+    steps = range(1, len(deviations) + 1)
+    shapes = np.array(
+        [
+            [_remaining(cells, (step, step if wide else 1), length) for step in steps]
+            for length in LENGTHS_M.tolist()
+        ]
+    )
+    models = np.sqrt(white[:, None, None] + (1.0 - white[:, None, None]) * shapes)
+    scales = models @ deviations / np.sum(models**2, axis=2)
+    misfits = np.sum((scales[..., None] * models - deviations) ** 2, axis=2)
+    share, length = np.unravel_index(int(misfits.argmin()), misfits.shape)
+    return Noise(
+        deviation_m=float(scales[share, length]),
+        length_m=float(LENGTHS_M[length]),
+        correlated=float(1.0 - white[share]),
+        near_m=deviations[0],
+    )
+
+
+def _along(cells: GroundCells, *steps: int) -> float | None:
+    """Such a deviation for cells so many apart along each axis [m]."""
+    n, m = (count - 2 * step for count, step in zip(cells.known.shape, steps, strict=True))
+    if min(n, m) < 1:
+        return None
+    stride = int(np.ceil(np.sqrt(n * m / MOST_SQUARES)))
+    i, j = np.meshgrid(np.arange(0, n, stride), np.arange(0, m, stride), indexing="ij")
+    sums = np.zeros((10, *i.shape))
+    for u in (0, steps[0], 2 * steps[0]):
+        for v in (0, steps[1], 2 * steps[1]):
+            sums += cells.moments[:, u : u + n : stride, v : v + m : stride]
+    whole = sums[0] >= 6.0
+    if np.count_nonzero(whole) < FEWEST_SQUARES:
+        return None
+    _, rms = solved(about(sums, i + steps[0], j + steps[1])[:, whole])
+    freedom = np.round(sums[0][whole]) - 3.0
+    squares = rms**2 * sums[0][whole]
+    known, of = np.unique(freedom, return_inverse=True)
+    quiet = float(np.quantile(squares / chdtri(known, 1.0 - QUIET)[of], QUIET))
+    mode = _lowest_mode(squares / freedom)
+    return float(np.sqrt(mode if mode <= TRUSTED**2 * quiet else quiet))
+
+
+def _lowest_mode(variances: Array) -> float:
+    """Where logarithms of variances first gather, which is the variance itself, however many
+    squares are crossed by edges.
+    """
+    logs = np.log(np.maximum(variances, 1e-18))
+    bins = np.arange(logs.min() - 1.0, logs.max() + 1.0 + BIN, BIN)
+    density = gaussian_filter1d(np.histogram(logs, bins)[0].astype(float), SMOOTH / BIN)
+    peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
+    first = peaks[density[peaks] > LEAST * density.max()][0]
+    return float(np.exp(bins[first] + 0.5 * BIN))
+
+
+def _remaining(cells: GroundCells, steps: tuple[int, int], length_m: float) -> float:
+    """Share of the variance of correlated noise that planes through such cells leave."""
+    within = (np.arange(OFTEN) + 0.5) / OFTEN - 0.5 if cells.sparse else np.zeros(1)
+    x, y = (
+        values.ravel()
+        for values in np.meshgrid(
+            *(
+                cells.spacing_m * (each * np.array([-1.0, 0.0, 1.0])[:, None] + within).ravel()
+                for each in steps
+            )
+        )
+    )
+    correlation = np.exp(-((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2) / length_m**2)
+    fit = 1.0 + np.outer(x, x) / np.mean(x * x) + np.outer(y, y) / np.mean(y * y)
+    alike = float(np.mean(fit * correlation))
+    if not cells.sparse:
+        return max((9.0 - 9.0 * alike) / 6.0, 1e-6)
+    count = 9.0 * max(float(np.mean(cells.moments[0][cells.known])), 1.0)
+    return max((count - 3.0 - (count - 1.0) * alike) / (count - 3.0), 1e-6)
