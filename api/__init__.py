@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
+    from .learners.surrogates.screened import Screened as Screened
     from .maps import warp as warp
     from .motions import run as run
     from .motions import simulate as simulate
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample
+    from .screening import screen as screen
     from .selectors import evaluate as evaluate
     from .selectors import fit as fit
     from .terrains import heights as heights
@@ -101,6 +103,7 @@ _HOMES = {
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
+    "learners.surrogates.screened": ("Screened",),
     "maps": ("warp",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
@@ -133,6 +136,7 @@ _HOMES = {
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
     "samples": ("sample",),
+    "screening": ("screen",),
     "selectors": ("evaluate", "fit"),
     "terrains": ("heights", "terrain"),
     "walks": ("walk",),

@@ -1,0 +1,2 @@
+"""Surrogates of feasibility: networks that say feasible or infeasible at a stated error, and "ask"
+of the rest."""
