@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap
     from .planners.problem.problem import Problem as Problem
+    from .planners.problem.standing_map import StandingMap as StandingMap
     from .planners.problem.walk import Walk as Walk
     from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from .screening import screen as screen
     from .selectors import evaluate as evaluate
     from .selectors import fit as fit
+    from .standing import map as map
     from .terrains import heights as heights
     from .terrains import terrain as terrain
     from .walks import walk as walk
@@ -119,6 +121,7 @@ _HOMES = {
     "planners.problem.contact": ("Contact",),
     "planners.problem.leap": ("Leap",),
     "planners.problem.problem": ("Problem",),
+    "planners.problem.standing_map": ("StandingMap",),
     "planners.problem.walk": ("Walk",),
     "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
@@ -138,6 +141,7 @@ _HOMES = {
     "samples": ("sample",),
     "screening": ("screen",),
     "selectors": ("evaluate", "fit"),
+    "standing": ("map",),
     "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }
