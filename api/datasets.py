@@ -108,14 +108,15 @@ def label(
             them.
         progress: called with rows written, and all.
         further: proposers (file of ``stancekit proposers``, asked for postures and proofs before
-            any solver; needs torch), shard_size (rows per file, which is what an interruption can
-            lose; 500), screen (a surrogate of ``fit(rows, "surrogate")`` or its file: a draw that it
-            calls of a kind of which there are enough rows is passed over without being decided) and
-            screen_error (share of the other kind's rows that may be lost so; 0.04), natural (True keeps the samples as they come with two numbers of rows, too,
-            of which only the sum counts then). Of leaps: scenes (how many are drawn; has to be
-            given), shard_size, and tries (how many choices per scene each order of ``LeapFinder``
-            makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
-            choices, the others near good ones).
+            any solver; needs torch), screen (a surrogate of ``fit(rows, "surrogate")`` or its file:
+            a draw that it calls of a kind of which there are enough rows is passed over without
+            being decided) and screen_error (share of the other kind's rows that may be lost so;
+            0.04), shard_size (rows per file, which is what an interruption can lose; 500), natural
+            (True keeps the samples as they come with two numbers of rows, too, of which only the
+            sum counts then). Of leaps: scenes (how many are drawn; has to be given), shard_size,
+            and tries (how many choices per scene each order of ``LeapFinder`` makes; by default
+            {"random": 8, "finder": 4, "noise": 4}, half of them spread over all choices, the others
+            near good ones).
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
         Of leaps, ``LeapTries``.

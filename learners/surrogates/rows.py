@@ -29,11 +29,13 @@ FARTHEST = 0.1
 class LabelledBatch:
     """Posture problems with their labels. kinds: "feasible", "infeasible" or "trivial", shape (B,);
     margins: of a feasible one the least room that its witness has, of an infeasible one minus the
-    moment that its proof says cannot be balanced, non-dimensional, shape (B,)."""
+    moment that its proof says cannot be balanced, non-dimensional, shape (B,). screened: whether a
+    row is of a screened set, which may teach and not calibrate, shape (B,); None for none."""
 
     batch: PostureBatch
     kinds: NDArray[np.str_]
     margins: Array
+    screened: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.kinds)
@@ -45,26 +47,12 @@ class LabelledBatch:
         Raises InvalidInput for rows of several classes or robots, and for rows on other than
         triangles.
         """
+        check_alike(datasets)
         first = datasets[0]
-        for other in datasets[1:]:
-            for name in ("problem_class", "robot"):
-                mine, theirs = getattr(first, name), getattr(other, name)
-                if mine != theirs:
-                    raise InvalidInput(
-                        f"data sets: expected rows of one class and robot, got {mine or 'the default hexapod'} "
-                        f"and {theirs or 'the default hexapod'}"
-                    )
-            if other.header.legs != first.header.legs:
-                raise InvalidInput("data sets: expected rows of the same legs")
-        for one in datasets:
-            if one.header.plan.screen is not None:
-                raise InvalidInput(
-                    f"{one.ledger.folder}: expected rows as they are drawn to calibrate on, got screened ones"
-                )
         like = next(iter(first.problems()), None)
         if like is None:
             raise InvalidInput(f"{first.ledger.folder}: expected labelled rows, got none")
-        seen, patches, kinds, margins = set[str](), [], [], []
+        seen, patches, kinds, margins, screened = set[str](), [], [], [], []
         postures: dict[int, list[Array]] = {}
         for one in datasets:
             for raw in _raw(one):
@@ -74,6 +62,7 @@ class LabelledBatch:
                 contacts = parse_json(raw["problem"], "problem")["contacts"]
                 patches.append([(c["vertices_m"], c["normal"], c["friction"]) for c in contacts])
                 kinds.append("trivial" if raw["trivial"] else raw["label"])
+                screened.append(one.header.plan.screen is not None)
                 bound = float(raw["lower_bound"] or 0.0)
                 margins.append(-1.0 if raw["trivial"] or not np.isfinite(bound) else -bound)
                 if raw["label"] == "feasible" and raw["com_m"] is not None:
@@ -97,13 +86,33 @@ class LabelledBatch:
             batch=batch,
             kinds=np.array(kinds, dtype=np.str_),
             margins=np.clip(values, -FARTHEST, FARTHEST),
+            screened=np.array(screened) if any(screened) else None,
         )
 
     def select(self, chosen: NDArray[np.intp]) -> LabelledBatch:
         """Some of them, by index."""
         return LabelledBatch(
-            batch=self.batch.select(chosen), kinds=self.kinds[chosen], margins=self.margins[chosen]
+            batch=self.batch.select(chosen),
+            kinds=self.kinds[chosen],
+            margins=self.margins[chosen],
+            screened=None if self.screened is None else self.screened[chosen],
         )
+
+
+def check_alike(datasets: Sequence[Dataset]) -> None:
+    """Raise InvalidInput unless data sets are of one class, robot and legs."""
+    first = datasets[0]
+    for other in datasets[1:]:
+        for name in ("problem_class", "robot"):
+            mine, theirs = (getattr(one, name) or "the default hexapod" for one in (first, other))
+            if mine != theirs:
+                raise InvalidInput(
+                    f"data sets: expected rows of one class and robot, got {mine} and {theirs}"
+                )
+        if other.header.legs != first.header.legs:
+            raise InvalidInput(
+                f"data sets: expected rows of the same legs, got {first.header.legs} and {other.header.legs}"
+            )
 
 
 def _raw(dataset: Dataset) -> list[dict[str, Any]]:

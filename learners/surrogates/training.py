@@ -24,7 +24,7 @@ from ..selectors.network import Architecture
 from .calibration import CONFIDENCE, KINDS
 from .features import Features, Seer
 from .network import SurrogateNetwork
-from .rows import FARTHEST, LabelledBatch
+from .rows import FARTHEST, LabelledBatch, check_alike
 from .surrogate import Surrogate, numbers
 
 WARM = 0.1
@@ -72,8 +72,15 @@ def fit_surrogate(
     origin = [one.origin for one in datasets]
     held = None
     if calibration is not None:
-        held = LabelledBatch.of([datasets[0].select([0]), calibration])
-        held = held.select(np.arange(1, len(held)))
+        check_alike([datasets[0], calibration])
+        held = LabelledBatch.of([calibration])
+        if held.screened is not None:
+            raise InvalidInput(
+                f"calibration: expected rows as they are drawn, got screened ones of {calibration.ledger.folder}"
+            )
+        seen = {corners.tobytes() for corners in rows.batch.vertices_m}
+        fresh = [k for k, each in enumerate(held.batch.vertices_m) if each.tobytes() not in seen]
+        held = held.select(np.array(fresh, dtype=np.intp))
         origin.append(calibration.origin)
     return fit_rows(
         rows,
@@ -100,7 +107,7 @@ def fit_rows(
     if not known["feasible"] or not known["infeasible"] + known["trivial"]:
         counts = ", ".join(f"{count} {kind}" for kind, count in known.items())
         raise InvalidInput(f"data set: expected feasible and infeasible rows, got {counts}")
-    learned, kept = _parts(rows.kinds, settings.calibration, settings.seed)
+    learned, kept = _parts(rows, settings.calibration, settings.seed)
     seer = Seer.of(rows.batch.like)
     seen = seer.features(rows.batch)
     with torch.random.fork_rng():
@@ -141,15 +148,17 @@ def fit_rows(
 
 
 def _parts(
-    kinds: NDArray[np.str_], share: float, seed: int
+    rows: LabelledBatch, share: float, seed: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows to learn from and rows to calibrate on, of each class its share, drawn by the seed."""
+    """Rows to learn from and rows to calibrate on, of each class its share, drawn by the seed;
+    never screened ones, which are not as they are drawn."""
     rng, kept = np.random.default_rng(seed), []
+    plain = np.ones(len(rows), dtype=bool) if rows.screened is None else ~rows.screened
     for kind in KINDS:
-        mine = np.flatnonzero(kinds == kind)
+        mine = np.flatnonzero((rows.kinds == kind) & plain)
         kept.append(rng.permutation(mine)[: round(share * len(mine))])
     chosen = np.sort(np.concatenate(kept))
-    return np.setdiff1d(np.arange(len(kinds)), chosen), chosen
+    return np.setdiff1d(np.arange(len(rows)), chosen), chosen
 
 
 def _part(seen: Features, chosen: NDArray[np.intp]) -> Features:
