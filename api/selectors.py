@@ -85,15 +85,18 @@ def fit(
             boxes, steps, batch, seed, ... Those that do not concern the method are refused. Of
             tries: of ``learners.leaps.training.ScorerSettings``. Of "surrogate": of
             ``learners.surrogates.training.SurrogateSettings``.
+
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
         ``save`` writes it. ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of
         leaps: for ``LeapFinder(rule=...)``. A ``Surrogate`` for "surrogate": for ``screen``,
         ``label`` and ``map``.
+
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
         Lin et al. §III-B, Algorithm E2; §IV-A.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -217,15 +220,18 @@ def evaluate(
         name: of the row.
         workers: processes, or an executor, for example of a Ray cluster.
         progress: called with problems played, and all.
+
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that
         P1 answers right, and of the feasible ones from which each projection reaches a verified
         posture.
+
     Raises:
         InvalidInput: for a selector of another class of problems, a data set without rows that are
             not trivial, and rows that the selector was trained or calibrated on.
     Source:
         Lin et al. Table I.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))

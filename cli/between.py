@@ -50,8 +50,10 @@ class Between:
     def question(
         self, name: str, frames: int | None, robot: str | None, reach: Path | None
     ) -> Footholds | Problem | str:
-        """Course as ``stancekit.plan`` takes it. Raises InvalidInput for options that do not go
-        together."""
+        """Course as ``stancekit.plan`` takes it.
+
+        Raises InvalidInput for options that do not go together.
+        """
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.import_options import SUFFIXES
 
@@ -95,8 +97,10 @@ class Between:
         return where | ({} if self.map is None else {"standing": self.map})
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
-        """The course of a file or a name, or over a terrain's file from start to goal. Raises
-        InvalidInput."""
+        """The course of a file or a name, or over a terrain's file from start to goal.
+
+        Raises InvalidInput.
+        """
         from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
@@ -146,7 +150,10 @@ class Between:
                     )
 
     def places(self) -> tuple[Array, Array]:
-        """Start and goal, shape (2,) [m]. Raises InvalidInput."""
+        """Start and goal, shape (2,) [m].
+
+        Raises InvalidInput.
+        """
         import numpy as np
 
         assert self.start is not None
@@ -159,7 +166,10 @@ class Between:
         return start, goal
 
     def found(self, name: str, robot: str | None) -> Footholds:
-        """The footholds of the terrain's file for the feet of a robot. Raises InvalidInput."""
+        """The footholds of the terrain's file for the feet of a robot.
+
+        Raises InvalidInput.
+        """
         from stancekit.terrains import terrain
 
         friction, limits = self._friction(), self._limits(robot)
@@ -170,7 +180,8 @@ class Between:
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked
-        for."""
+        for.
+        """
         from stancekit.planners.problem.file_terrain import FileTerrain
 
         keys = vars(self.file.options())

@@ -20,13 +20,18 @@ ALWAYS = ("rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99")
 class Summary:
     """Contents and cost of a data set.
 
-    rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn.
-    solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms].
-    NaN without timing files. screened: draws that a surrogate passed over undecided, by what it
-    called them, which ``drawn`` leaves out; screen_error: of the rows of the other kind at most
-    this share is among them, and missing here; draw_cpu_s_per_1000, screen_cpu_s_per_1000: the
-    parts of cpu_s_per_1000 in which problems were drawn and the surrogate was asked. None without
-    one.
+    Arguments:
+        rows: kept.
+        drawn: kept or not.
+        cpu_s_per_1000: processor seconds for 1000 samples drawn.
+        solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock
+            [ms]. NaN without timing files.
+        screened: draws that a surrogate passed over undecided, by what it called them, which
+            ``drawn`` leaves out; None without one.
+        screen_error: of the rows of the other kind at most this share is among them, and missing
+            here; None without a surrogate.
+        draw_cpu_s_per_1000, screen_cpu_s_per_1000: the parts of cpu_s_per_1000 in which problems
+            were drawn and the surrogate was asked; None without one.
     """
 
     rows: Counts

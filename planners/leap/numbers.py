@@ -32,9 +32,11 @@ UNLIMITED = 1e3
 class LeapPoint:
     """A motion and its forces, as a program is linearised about it and as it answers.
 
-    com, rotation: at the frames, shape (2M + 1, 3); velocity, momentum: at the ends of intervals,
-    shape (M + 1, 3); toes: shape (P, 3); forces: in the world in units of the weight, one per
-    stance contact, shape (B, 3).
+    Arguments:
+        com, rotation: at the frames, shape (2M + 1, 3).
+        velocity, momentum: at the ends of intervals, shape (M + 1, 3).
+        toes: shape (P, 3).
+        forces: in the world in units of the weight, one per stance contact, shape (B, 3).
     """
 
     com: Array
@@ -49,10 +51,13 @@ class LeapPoint:
 class LeapNumbers:
     """A leap of one timing in numbers.
 
-    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the
-    intervals, shape (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3);
-    speed, power, fold: by limb, power in units of the weight times m/s. start, velocity, momentum:
-    c, Θ (2, 3) and v, L at the start and at the end (2, 3).
+    Arguments:
+        scaled: patches, limbs and limits by the rows of the layout, every candidate open.
+        lasts: of the intervals, shape (M,) [s].
+        spin: J⁻¹ of the inertia per mass, shape (3, 3).
+        hips: shape (N, 3).
+        speed, power, fold: by limb, power in units of the weight times m/s.
+        start, velocity, momentum: c, Θ (2, 3) and v, L at the start and at the end (2, 3).
     """
 
     leap: Leap
@@ -119,8 +124,11 @@ class LeapNumbers:
         return np.asarray(self.stance_intervals[self.layout.contacts[0]])
 
     def total(self, forces: Array) -> Array:
-        """F, the sum of the forces in every interval, shape (M, 3); forces: of the stance contacts,
-        shape (B, 3)."""
+        """F, the sum of the forces in every interval, shape (M, 3).
+
+        Arguments:
+            forces: of the stance contacts, shape (B, 3).
+        """
         total = np.zeros((self.intervals, 3))
         np.add.at(total, self.contact_intervals, forces)
         return total
@@ -128,7 +136,8 @@ class LeapNumbers:
     @cached_property
     def nominal(self) -> LeapPoint:
         """The motion of least forces beside the weight that gets there, whatever the toes; toes are
-        at no place."""
+        at no place.
+        """
         standing = np.unique(self.stance_intervals)
         weight = self._weights(np.array([self.times[-1]]))[0][standing]  # of F on c at the end
         rows = [GRAVITY_M_S2 * weight, GRAVITY_M_S2 * self.lasts[standing]]
@@ -165,7 +174,8 @@ class LeapNumbers:
 
     def _weights(self, times: Array) -> Array:
         """∫ (T − t) dt over the part of each interval before T, which c at T has of g F; shape (·,
-        M) [s²]."""
+        M) [s²].
+        """
         left = np.maximum(times[:, None] - self.times[:-1:2], 0.0)
         after = np.maximum(times[:, None] - self.times[2::2], 0.0)
         return np.asarray(0.5 * (left**2 - after**2))
@@ -177,7 +187,8 @@ class LeapNumbers:
 
     def ballistic(self, total: Array) -> tuple[Array, Array]:
         """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F,
-        shape (M, 3)."""
+        shape (M, 3).
+        """
         push = GRAVITY_M_S2 * (total - np.array([0.0, 0.0, 1.0]))
         com = self.start[0] + self.times[:, None] * self.velocity[0] + self.fallen @ push
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(self.lasts[:, None] * push, axis=0)])
@@ -213,8 +224,9 @@ class LeapGiven(Given):
     """Data that a leap's program is loaded with: the chosen problem in ``scaled``, its leap and
     where it is linearised.
 
-    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point
-    [m].
+    Arguments:
+        reserve_m: kept of heights and lengths.
+        toe_radius: how far toes may be from those of the point [m].
     """
 
     its: LeapNumbers | None = None
@@ -237,7 +249,8 @@ class LeapGiven(Given):
     @cached_property
     def legs(self) -> tuple[Array, Array, Array]:
         """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned
-        hip; (T, 3) each."""
+        hip; (T, 3) each.
+        """
         frame, limb, foothold = self.scaled.layout.standing
         hips = self.numbers.hips[limb]
         hips = hips + cross(self.point.rotation[frame], hips)
@@ -249,7 +262,8 @@ class LeapGiven(Given):
     @cached_property
     def hip_velocities(self) -> Array:
         """v + ω × h at both ends of the interval of every stance contact, first ends first, shape
-        (2B, 3)."""
+        (2B, 3).
+        """
         limb, at = self.scaled.layout.contacts[1], self.numbers.contact_intervals
         node = np.concatenate([at, at + 1])
         spin = self.point.momentum[node] @ self.numbers.spin.T
@@ -259,7 +273,8 @@ class LeapGiven(Given):
     @cached_property
     def powers(self) -> tuple[Array, Array, Array, Array]:
         """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every
-        contact's interval."""
+        contact's interval.
+        """
         limb = self.scaled.layout.contacts[1]
         forces = np.concatenate([self.point.forces] * 2)
         hips = self.numbers.hips[np.concatenate([limb, limb])]
@@ -271,7 +286,8 @@ class LeapGiven(Given):
     @cached_property
     def planes(self) -> tuple[Array, Array, Array]:
         """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds
-        somewhere."""
+        somewhere.
+        """
         (frame, _, foothold), (which, half) = (
             self.scaled.layout.standing,
             self.scaled.layout.standing_rows,
@@ -340,7 +356,8 @@ def _scaled(leap: Leap) -> Scaled:
 
 def _ramps(leap: Leap, layout: Layout) -> Array:
     """The share of the largest force of every stance contact, shape (B,): less just after a toe
-    lands and before it lifts."""
+    lands and before it lifts.
+    """
     stance, limb, _ = layout.contacts
     interval = layout.stance_frames[stance] // 2
     by_interval = leap.holds[leap.interval_phases]

@@ -1,5 +1,6 @@
 """A leap with given contacts: convex steps about the point so far, until the bilinear rows hold
-(SCP)."""
+(SCP).
+"""
 
 from __future__ import annotations
 
@@ -38,10 +39,14 @@ FRICTION_SHARE = 0.8
 class LeapAttempt:
     """An attempt at one choice of contacts.
 
-    choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has
-    none; cost: of what is left of its rows; first: cost of the first step's slack, which nearly
-    decides. solution: of that step, about ``given``. solves: convex problems. share: of the
-    friction.
+    Arguments:
+        choice: a candidate per foothold, shape (P,).
+        point: the best one, None where the first step has none.
+        cost: of what is left of its rows.
+        first: cost of the first step's slack, which nearly decides.
+        solution: of that step, about ``given``.
+        solves: convex problems.
+        share: of the friction.
     """
 
     choice: Index
@@ -61,7 +66,8 @@ class LeapAttempt:
     @cached_property
     def refuted(self) -> bool:
         """Tell whether the first step's hard rows have no answer, so that its multipliers are a
-        Farkas ray."""
+        Farkas ray.
+        """
         return self.solution.status is ConicStatus.INFEASIBLE
 
 
@@ -76,8 +82,10 @@ def attempt(
 ) -> LeapAttempt:
     """Try one choice of contacts from the nominal motion.
 
-    share: of the friction. stop: cost of the first step's slack above which there is no second
-    one; inf never stops. steps: convex problems at most.
+    Arguments:
+        share: of the friction.
+        stop: cost of the first step's slack above which there is no second one; inf never stops.
+        steps: convex problems at most.
     """
     scaled = numbers.scaled.chosen(choice)
     scaled = replace(
@@ -194,8 +202,10 @@ def plan_from(
 ) -> LeapPlan:
     """The plan of toes and forces on chosen patches, what the body does worked out from them.
 
-    choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in
-    every interval, shape (M, N, 3).
+    Arguments:
+        choice: a candidate per foothold, shape (P,).
+        toes_m: shape (P, 3).
+        forces_n: of every limb in every interval, shape (M, N, 3).
     """
     leap = numbers.leap
     pushes = forces_n[numbers.contact_intervals, numbers.layout.contacts[1]] / leap.weight_n

@@ -1,5 +1,6 @@
 """Joint angles for every sample of a walk, by the robot's own model: is every foot where the walk
-has it?"""
+has it?
+"""
 
 from __future__ import annotations
 
@@ -39,9 +40,12 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPost
 class WalkPostures:
     """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
 
-    angles: shape (K, J) [rad]. origin_m: p_WB of the base's frame, shape (K, 3): it is where the
-    whole robot's centre of mass is at the walk's. normals: of the ground under every foot, shape
-    (K, N, 3). kinematics: of the robot.
+    Arguments:
+        angles: shape (K, J) [rad].
+        origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre of
+            mass is at the walk's.
+        normals: of the ground under every foot, shape (K, N, 3).
+        kinematics: of the robot.
     """
 
     angles: Array
@@ -51,8 +55,10 @@ class WalkPostures:
 
 
 def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that
-    does."""
+    """The posture at every sample, found as ``walk_joints`` finds it.
+
+    Raises InvalidInput as that does.
+    """
     model, normals = _model(trajectory), _normals(trajectory)
     kinematics, solver = Kinematics(robot_of(model)), ToeKinematics(model)
     rotation, angles = trajectory.rotation, None

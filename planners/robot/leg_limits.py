@@ -1,5 +1,6 @@
 """Limits of a leg that moves fast: how fast it extends, what power it has and how short it
-folds."""
+folds.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +37,14 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
     """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and
     length.
 
-    robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
-    reach as far as they are long, a ball that holds all that they reach; a walker's file gives
-    boxes. Its key ``legs`` (by name or pattern) says limits; those of a model follow from the
-    efforts and velocities of its joints. Raises InvalidInput for a robot without inertia.
+    Arguments:
+        robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's
+            legs reach as far as they are long, a ball that holds all that they reach; a walker's
+            file gives boxes. Its key ``legs`` (by name or pattern) says limits; those of a model
+            follow from the efforts and velocities of its joints.
+
+    Raises:
+        InvalidInput: for a robot without inertia.
     """
     if not isinstance(robot, Robot):
         path = robot_path(robot)
@@ -63,7 +68,8 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
 
 def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
     """A walker as a robot whose toes are in boxes, with an enclosing ball about each box's
-    centre."""
+    centre.
+    """
     limbs = []
     for foot in walker.feet:
         half = 0.5 * (foot.reach_max_m - foot.reach_min_m)
@@ -92,8 +98,10 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     """The limits that a leg's joints give: their velocities along the standing leg, all their
     power, its shortest fold.
 
-    com_m: the centre of mass in the base's frame, shape (3,) [m]. Joints without a limit leave the
-    leg without one.
+    Joints without a limit leave the leg without one.
+
+    Arguments:
+        com_m: the centre of mass in the base's frame, shape (3,) [m].
     """
     foot, jacobian = (part[0] for part in leg.chain.feet_and_jacobian(leg.stance_rad[None]))
     along = (foot - leg.hip_m) / max(float(np.linalg.norm(foot - leg.hip_m)), 1e-9)
@@ -122,8 +130,10 @@ def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
 
 
 def _corrected(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    """The robot with the limits that its file says. Raises InvalidInput for a leg that it does not
-    have."""
+    """The robot with the limits that its file says.
+
+    Raises InvalidInput for a leg that it does not have.
+    """
     limbs = {limb.name: limb for limb in robot.limbs}
     for pattern, keys_of_leg in keys.items():
         for name in matching(pattern, limbs, f"robot {robot.name}: legs"):

@@ -1,5 +1,6 @@
 """Joint angles for a robot as plans and walks have it, in the world: its centre of mass, its
-rotation, and its toes."""
+rotation, and its toes.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +29,13 @@ class ToeKinematics:
         """Angles of K stances of N legs, each found from the standing posture, so that knees keep
         their bend.
 
-        com_m: p_WC, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3); toes_m: p_WF, and normals of
-        the ground there, on which a foot is a sphere, shape (K, N, 3). near: all joints in the
-        model's order, shape (K, J) [rad], in place of those of the standing posture.
+        Arguments:
+            com_m: p_WC, shape (K, 3) [m].
+            rotation: R_WB, shape (K, 3, 3).
+            toes_m: p_WF, and normals of the ground there, on which a foot is a sphere, shape (K, N,
+                3).
+            near: all joints in the model's order, shape (K, J) [rad], in place of those of the
+                standing posture.
         """
         radii = np.array([[leg.radius_m] for leg in self.model.legs])
         centres = np.asarray(toes_m) + radii * np.asarray(normals)

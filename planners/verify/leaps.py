@@ -51,7 +51,9 @@ units of the weight, momenta in those of their limit, power in those of the weig
 
 
 def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
-    """Check a plan of a leap by its toes and forces alone. No solver takes part.
+    """Check a plan of a leap by its toes and forces alone.
+
+    No solver takes part.
 
     Returns a report; a bad plan is refused in it, and not raised.
     """
@@ -133,7 +135,8 @@ class _Judge:
 
     def _integrate(self) -> None:
         """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1,
-        12) each."""
+        12) each.
+        """
         leap, plan = self.leap, self.plan
         start = leap.start
         state = np.concatenate(
@@ -159,8 +162,12 @@ class _Judge:
             self.paths.append(np.array(path))
 
     def _rate(self, state: Array, pushes: Array, twists: Array) -> Array:
-        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's
-        origin."""
+        """(v, a, L′, Θ′) of a state.
+
+        Arguments:
+            pushes: Σ f / m.
+            twists: Σ p × f / m, about the world's origin.
+        """
         x, y, z = state[:3].tolist()
         a, b, c = pushes.tolist()
         rate = np.empty(12)
@@ -176,8 +183,11 @@ class _Judge:
     def _note(
         self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0
     ) -> None:
-        """Keep the worst violation of a group. scale: what 1 of it is in SI; 0 for the group's
-        own."""
+        """Keep the worst violation of a group.
+
+        Arguments:
+            scale: what 1 of it is in SI; 0 for the group's own.
+        """
         value = float(np.max(by))
         unit, scale_of_group = UNITS[group]
         if not math.isfinite(value):
@@ -235,7 +245,8 @@ class _Judge:
 
     def _ramp(self, k: int, i: int) -> float:
         """Share of the largest force: less in the interval after the limb lands and in the one
-        before it lifts."""
+        before it lifts.
+        """
         stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
         lands = k > 0 and not stands[k - 1]
         lifts = k + 1 < len(stands) and not stands[k + 1]
@@ -250,7 +261,8 @@ class _Judge:
 
     def _limb(self, k: int, i: int) -> None:
         """Reach, height, length, speed and power of a limb that stands, at all instants of an
-        interval."""
+        interval.
+        """
         leap, path = self.leap, self.paths[k]
         limb = leap.robot.limbs[i]
         leg = leap.leg(limb)
@@ -298,7 +310,8 @@ class _Judge:
 
 def _rotations(vectors: Array) -> Array:
     """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3,
-    3)."""
+    3).
+    """
     angles = np.linalg.norm(vectors, axis=1)
     x, y, z = (vectors / np.maximum(angles, 1e-12)[:, None]).T
     zero = np.zeros_like(x)

@@ -38,9 +38,12 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Ro
     """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
     names.
 
-    limits: what is allowed of each. Returns series with their limits, all empty for a robot of
-    boxes or without pinocchio, and reasons in words: a file without speed or torque limits, meshes
-    that are not there, no coal.
+    Arguments:
+        limits: what is allowed of each.
+
+    Returns:
+        Series with their limits, all empty for a robot of boxes or without pinocchio, and reasons
+        in words: a file without speed or torque limits, meshes that are not there, no coal.
     """
     try:
         body = WholeBodyMeasurements(measured)
@@ -89,7 +92,8 @@ class WholeBodyMeasurements:
 
     def off_toes(self) -> Series:
         """Distance of every foot, as the URDF has it within the joints' limits, from where it
-        touches, (K, N) [m]."""
+        touches, (K, N) [m].
+        """
         radii, normals = self.kinematics.radii_m, self._measured.ground[1]
         wanted = self.trajectory.feet_m + radii[:, None] * normals
         feet = np.array([self.kinematics.feet(angles) for angles in self.postures.angles])
@@ -100,7 +104,8 @@ class WholeBodyMeasurements:
 
     def speed(self) -> Series:
         """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
-        (K − 1, J)."""
+        (K − 1, J).
+        """
         most = self.kinematics.velocity_rad_s
         turns = np.abs(np.diff(self.postures.angles, axis=0))
         free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
@@ -115,7 +120,8 @@ class WholeBodyMeasurements:
     @cached_property
     def _states(self) -> tuple[Array, Array]:
         """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
-        − 1, nv)."""
+        − 1, nv).
+        """
         pin, origins = self._pin, self.postures.origin_m
         states = np.array(
             [self.kinematics.configuration(angles) for angles in self.postures.angles]
@@ -129,7 +135,8 @@ class WholeBodyMeasurements:
     def torques_nm(self) -> Array:
         """Torques of the joints at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ
         fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
-        the feet pressed by its forces; I of the rotors."""
+        the feet pressed by its forces; I of the rotors.
+        """
         pin, known, solver = self._pin, self._known, self.kinematics
         states, between = self._states
         velocity, rising = (
@@ -191,7 +198,8 @@ class WholeBodyMeasurements:
 
     def overlap(self) -> tuple[Series, tuple[str, ...]]:
         """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which
-        links; and what has no shape. Raises InvalidInput without coal."""
+        links; and what has no shape. Raises InvalidInput without coal.
+        """
         from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
@@ -206,7 +214,8 @@ class WholeBodyMeasurements:
 
     def spaced(self) -> tuple[Array, WholeBody]:
         """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
-        [s], and they."""
+        [s], and they.
+        """
         points = np.concatenate([self.trajectory.feet_m, self.postures.origin_m[:, None]], axis=1)
         rows = spaced(points, self.postures.angles)
         return self.times_s[rows], self.posture(rows)

@@ -20,16 +20,22 @@ PATIENCE_S = 0.25
 
 
 class Stopped(StancekitError):
-    """The stop was tripped: nothing more is sent. The message says why."""
+    """The stop was tripped: nothing more is sent.
+
+    The message says why.
+    """
 
 
 class StopLatch:
-    """Once tripped it stays so; the first reason counts. For any thread, and for signal handlers.
+    """Once tripped it stays so; the first reason counts.
 
-    clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of
-    a machine share. sent_s: when the last write had returned, NaN before the first. after, after_s:
-    writes that returned after it was tripped, which were on their way then, and how long after the
-    last of them did.
+    For any thread, and for signal handlers.
+
+    Arguments:
+        clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all
+            processes of a machine share. sent_s: when the last write had returned, NaN before the
+            first. after, after_s: writes that returned after it was tripped, which were on their
+            way then, and how long after the last of them did.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,8 +46,11 @@ class StopLatch:
         self.sent_s, self.after, self.after_s = float("nan"), 0, 0.0
 
     def trip(self, reason: str) -> None:
-        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list
-        is atomic."""
+        """Stop.
+
+        Takes no lock, which a signal handler could wait for for ever: appending to a list is
+        atomic.
+        """
         self._first.append((self._clock(), reason))
 
     @property
@@ -64,8 +73,10 @@ class StopLatch:
         self._sources += sources
 
     def poll(self) -> None:
-        """Ask the sources. One that fails trips it, too: a stop button that cannot be read is no
-        stop button."""
+        """Ask the sources.
+
+        One that fails trips it, too: a stop button that cannot be read is no stop button.
+        """
         if self._first or not self._sources:
             return
         if not self._asking.acquire(
@@ -93,7 +104,8 @@ class StopLatch:
     @contextmanager
     def sending(self) -> Iterator[None]:
         """Within, one write of something that moves the robot: let through, or refused with
-        Stopped."""
+        Stopped.
+        """
         self.poll()
         with self._sending:
             if self._first:
@@ -106,7 +118,9 @@ class StopLatch:
                     self.after, self.after_s = self.after + 1, self.sent_s - self.time_s
 
     def settle(self) -> None:
-        """Wait until what is being sent has left. After ``trip`` and this nothing does. Not for
-        signal handlers."""
+        """Wait until what is being sent has left.
+
+        After ``trip`` and this nothing does. Not for signal handlers.
+        """
         with self._sending:
             pass
