@@ -32,15 +32,18 @@ def screen(
         error: of truly feasible problems of the class at most this share is called infeasible, and
             of truly infeasible ones at most this share feasible; the smaller, the more problems are
             left to ask an exact planner about. Typically 0.001 to 0.05.
+
     Returns:
         A ``Screened``: ``answers``, "feasible", "infeasible" or "ask" per problem, ``margins``, and
         the share that is ``decided``. Nothing of it is proved: it holds of problems as they were
         drawn for the calibration, at the ``confidence`` that it names.
+
     Raises:
         InvalidInput: for problems of another class or robot, an error of 0 or 1, and a file that is
             no surrogate.
     Source:
         Wilks (1941), one-sided tolerance intervals.
+
     Example:
         >>> import stancekit
         >>> rows = stancekit.label("wall-3", "train", rows=(60, 60))

@@ -51,15 +51,18 @@ def map(
         checkpoint: file .npz to which the map is written now and then, and from which a map of the
             same question goes on.
         progress: called with poses that are settled, all, and what is being done.
+
     Returns:
         A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and
         ``plan(..., standing=...)`` goes by it. Feasible and infeasible are proved: a witness that
         the verifier accepted, or a certificate, or a toe without a place to stand.
+
     Raises:
         InvalidInput: for a terrain that cannot be read or has no place to stand, a grid of no
             cells, an error of 0 or 1, and a checkpoint of another map.
     Source:
         None: the exact planner of Lin et al.'s P, pose by pose.
+
     Example:
         >>> import stancekit
         >>> found = stancekit.map("stairs:0.3:1", spacing_m=0.8, headings=2)

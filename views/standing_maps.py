@@ -1,5 +1,6 @@
 """Picture of where a robot can stand: a sheet of places, the best of their headings on the left, the
-share of headings and the margin beside it."""
+share of headings and the margin beside it.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ SIZE_IN = (12.0, 4.6)
 @DEFAULT_STYLE
 def draw_standing_map(found: StandingMap) -> Figure:
     """The map: the best verdict over the headings of each place, the share of its headings in which
-    the robot can stand, and the largest margin."""
+    the robot can stand, and the largest margin.
+    """
     figure = Figure(figsize=SIZE_IN, dpi=100, layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     x, y = found.corner_m

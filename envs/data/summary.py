@@ -75,7 +75,8 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; NaN becomes null, and what only a surrogate has is left out
-        without one."""
+        without one.
+        """
         return finite(
             {
                 name: value

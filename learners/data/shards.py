@@ -118,7 +118,8 @@ class LabelBlock:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Screen:
     """A surrogate that passes draws over, the error that it may make of each kind, and the score
-    limits that hold it."""
+    limits that hold it.
+    """
 
     surrogate: Surrogate
     error: float
@@ -193,7 +194,8 @@ def decide_block(
 
 def _open(called: str, kinds: frozenset[str]) -> bool:
     """Tell whether a draw that is called so has to be decided where rows of these kinds are
-    wanted."""
+    wanted.
+    """
     return called == "ask" or called in kinds
 
 

@@ -62,7 +62,8 @@ Progress = Callable[[int, int, str], object]
 class MapSettings:
     """Settings of making a map. time_limit_s: for all of it [s]; fit: learn what is likely of poses
     that were not reached; error: of likely answers; seed: of the poses to calibrate on; epochs: of
-    learning."""
+    learning.
+    """
 
     time_limit_s: float = 60.0
     fit: bool = False

@@ -36,7 +36,8 @@ class Poses:
     """All poses of a grid. places: of the terrain; stance: the robot's; like: a problem of the
     robot. corner_m, spacing_m, counts, headings_rad: the grid. chosen: per pose and limb the number
     of its place, shape (P, N); aside_m: how far each is from where its toe likes to be, from above,
-    (P, N) [m]; z_m: of the centre of mass, (P,) [m]. most_aside_m: how far one may be."""
+    (P, N) [m]; z_m: of the centre of mass, (P,) [m]. most_aside_m: how far one may be.
+    """
 
     terrain: str
     robot: Robot
@@ -64,7 +65,8 @@ class Poses:
         friction: float,
     ) -> Poses:
         """The poses over a terrain's file or name. Raises InvalidInput for a grid without cells or
-        with too many, a terrain without places to stand, and numbers out of range."""
+        with too many, a terrain without places to stand, and numbers out of range.
+        """
         checked(spacing_m, "spacing_m", above=0.0)
         checked_int(headings, "headings", least=1, most=3600)
         checked(friction, "friction", least=0.0)

@@ -32,7 +32,8 @@ def checked_error(error: float, name: str = "error") -> float:
 
 def allowed(count: int, error: float, doubt: float) -> int:
     """The rows of a class, of so many, that may lie beyond a threshold that is to hold ``error``
-    with a probability of at least 1 − doubt; −1 where not even none is few enough."""
+    with a probability of at least 1 − doubt; −1 where not even none is few enough.
+    """
     if count < 1 or (1.0 - error) ** count > doubt:
         return -1
     low, high = 0, count

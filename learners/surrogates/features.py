@@ -1,5 +1,6 @@
 """Features of posture problems of one class: numbers per contact and per corner of its patch, in the
-body's axes, the same for scenes that a symmetry of the robot maps onto each other."""
+body's axes, the same for scenes that a symmetry of the robot maps onto each other.
+"""
 
 from __future__ import annotations
 

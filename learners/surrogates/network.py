@@ -1,5 +1,6 @@
 """The network of a surrogate: a scene's contacts in, whatever their order, a score and a margin
-out."""
+out.
+"""
 
 from __future__ import annotations
 

@@ -30,7 +30,8 @@ class LabelledBatch:
     """Posture problems with their labels. kinds: "feasible", "infeasible" or "trivial", shape (B,);
     margins: of a feasible one the least room that its witness has, of an infeasible one minus the
     moment that its proof says cannot be balanced, non-dimensional, shape (B,). screened: whether a
-    row is of a screened set, which may teach and not calibrate, shape (B,); None for none."""
+    row is of a screened set, which may teach and not calibrate, shape (B,); None for none.
+    """
 
     batch: PostureBatch
     kinds: NDArray[np.str_]

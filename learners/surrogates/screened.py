@@ -23,10 +23,12 @@ class Screened:
         error: of truly feasible problems of the class at most this share is called infeasible, and
             of truly infeasible ones at most this share feasible.
         confidence: with which that holds, by the rows that it was calibrated on.
+
     Raises:
         Nothing.
     Source:
         Wilks (1941), one-sided tolerance intervals.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import Screened

@@ -1,5 +1,6 @@
 """A surrogate of feasibility for one class of problems: says feasible, infeasible or "ask", at an
-error that is stated, and how far from the border."""
+error that is stated, and how far from the border.
+"""
 
 from __future__ import annotations
 
@@ -98,14 +99,16 @@ class Surrogate:
     @property
     def least_error(self) -> float:
         """The smallest error at which it says anything, by the number of rows of its
-        calibration."""
+        calibration.
+        """
         there = [len(rows) for rows in self.calibration.values() if len(rows)]
         doubt = (1.0 - CONFIDENCE) / len(there)
         return min(-math.expm1(math.log(doubt) / count) for count in there)
 
     def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem differs in its patches alone from those that it
-        learned from."""
+        learned from.
+        """
         learned = f"a surrogate learned for {self.problem_class}"
         if not problem.is_posture:
             raise InvalidInput(f"problem: expected a posture for {learned}, got a course")
@@ -129,7 +132,8 @@ class Surrogate:
 
     def screen(self, batch: PostureBatch, error: float) -> Screened:
         """Answers at this error; "ask" also of a problem that lies beyond the rows of the
-        calibration. Raises InvalidInput for problems of another class or robot."""
+        calibration. Raises InvalidInput for problems of another class or robot.
+        """
         checked_error(error)
         self.check_fits(batch.like)
         return self.answered(batch, self.thresholds(error), error)
@@ -247,7 +251,8 @@ class _Header(BaseModel):
 
 def numbers(batch: PostureBatch) -> Array:
     """Numbers of every patch by which a problem is known to be like others, shape (B, N, 5 + U):
-    its middle, how upright it is, its friction, and its corners' distances from the middle."""
+    its middle, how upright it is, its friction, and its corners' distances from the middle.
+    """
     middle = batch.vertices_m.mean(axis=2)
     spokes = np.sort(np.linalg.norm(batch.vertices_m - middle[:, :, None], axis=-1), axis=-1)
     rest = np.stack([batch.normals[..., 2], batch.friction], axis=-1)

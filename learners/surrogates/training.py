@@ -1,5 +1,6 @@
 """Learn a surrogate from labelled rows, and calibrate it on rows of each class that it has not
-seen."""
+seen.
+"""
 
 from __future__ import annotations
 
@@ -151,7 +152,8 @@ def _parts(
     rows: LabelledBatch, share: float, seed: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows to learn from and rows to calibrate on, of each class its share, drawn by the seed;
-    never screened ones, which are not as they are drawn."""
+    never screened ones, which are not as they are drawn.
+    """
     rng, kept = np.random.default_rng(seed), []
     plain = np.ones(len(rows), dtype=bool) if rows.screened is None else ~rows.screened
     for kind in KINDS:
@@ -212,7 +214,8 @@ def _loss(
     score: Tensor, margin: Tensor, wanted: Tensor, margins: Tensor, weights: Tensor, share: float
 ) -> Tensor:
     """Cross-entropy of the answers, both classes alike, and the margins' absolute error, smooth
-    near 0."""
+    near 0.
+    """
     answer = functional.binary_cross_entropy_with_logits(score, wanted, weight=weights)
     return answer + share * functional.smooth_l1_loss(margin, margins, beta=0.2)
 

@@ -58,10 +58,12 @@ class StandingMap:
         confidence: with which that holds.
         seconds: that each part took [s], by name.
         card: how the likely answers were learned and calibrated.
+
     Raises:
         InvalidInput: from ``read``, for a file that is damaged or foreign.
     Source:
         None: the exact planner of Lin et al.'s P, pose by pose.
+
     Example:
         >>> import stancekit
         >>> level = stancekit.map("slopes:0.2:1", headings=1, spacing_m=1.0)
@@ -117,7 +119,8 @@ class StandingMap:
 
     def in_the_way(self) -> dict[str, int]:
         """Number of proved infeasible poses per limit that is in the way, by name, the most
-        frequent first."""
+        frequent first.
+        """
         those = self.limit[self.verdict == INFEASIBLE]
         numbers = np.bincount(those, minlength=len(LIMITS)).tolist()
         named = {name or "not known": n for name, n in zip(LIMITS, numbers, strict=True) if n}
@@ -130,7 +133,8 @@ class StandingMap:
 
     def at(self, xy_m: Array, heading_rad: float) -> NDArray[np.uint8]:
         """Verdicts at places, shape (…, 2) [m], for the heading that is nearest: unknown beyond the
-        map."""
+        map.
+        """
         turned = np.angle(np.exp(1j * (self.headings_rad - heading_rad)))
         layer = self.verdict[:, :, int(np.abs(turned).argmin())]
         index = np.round((np.asarray(xy_m) - self.corner_m) / self.spacing_m).astype(int)
@@ -140,7 +144,8 @@ class StandingMap:
 
     def to_json(self) -> dict[str, Any]:
         """What a person asks of it: counts and shares, what is in the way, and seconds; no
-        arrays."""
+        arrays.
+        """
         return {
             "format": FORMAT,
             "terrain": self.terrain,

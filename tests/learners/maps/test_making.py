@@ -1,5 +1,6 @@
 """Where a robot can stand: proved poses are what the exact planner says, the rest is unknown or likely
-at a measured error."""
+at a measured error.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A surrogate answers for its class alone, alike for scenes that a symmetry maps onto each other, and
-its file says what it is."""
+its file says what it is.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The limit that is in the way of many problems at once is that which `explain` names first, by kind,
-where one limit of one limb is enough."""
+where one limit of one limb is enough.
+"""
 
 from collections import Counter
 
