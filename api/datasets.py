@@ -192,7 +192,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
         if error is not None:
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
         return None, None
-    from .screening import read_surrogate
+    from stancekit.learners.surrogates.screened import read_surrogate
 
     error = SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:

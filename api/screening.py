@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from stancekit.learners.surrogates.screened import Screened
+from stancekit.learners.surrogates.screened import Screened, read_surrogate
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureBatch, Problem
-
-if TYPE_CHECKING:
-    from stancekit.learners.surrogates.surrogate import Surrogate
 
 
 @checked
@@ -60,16 +56,3 @@ def screen(
         ) from None
     some = [problems] if isinstance(problems, Problem) else problems
     return read_surrogate(surrogate).screen(as_batch(some), error)
-
-
-def read_surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file. Raises InvalidInput."""
-    from stancekit.learners.surrogates.surrogate import Surrogate
-
-    if isinstance(surrogate, Surrogate):
-        return surrogate
-    if not isinstance(surrogate, str | Path):
-        raise InvalidInput(
-            f"surrogate: expected what fit(rows, 'surrogate') returned, or its file, got {surrogate!r:.80}"
-        )
-    return Surrogate.read(surrogate)
