@@ -223,20 +223,18 @@ class StandingMap:
                 raise ValueError("expected a grid of the arrays' shape")
             if not (np.isfinite(headings).all() and np.isfinite(corner).all()):
                 raise ValueError("expected a finite grid")
-            return cls(
+            parts: dict[str, Any] = {
                 **arrays,
-                headings_rad=headings,
-                corner_m=corner,
-                spacing_m=spacing,
                 **{name: str(head[name]) for name in ("terrain", "robot", "identity")},
                 **{name: float(head[name]) for name in ("friction", "aside_m")},
                 **{
                     name: None if head[name] is None else float(head[name])
                     for name in ("error", "confidence")
                 },
-                seconds={str(k): float(v) for k, v in dict(head["seconds"]).items()},
-                card=dict(head["card"]),
-            )
+                "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
+                "card": dict(head["card"]),
+            }
+            return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError) as error:
             raise InvalidInput(
                 f"{path}: expected a map of `stancekit map` ({FORMAT}): {' '.join(str(error).split()):.200}"
@@ -245,5 +243,7 @@ class StandingMap:
 
 def _rounded(values: NDArray[np.float32]) -> list[Any]:
     """Numbers for JSON, null for NaN."""
-    rows: list[Any] = np.where(np.isnan(values), None, np.round(values.astype(float), 5)).tolist()
+    held = np.round(values.astype(float), 5).astype(object)
+    held[np.isnan(values)] = None
+    rows: list[Any] = held.tolist()
     return rows
