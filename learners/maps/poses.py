@@ -164,7 +164,7 @@ def _snapped(
     for i in range(counts[0]):
         body = corner + np.column_stack([np.full(counts[1], spacing * i), lines])
         at = body[:, None, None] + toes[None, :, :, :2]
-        gap, number = tree.query(at.reshape(-1, 2))
+        gap, number = map(np.asarray, tree.query(at.reshape(-1, 2)))
         shape = (-1, len(stance.centre_m))
         chosen.append(number.reshape(shape).astype(np.int32))
         aside.append(gap.reshape(shape))
