@@ -38,7 +38,7 @@ class Fit:
     terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
     the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes,
     between which `stancekit plan --envelope` switches. surrogate: feasibility itself, for
-    `stancekit label --screen` and `stancekit map --surrogate`, from data sets of one class,
+    `stancekit label --screen` and `stancekit.screen`, from data sets of one class,
     calibrated on rows of each class of answers that it has not seen. additive, set: scores of candidates for
     `stancekit plan --policy`, from the labelled tries of a class of leaps.
     """

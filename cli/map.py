@@ -20,10 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass
 class MapTerrain:
-    """Map where a robot can stand on a terrain: per place and heading feasible or not, the margin,
-    and which limit is in the way.
+    """Map where a robot can stand on a terrain.
 
-    A pose stands for one question: can the robot hold still with all of its limbs where its toes
+    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands for one question: can the robot hold still with all of its limbs where its toes
     are as it stands, each put on the nearest place to stand, within a stated distance? Poses are
     proved from coarse to fine until the time is over: feasible with a posture that the verifier
     accepted, infeasible with a proof. What was not reached is unknown; with --fit it is called
