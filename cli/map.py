@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 class MapTerrain:
     """Map where a robot can stand on a terrain.
 
-    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands for one question: can the robot hold still with all of its limbs where its toes
-    are as it stands, each put on the nearest place to stand, within a stated distance? Poses are
-    proved from coarse to fine until the time is over: feasible with a posture that the verifier
-    accepted, infeasible with a proof. What was not reached is unknown; with --fit it is called
-    likely, at an error that was measured on poses of this very map. Links and belly are not looked
-    at.
+    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands
+    for one question: can the robot hold still with all of its limbs where its toes are as it
+    stands, each put on the nearest place to stand, within a stated distance? Poses are proved from
+    coarse to fine until the time is over: feasible with a posture that the verifier accepted,
+    infeasible with a proof. What was not reached is unknown; with --fit it is called likely, at an
+    error that was measured on poses of this very map. Links and belly are not looked at.
 
       stancekit map rubble.stl --robot hexapod --spacing-m 0.05 --headings 16 --out map.npz
       stancekit map rubble.stl --spacing-m 0.05 --headings 16 --fit --picture map.png
