@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
+    from .learners.surrogates.screened import Screened as Screened
     from .maps import warp as warp
     from .motions import run as run
     from .motions import simulate as simulate
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap
     from .planners.problem.problem import Problem as Problem
+    from .planners.problem.standing_map import StandingMap as StandingMap
     from .planners.problem.walk import Walk as Walk
     from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
@@ -81,8 +83,10 @@ if TYPE_CHECKING:
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample
+    from .screening import screen as screen
     from .selectors import evaluate as evaluate
     from .selectors import fit as fit
+    from .standing import map as map
     from .terrains import heights as heights
     from .terrains import terrain as terrain
     from .walks import walk as walk
@@ -101,6 +105,7 @@ _HOMES = {
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
+    "learners.surrogates.screened": ("Screened",),
     "maps": ("warp",),
     "motions": ("run", "simulate"),
     "pictures": ("draw", "film"),
@@ -116,6 +121,7 @@ _HOMES = {
     "planners.problem.contact": ("Contact",),
     "planners.problem.leap": ("Leap",),
     "planners.problem.problem": ("Problem",),
+    "planners.problem.standing_map": ("StandingMap",),
     "planners.problem.walk": ("Walk",),
     "planners.projection.whole_body_limits": ("WholeBodyLimits",),
     "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
@@ -133,7 +139,9 @@ _HOMES = {
     "runner.report": ("RunReport",),
     "runner.settings": ("RunSettings",),
     "samples": ("sample",),
+    "screening": ("screen",),
     "selectors": ("evaluate", "fit"),
+    "standing": ("map",),
     "terrains": ("heights", "terrain"),
     "walks": ("walk",),
 }

@@ -24,6 +24,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
@@ -62,6 +63,7 @@ def plan(
     body: WholeBodyLimits = WholeBodyLimits(),
     push_n: float = 0.0,
     wrench: Array | Sequence[float] | None = None,
+    standing: StandingMap | str | Path | None = None,
     time_limit_s: float = 60.0,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -83,6 +85,7 @@ def plan(
     body: WholeBodyLimits = WholeBodyLimits(),
     push_n: float = 0.0,
     wrench: Array | Sequence[float] | None = None,
+    standing: StandingMap | str | Path | None = None,
     time_limit_s: float = 60.0,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -117,6 +120,9 @@ def plan(
             force at the centre of mass [N], or that and a moment about it [Nm], in world axes,
             shape (3,) or (6,); added to what the course has. Plans carry it, and *infeasible* is
             said with it.
+        standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
+            or its file: the way keeps off places where it is proved that the robot cannot, facing
+            along x, and costs more where that is likely.
         time_limit_s: for all of it, bending and judging included; what is not decided by then is
             undecided, and what there is so far is in the outcome [s]. A planner that was made
             before keeps to its own limit, too.
@@ -154,6 +160,7 @@ def plan(
     if isinstance(course, Leap):
         beside_leap = {
             "start_xy_m": start_xy_m,
+            "standing": standing,
             "goal_xy_m": goal_xy_m,
             "frames": frames,
             "robot": robot,
@@ -186,6 +193,7 @@ def plan(
         "body",
         "push_n",
         "wrench",
+        "standing",
         "time_limit_s",
     )
     renamed = old_arguments("plan", old, OLD, beside) if old else {}
@@ -201,7 +209,7 @@ def plan(
     if not isinstance(method, Method) and method != "two-stage":  # which have no such setting
         shares = None if renamed.pop("reserve", True) else ALL_FRICTION
     question = _question(
-        course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m
+        course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m, standing
     )
     if isinstance(method, str | Method):
         options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
@@ -280,6 +288,7 @@ def _question(
     robot: Robot | str | Path | None,
     start: Array | Sequence[float] | None,
     goal: Array | Sequence[float] | None,
+    standing: StandingMap | str | Path | None,
 ) -> Problem | LayOut:
     """A course, or what lays it out: of a file of JSON, whose candidates are fixed, the course."""
     who = str(robot) if isinstance(robot, Path) else robot
@@ -297,7 +306,11 @@ def _question(
 
         if isinstance(course, str) and names_ground(course):
             course = _footholds(course, None if who == "hexapod" else who)
-        return laid_between(course, start, goal, robot=who, frames=frames)
+        if isinstance(standing, str | Path):
+            standing = StandingMap.read(standing)
+        return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
+    if standing is not None:
+        raise InvalidInput("standing: expected a start and a goal over a terrain with it, got none")
     if isinstance(course, Problem) and course.is_posture:
         if robot is None:
             course = course.course()

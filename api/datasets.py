@@ -27,11 +27,14 @@ from .upgrading import old_arguments
 
 if TYPE_CHECKING:
     from stancekit.learners.proposers.proposer import Proposers
+    from stancekit.learners.surrogates.surrogate import Surrogate
 
 FURTHER: Mapping[str, Any] = {
     "natural": bool,
     "shard_size": int,
     "proposers": str | Path | None,
+    "screen": Any,
+    "screen_error": float | None,
     "scenes": int | None,
     "tries": Mapping[str, int] | None,
 }
@@ -42,6 +45,8 @@ OLD = {
 }
 USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
+SCREEN_ERROR = 0.04
+"""Share of the rows that may be lost by a screen where nothing is said."""
 BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
 
 
@@ -103,12 +108,15 @@ def label(
             them.
         progress: called with rows written, and all.
         further: proposers (file of ``stancekit proposers``, asked for postures and proofs before
-            any solver; needs torch), shard_size (rows per file, which is what an interruption can
-            lose; 500), natural (True keeps the samples as they come with two numbers of rows, too,
-            of which only the sum counts then). Of leaps: scenes (how many are drawn; has to be
-            given), shard_size, and tries (how many choices per scene each order of ``LeapFinder``
-            makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
-            choices, the others near good ones).
+            any solver; needs torch), screen (a surrogate of ``fit(rows, "surrogate")`` or its file:
+            a draw that it calls of a kind of which there are enough rows is passed over without
+            being decided) and screen_error (share of the other kind's rows that may be lost so;
+            0.04), shard_size (rows per file, which is what an interruption can lose; 500), natural
+            (True keeps the samples as they come with two numbers of rows, too, of which only the
+            sum counts then). Of leaps: scenes (how many are drawn; has to be given), shard_size,
+            and tries (how many choices per scene each order of ``LeapFinder`` makes; by default
+            {"random": 8, "finder": 4, "noise": 4}, half of them spread over all choices, the others
+            near good ones).
 
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
@@ -149,12 +157,15 @@ def label(
         name = source.name
     if (proposers := options.pop("proposers", None)) is not None:
         problem = _proposers(proposers)
+    surrogate, error = _screen(options.pop("screen", None), options.pop("screen_error", None))
     plan = LabelPlan(
         distribution=str(name),
         seed=int(seed),
         robot=None if robot is None or source is not None else str(robot),
         terrain=None if terrain is None or source is not None else str(terrain),
         proposers=None if problem is None else problem.digest,
+        screen=None if surrogate is None else surrogate.digest,
+        screen_error=error,
         **wanted,
         **options,
     )
@@ -163,8 +174,30 @@ def label(
         if progress is not None:
             progress(state.rows, plan.rows)
 
-    labelling.label(plan, folder, run=run, source=source, progress=on_progress, proposers=problem)
+    labelling.label(
+        plan,
+        folder,
+        run=run,
+        source=source,
+        progress=on_progress,
+        proposers=problem,
+        surrogate=surrogate,
+    )
     return Dataset.open(folder)
+
+
+def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | None]:
+    """The surrogate that screens draws, and its error. Raises InvalidInput."""
+    if given is None:
+        if error is not None:
+            raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
+        return None, None
+    from stancekit.learners.surrogates.screened import read_surrogate
+
+    error = SCREEN_ERROR if error is None else error
+    if not 0.0 < error < 1.0:
+        raise InvalidInput(f"screen_error: expected a number above 0 and below 1, got {error:g}")
+    return read_surrogate(given), float(error)
 
 
 def export_scenes(

@@ -35,9 +35,12 @@ from stancekit.planners.relaxation.modes import Modes
 
 if TYPE_CHECKING:
     from stancekit.learners.leaps.scorer import LeapScorer
+    from stancekit.learners.surrogates.surrogate import Surrogate
 
 Rows = Dataset | str | Path
 Progress = Callable[[int, int], None]
+SURROGATE = "surrogate"
+"""The method that learns feasibility itself."""
 LIFT = "lift"
 """What is compared with selectors and chooses nothing."""
 
@@ -48,6 +51,8 @@ def fit(dataset: Rows | Sequence[Rows], method: Literal["modes"], **how: Any) ->
 def fit(
     dataset: LeapTries | str | Path, method: Literal["additive", "set"], **how: Any
 ) -> LeapScorer: ...
+@overload
+def fit(dataset: Rows | Sequence[Rows], method: Literal["surrogate"], **how: Any) -> Surrogate: ...
 @overload
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **how: Any) -> Learned: ...
 @checked
@@ -70,21 +75,25 @@ def fit(
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
             mode switching); "chooser", "neural", "joint" (for P1 joined with the lift) and "rl"
             need torch. Or one that a package registered under ``stancekit.methods``, or
-            "FILE.py:NAME". Of tries of leaps: "additive", a logistic sum over the toes, and "set",
-            a network that sees all candidates; both need torch.
-        calibration: rows to calibrate a neural selector on; a part of the data set where None.
+            "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
+            or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic
+            sum over the toes, and "set", a network that sees all candidates; both need torch.
+        calibration: rows to calibrate a neural selector on; a part of the data set where None. Of
+            "surrogate" further rows, besides that part.
         checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were
             stopped.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: called with steps done, and all.
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold,
             boxes, steps, batch, seed, ... Those that do not concern the method are refused. Of
-            tries: of ``learners.leaps.training.ScorerSettings``.
+            tries: of ``learners.leaps.training.ScorerSettings``. Of "surrogate": of
+            ``learners.surrogates.training.SurrogateSettings``.
 
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
         ``save`` writes it. ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of
-        leaps: for ``LeapFinder(rule=...)``.
+        leaps: for ``LeapFinder(rule=...)``. A ``Surrogate`` for "surrogate": for ``screen``,
+        ``label`` and ``map``.
 
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
@@ -108,6 +117,10 @@ def fit(
             f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}"
         )
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
+    if method == SURROGATE:
+        if checkpoint is not None or workers != 1:
+            raise InvalidInput(f"method: expected no checkpoint or workers with {method}, got some")
+        return _surrogate(several, calibration, settings, progress)
     rows, typed_settings = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     typed_settings.check_used(method)
     if workers != 1 and method not in SPREAD:
@@ -142,6 +155,26 @@ def _scorer(
     except ImportError as error:
         raise missing(method, error) from None
     return fit_scorer(rows, method, typed(ScorerSettings, settings, ""), progress)
+
+
+def _surrogate(
+    several: Sequence[Rows],
+    calibration: Rows | None,
+    settings: Mapping[str, Any],
+    progress: Progress | None,
+) -> Surrogate:
+    """A surrogate of feasibility from labelled rows."""
+    try:
+        from stancekit.learners.surrogates.training import SurrogateSettings, fit_surrogate
+    except ImportError as error:
+        raise missing(SURROGATE, error) from None
+    typed_settings = typed(SurrogateSettings, settings, "")
+    return fit_surrogate(
+        [rows_of(each) for each in several],
+        typed_settings,
+        progress,
+        calibration=None if calibration is None else rows_of(calibration),
+    )
 
 
 def settings_of(

@@ -14,7 +14,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .gait_options import place
-from .options import OptionalFloat, OptionalText
+from .options import OptionalFloat, OptionalPath, OptionalText
 from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
@@ -37,6 +37,9 @@ class Between:
     friction: OptionalFloat = None
     """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its
     file."""
+    map: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.npz")] = None
+    """Of `stancekit map`, with a terrain's file or name: the way keeps off places where it is proved
+    that the robot cannot stand, facing along x, and costs more where that is likely."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(
@@ -90,7 +93,8 @@ class Between:
 
             made = robot_of(robot or "hexapod")
             who = read_reach(reach, made.limb_names).applied(made)
-        return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
+        where = {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
+        return where | ({} if self.map is None else {"standing": self.map})
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
         """The course of a file or a name, or over a terrain's file from start to goal.
@@ -120,6 +124,7 @@ class Between:
             except InvalidInput as error:
                 text = str(error)
                 text = f"--{text}" if text.startswith("frames:") else text
+                text = text.replace("standing:", "--map:") if text.startswith("standing:") else text
                 for name in ("start", "goal"):
                     text = (
                         text.replace(f"{name}_xy_m:", f"--{name}:")

@@ -15,11 +15,14 @@ from .names import ROBOT, TERRAIN, named
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
+    from stancekit.envs.data.dataset import Dataset
     from stancekit.learners.data.executor import Executor
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
+SURROGATE = "surrogate"
+"""The method that learns feasibility itself."""
 SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
 """Settings of methods that are options here."""
 
@@ -34,7 +37,9 @@ class Fit:
     boxes that descend P1's margins together. chooser: those, and a network that picks one a
     terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
     the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes,
-    between which `stancekit plan --envelope` switches. additive, set: scores of candidates for
+    between which `stancekit plan --envelope` switches. surrogate: feasibility itself, for
+    `stancekit label --screen` and `stancekit.screen`, from data sets of one class,
+    calibrated on rows of each class of answers that it has not seen. additive, set: scores of candidates for
     `stancekit plan --policy`, from the labelled tries of a class of leaps.
     """
 
@@ -42,7 +47,7 @@ class Fit:
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")
     ]
     """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts
-    them."""
+    them; for surrogate one or more of one class."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
     part: Literal["all", "train", "test"] = "all"
@@ -70,10 +75,10 @@ class Fit:
     """Seed of mixture and descent."""
     config: OptionalPath = None
     """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic),
-    or with those of additive and set."""
+    or with those of surrogate, additive and set."""
     calibration: OptionalPath = None
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept
-    for that."""
+    for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
     """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
     picture: OptionalPath = None
@@ -104,6 +109,8 @@ class Fit:
         if self.method in LEAP_SCORES:
             return self._scores()
         rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
+        if self.method == SURROGATE:
+            return self._surrogate(rows)
         settings, workers = self._settings(), self._executor()
         with progress(f"fit {self.method}") as bar:
             learned = fit(
@@ -155,6 +162,41 @@ class Fit:
         else:
             origin = scorer.origin
             out.print(f"{self.out}: scores for {origin['class']} from {origin['rows']} tries")
+        return 0
+
+    def _surrogate(self, rows: list[Dataset]) -> int:
+        """Fit a surrogate of feasibility and write it."""
+        from stancekit.planners.files.documents import read_yaml
+        from stancekit.selectors import fit
+
+        settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
+        with progress(f"fit {self.method}") as bar:
+            surrogate = fit(
+                rows, "surrogate", calibration=self.calibration, progress=bar, **settings
+            )
+        surrogate.save(self.out)
+        card = surrogate.provenance
+        if self.json:
+            emit(
+                {
+                    "out": str(self.out),
+                    "method": self.method,
+                    "problem_class": surrogate.problem_class,
+                    "least_error": surrogate.least_error,
+                    "card": card,
+                }
+            )
+            return 0
+        counts = [
+            ", ".join(f"{count} {kind}" for kind, count in card[name].items() if count)
+            for name in ("learned_from", "calibrated_on")
+        ]
+        out.print(f"{self.out}: a surrogate for {surrogate.problem_class}, from {counts[0]} rows")
+        out.print(
+            f"  calibrated on {counts[1]} others: errors of {100 * surrogate.least_error:.2g} % and more can be "
+            "stated of one answer at least",
+            highlight=False,
+        )
         return 0
 
     def _said(self, problem_class: str, what: str, fitted: EnvelopeSet | None) -> int:

@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import Show, as_options, emit, out, progress
 from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
-from .options import OptionalInt, OptionalPath, OptionalText
+from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.data.executor import Executor
@@ -29,13 +29,25 @@ SETTINGS = (
     "tries",
     "scenes, tries, shard_size",
     "shard_size",
+    "screen",
+    "screen, screen_error",
+    "screen_error",
     "seed",
     "workers",
     "executor",
     "address",
 )
 """What a message may begin with that is an option here."""
-OF_POSTURES = ("robot", "terrain", "feasible", "infeasible", "natural", "proposers")
+OF_POSTURES = (
+    "robot",
+    "terrain",
+    "feasible",
+    "infeasible",
+    "natural",
+    "proposers",
+    "screen",
+    "screen_error",
+)
 """Options that leaps have no use for."""
 OF_LEAPS = ("scenes", "tries")
 """Options that postures have no use for."""
@@ -84,6 +96,11 @@ class LabelPostures:
     proposers: Annotated[OptionalPath, PROPOSERS] = None
     """File of `stancekit proposers`: networks that are asked for postures and proofs before any
     solver."""
+    screen: Annotated[OptionalPath, PROPOSERS] = None
+    """File of `stancekit fit --method surrogate`: a draw that it calls of a kind of which there are
+    enough rows is passed over undecided; what is kept has its evidence as always."""
+    screen_error: OptionalFloat = None
+    """Share of the other kind's rows that may be lost so: 0.04 where nothing is said."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes."""
     executor: Literal["processes", "ray"] = "processes"
@@ -132,6 +149,8 @@ class LabelPostures:
             seed=self.seed,
             shard_size=self.shard_size,
             proposers=self.proposers,
+            screen=self.screen,
+            screen_error=self.screen_error,
             workers=where,
             progress=bar,
         )
@@ -139,7 +158,15 @@ class LabelPostures:
         remarks = (
             [] if header.speaks_of is None else [f"{header.problem_class}: {header.speaks_of}"]
         )
-        return dataset.summary().to_json(), remarks
+        summary = dataset.summary()
+        if summary.screened is not None:
+            remarks += [
+                f"screened: {count} draws passed over that the surrogate calls {kind}; at most "
+                f"{100 * (summary.screen_error or 0.0):.3g} % of the other kind's rows are among them"
+                for kind, count in vars(summary.screened).items()
+                if count
+            ]
+        return summary.to_json(), remarks
 
     def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled tries, and what their labels mean."""

@@ -58,6 +58,7 @@ COMMANDS = {
     "play": "Play",
     "simulate": "Simulate",
     "terrain": "ShowTerrain",
+    "map": "MapTerrain",
     "run": "RunMotion",
     "replay": "Replay",
     "emulate": "Emulate",

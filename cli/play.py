@@ -72,6 +72,8 @@ class Play:
         from stancekit.views.playground.serving import check_port, served, served_walk
 
         self._check()
+        if self.between.map is not None:
+            raise InvalidInput(f"--map: expected none with play, got {self.between.map}")
         check_port(self.host, self.port)
         robots = tuple(filter(None, (self.robot or "").split(",")))
         first = robots[0] if robots else None

@@ -150,6 +150,7 @@ INTERNAL = {
     "planners.formats.trajectory_file:_Header": "part of a gait's file, which the program alone writes",
     "learners.evaluation.bench:_Row": "rows that a bench keeps between runs",
     "learners.proposers.proposer:_Header": "metadata of weights",
+    "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.tensors:ArchitectureJson": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",
     "learners.selectors.neural:_Header": "metadata of weights",

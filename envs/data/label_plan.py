@@ -82,6 +82,9 @@ class LabelPlan(RowPlan):
             wants more nodes than the default, at 1 ms a node.
         proposers: digest of what is asked for postures and proofs before any solver, on which
             certificates and bounds depend, and no label.
+        screen: digest of a surrogate: a draw that it calls of a kind of which a shard has all its
+            rows is passed over undecided.
+        screen_error: share of the other kind's rows that it may pass over so.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -99,6 +102,8 @@ class LabelPlan(RowPlan):
     robot: str | None = None
     terrain: str | None = None
     proposers: str | None = None
+    screen: str | None = None
+    screen_error: float | None = None
 
     def __post_init__(self) -> None:
         if self.robot in BUILT_IN:
@@ -111,6 +116,14 @@ class LabelPlan(RowPlan):
                 raise InvalidInput(
                     f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}"
                 )
+        if (self.screen is None) != (self.screen_error is None):
+            raise InvalidInput("screen, screen_error: expected both or none, got one of them")
+        if self.screen_error is not None and not 0.0 < self.screen_error < 1.0:
+            raise InvalidInput(
+                f"screen_error: expected a number between 0 and 1, got {self.screen_error!r}"
+            )
+        if self.screen is not None and self.natural:
+            raise InvalidInput("screen: expected none with natural rows, which are all kept")
         if not self.rows:
             raise InvalidInput("feasible, infeasible: expected one row or more, got none")
 

@@ -139,6 +139,8 @@ class Tally(BaseModel):
         drawn: kept or not.
         undecided_samples: sample numbers of the undecided.
         software: versions that the shard was made with.
+        screened: draws that a surrogate passed over undecided, by what it called them, and that
+            ``drawn`` leaves out; None without one.
     """
 
     model_config = STRICT
@@ -149,6 +151,7 @@ class Tally(BaseModel):
     drawn: Counts
     undecided_samples: list[int]
     software: dict[str, str]
+    screened: Counts | None = None
 
 
 class ShardTiming(BaseModel):
@@ -157,6 +160,8 @@ class ShardTiming(BaseModel):
     Arguments:
         cpu_s: of the shard.
         solve_ms: of every sample, or its share of a block, wall clock.
+        draw_cpu_s, screen_cpu_s: the parts of cpu_s in which problems were drawn and a surrogate was
+            asked; None without one.
     """
 
     model_config = STRICT
@@ -164,6 +169,8 @@ class ShardTiming(BaseModel):
     shard: int
     cpu_s: float
     solve_ms: list[float]
+    draw_cpu_s: float | None = None
+    screen_cpu_s: float | None = None
 
 
 def software() -> dict[str, str]:
@@ -345,9 +352,11 @@ def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: ShardTiming
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    write_bytes(folder / timing_name(tally.shard), timing.model_dump_json().encode())
+    write_bytes(
+        folder / timing_name(tally.shard), timing.model_dump_json(exclude_none=True).encode()
+    )
     sink = pa.BufferOutputStream()
-    table = table.replace_schema_metadata({"stancekit": tally.model_dump_json()})
+    table = table.replace_schema_metadata({"stancekit": tally.model_dump_json(exclude_none=True)})
     pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     write_bytes(folder / shard_name(tally.shard), sink.getvalue().to_pybytes())
 

@@ -36,10 +36,11 @@ from stancekit.planners.verify import check_certificate, check_plan
 from .executor import Executor, processes
 from .filling import Progress as Progress
 from .filling import begin, fill
-from .shards import BLOCK, LEAST, KeptPrograms, LabelBlock, ShardDraft, planned, samples
+from .shards import LEAST, KeptPrograms, LabelBlock, Screen, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers
+    from ..surrogates.surrogate import Surrogate
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
 """How postures and points are chosen now (``search.canonical``); another choice gets another
@@ -104,6 +105,7 @@ def label(
     run: Executor | None = None,
     draws_per_row: int = 10_000,
     proposers: Proposers | None = None,
+    surrogate: Surrogate | None = None,
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
 
@@ -114,6 +116,7 @@ def label(
         run: the executor, in place of ``processes``.
         draws_per_row: a shard gives up after this many draws a row.
         proposers: those whose digest is planned.
+        surrogate: likewise, which screens the draws.
 
     Raises:
         InvalidInput: where the folder holds another data set, LabellingFailed where a shard gives
@@ -130,10 +133,16 @@ def label(
         raise InvalidInput("proposers: expected those whose digest is planned")
     if proposers is not None:
         proposers.check_drawn(source)
+    if plan.screen != (None if surrogate is None else surrogate.digest):
+        raise InvalidInput("surrogate: expected the one whose digest is planned")
+    screen = None
+    if surrogate is not None and plan.screen_error is not None:
+        surrogate.check_drawn(source.name, source.sample(np.random.default_rng(0)))
+        screen = Screen.of(surrogate, plan.screen_error)
     header = begin(folder, _header(plan, source))
 
     def drafts(missing: Sequence[int]) -> _Drafts:
-        return _Drafts(header, missing, execute, source, draws_per_row, proposers)
+        return _Drafts(header, missing, execute, source, draws_per_row, proposers, screen)
 
     fill(folder, drafts, execute, progress)
     return Dataset.open(folder).summary()
@@ -152,11 +161,12 @@ class _Drafts:
         source: Distribution,
         draws_per_row: int,
         proposers: Proposers | None,
+        screen: Screen | None = None,
     ) -> None:
         self._source, self._proposers, self._executor = source, proposers, executor
         came, programs = Counter[str](), KeptPrograms()
         self._unopened = iter(
-            [ShardDraft(header, shard, draws_per_row, came, programs) for shard in missing]
+            [ShardDraft(header, shard, draws_per_row, came, programs, screen) for shard in missing]
         )
         self._left, self._open = len(missing), list[ShardDraft]()
 
@@ -175,7 +185,9 @@ class _Drafts:
                 continue
             expected = sum(lacking) + self._left * lacking[-1]
             share = max(math.ceil(expected / max(self._executor.workers, 1)), LEAST)
-            yield self._open[k].block(self._source, min(lacking[k], share, BLOCK), self._proposers)
+            yield self._open[k].block(
+                self._source, min(lacking[k], share, self._open[k].most), self._proposers
+            )
 
     def take(self, block: LabelBlock) -> Shard | None:
         """The shard that this block completes.

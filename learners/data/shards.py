@@ -12,7 +12,7 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -39,8 +39,12 @@ from stancekit.planners.search.proposals import Proposer
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from ..surrogates.surrogate import Surrogate
+
 BLOCK = 512
 """Samples that are decided together, at most."""
+SCREENED = 8192
+"""Samples that are drawn together, at most, where a surrogate passes most of them over."""
 LEAST = 32
 """Samples that are decided together, at least, where several workers share a shard: a block costs
 as much as 50 to 100 samples before its first one is decided."""
@@ -80,6 +84,8 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
 
 KINDS = ("feasible", "infeasible", "trivial", "undecided")
 """Labels of samples, those of ``Counts``."""
+CALLED = ("feasible", "infeasible")
+"""What a surrogate calls a draw that it is sure of."""
 Place = tuple[int, Mapping[str, Any]]
 """A number of samples, and the state of a shard's random stream after so many."""
 
@@ -89,10 +95,12 @@ class LabelBlock:
     """Neighbouring samples of a shard, decided.
 
     Arguments:
-        kinds: each one's label, "trivial" set apart.
+        kinds: each one's label, "trivial" set apart, and "screened" for one that was not decided.
         rows: those that may be kept, as a shard's table, with ``row`` 0.
         after: the place in the stream behind the block.
         solve_ms: by sample.
+        called: what a surrogate calls each; None without one.
+        draw_cpu_s, screen_cpu_s: the parts of cpu_s in which they were drawn and screened.
     """
 
     shard: int
@@ -102,6 +110,31 @@ class LabelBlock:
     after: Place
     solve_ms: list[float]
     cpu_s: float
+    called: list[str] | None = None
+    draw_cpu_s: float = 0.0
+    screen_cpu_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Screen:
+    """A surrogate that passes draws over, the error that it may make of each kind, and the score
+    limits that hold it.
+    """
+
+    surrogate: Surrogate
+    error: float
+    limits: tuple[float, float]
+
+    @classmethod
+    def of(cls, surrogate: Surrogate, error: float) -> Screen:
+        """Screen at this error."""
+        return cls(surrogate=surrogate, error=error, limits=surrogate.thresholds(error))
+
+    def called(self, batch: PostureBatch) -> list[str]:
+        """What the surrogate calls each problem: "feasible", "infeasible" or "ask"."""
+        answers = self.surrogate.answered(batch, self.limits, self.error).answers
+        called: list[str] = answers.tolist()
+        return called
 
 
 def decide_block(
@@ -114,12 +147,14 @@ def decide_block(
     kinds: frozenset[str],
     kept: KeptPrograms,
     proposers: Proposer | None = None,
+    screen: Screen | None = None,
 ) -> LabelBlock:
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
 
     Arguments:
         start: a known place in the stream at or before the first sample; None for its beginning.
         kept: programs that other blocks used before; no row depends on them.
+        screen: what it calls of another kind is not decided.
     """
     begin, rng = time.process_time(), _stream(plan, shard)
     np.empty(
@@ -133,17 +168,35 @@ def decide_block(
         at += skipped
     batch = source.batch(rng, count)
     after = (first + count, rng.bit_generator.state)
-    labeller = _Labeller(plan, shard, first, kinds, kept.programs, proposers)
-    rows, decided, solve_ms = labeller.rows(batch)
+    drawn, wall = time.process_time(), time.perf_counter()
+    called = None if screen is None else screen.called(batch)
+    asked, share_ms = time.process_time(), 1e3 * (time.perf_counter() - wall) / count
+    left = [k for k in range(count) if called is None or _open(called[k], kinds)]
+    some = batch if called is None else batch.select(np.array(left, dtype=np.intp))
+    labeller = _Labeller(plan, shard, [first + k for k in left], kinds, kept.programs, proposers)
+    rows, decided, took_ms = labeller.rows(some) if left else ([], [], [])
+    labels, solve_ms = ["screened"] * count, [round(share_ms, 3)] * count
+    for k, kind, each_ms in zip(left, decided, took_ms, strict=True):
+        labels[k], solve_ms[k] = kind, each_ms
     return LabelBlock(
         shard=shard,
         first=first,
-        kinds=decided,
+        kinds=labels,
         rows=table_of(rows, len(batch.like.contacts)),
         after=after,
         solve_ms=solve_ms,
         cpu_s=time.process_time() - begin,
+        called=called,
+        draw_cpu_s=drawn - begin,
+        screen_cpu_s=asked - drawn,
     )
+
+
+def _open(called: str, kinds: frozenset[str]) -> bool:
+    """Tell whether a draw that is called so has to be decided where rows of these kinds are
+    wanted.
+    """
+    return called == "ask" or called in kinds
 
 
 class KeptPrograms:
@@ -172,12 +225,12 @@ class _Labeller:
         self,
         plan: LabelPlan,
         shard: int,
-        first: int,
+        samples: Sequence[int],
         kinds: frozenset[str],
         programs: Programs,
         proposers: Proposer | None,
     ) -> None:
-        self._plan, self._shard, self._first, self._kinds = plan, shard, first, kinds
+        self._plan, self._shard, self._samples, self._kinds = plan, shard, samples, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
             acceptance=acceptance,
@@ -197,7 +250,7 @@ class _Labeller:
             self._points(batch, decided),
         )
         rows = [
-            self._row(self._first + k, batch.problems[k], outcome, points.get(k))
+            self._row(self._samples[k], batch.problems[k], outcome, points.get(k))
             for k, outcome in enumerate(decided.outcomes)
             if kinds[k] in self._kinds
         ]
@@ -260,11 +313,21 @@ class ShardDraft:
         came: labels of all samples of this run so far, which others add to, too; by it the draft
             knows how many it needs.
         kept: programs for its blocks.
+        screen: passes over what it calls of a kind of which the shard has all its rows, by then and
+            in the stream's order, so that it does not matter which of these happened to be decided.
     """
 
     def __init__(
-        self, header: Header, shard: int, draws_per_row: int, came: Counter[str], kept: KeptPrograms
+        self,
+        header: Header,
+        shard: int,
+        draws_per_row: int,
+        came: Counter[str],
+        kept: KeptPrograms,
+        screen: Screen | None = None,
     ) -> None:
+        self._screen, self._screened = screen, Counter[str]()
+        self._draw_cpu_s = self._screen_cpu_s = 0.0
         self._header, self._plan, self._came, self._programs = header, header.plan, came, kept
         self.shard = shard
         self._room = Counter(
@@ -301,6 +364,11 @@ class ShardDraft:
             )
         return max(min(expected - (self._asked - len(self._drawn)), self._most - self._asked), 0)
 
+    @property
+    def most(self) -> int:
+        """Samples that are decided together, at most."""
+        return BLOCK if self._screen is None or all(map(self._wants, CALLED)) else SCREENED
+
     def block(
         self, source: Distribution, count: int, proposers: Proposer | None
     ) -> Callable[[], LabelBlock]:
@@ -313,7 +381,7 @@ class ShardDraft:
         )
         kinds = frozenset(kind for kind in KINDS if self._wants(kind))
         place = (self._plan, source, self.shard, start, first, count)
-        return partial(decide_block, *place, kinds, self._programs, proposers)
+        return partial(decide_block, *place, kinds, self._programs, proposers, self._screen)
 
     def take(self, block: LabelBlock) -> Shard | None:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has
@@ -347,6 +415,11 @@ class ShardDraft:
             if not self.missing:
                 break
             kind = label
+            called = "ask" if block.called is None else block.called[sample - block.first]
+            if called != "ask" and not self._wants(called):
+                self._drawn.append("screened")
+                self._screened[called] += 1
+                continue
             if self._wants(kind):
                 k, kind = made[sample]
                 if self._wants(kind):
@@ -357,6 +430,8 @@ class ShardDraft:
         self._rows.append(block.rows.take(np.array(chosen, dtype=np.int64)))
         self._solve_ms += block.solve_ms[: len(self._drawn) - begin]
         self._cpu_s += block.cpu_s
+        self._draw_cpu_s += block.draw_cpu_s
+        self._screen_cpu_s += block.screen_cpu_s
         if self.missing and len(self._drawn) >= self._most:
             came = ", ".join(
                 f"{count} {kind}" for kind, count in sorted(Counter(self._drawn).items())
@@ -384,13 +459,16 @@ class ShardDraft:
                 len(self._drawn),
                 undecided,
             )
+        drawn = Counter(self._drawn)
+        drawn.pop("screened", None)
         tally = Tally(
             dataset=self._header.digest,
             shard=self.shard,
             rows=Counts(**self._kept),
-            drawn=Counts(**Counter(self._drawn)),
+            drawn=Counts(**drawn),
             undecided_samples=undecided,
             software=ledger.software(),
+            screened=None if self._screen is None else Counts(**self._screened),
         )
         import pyarrow as pa  # large, and no question of one problem needs it
 
@@ -399,7 +477,13 @@ class ShardDraft:
         rows = rows.set_column(
             rows.schema.get_field_index("row"), rows.schema.field("row"), numbers
         )
-        timing = ledger.ShardTiming(shard=self.shard, cpu_s=self._cpu_s, solve_ms=self._solve_ms)
+        timing = ledger.ShardTiming(
+            shard=self.shard,
+            cpu_s=self._cpu_s,
+            solve_ms=self._solve_ms,
+            draw_cpu_s=None if self._screen is None else self._draw_cpu_s,
+            screen_cpu_s=None if self._screen is None else self._screen_cpu_s,
+        )
         return Shard(table=rows, tally=tally, timing=timing)
 
 

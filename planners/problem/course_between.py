@@ -29,6 +29,7 @@ from .toe_offset import toe_offset
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
+    from .standing_map import StandingMap
 
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
@@ -46,6 +47,7 @@ def course_between(
     folder: Path = Path(),
     alternative: Alternative = AS_ASKED,
     avoid_m: Sequence[Array] = (),
+    standing: StandingMap | None = None,
 ) -> CourseSpec:
     """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along
     x.
@@ -53,7 +55,7 @@ def course_between(
     Arguments:
         robot: the hexapod unless named.
         frames: M, by the length of the way if missing.
-        avoid_m: as for ``guide_path``.
+        avoid_m, standing: as for ``guide_path``.
 
     Raises:
         InvalidInput: for a start or goal in a solid, off the terrain or without footholds for all
@@ -81,7 +83,12 @@ def course_between(
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
     ends = np.array([start_m, goal_m], dtype=np.float64)
-    way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m).points_m
+    if standing is not None and standing.identity != body.identity:
+        mine, theirs = (
+            name or "the default hexapod" for name in (standing.identity, body.identity)
+        )
+        raise InvalidInput(f"standing: expected a map of {theirs}, got one of {mine}")
+    way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
@@ -124,6 +131,7 @@ def laid_between(
     *,
     robot: Robot | str | None = None,
     frames: int | None = None,
+    standing: StandingMap | None = None,
 ) -> LaidBetween:
     """Generator that lays out the course over a terrain from one place (x, y) [m] to another, see
     ``course_between``.
@@ -144,7 +152,12 @@ def laid_between(
     who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
 
     return LaidBetween(
-        terrain=over, start_m=tuple(start), goal_m=tuple(goal), robot=who, frames=count
+        terrain=over,
+        start_m=tuple(start),
+        goal_m=tuple(goal),
+        robot=who,
+        frames=count,
+        standing=standing,
     )
 
 
@@ -159,6 +172,7 @@ class LaidBetween:
     goal_m: tuple[float, ...]
     robot: Robot | str | None
     frames: int | None
+    standing: StandingMap | None = None
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
         """The course over the inner or outer sets of the robot's legs.
@@ -194,6 +208,7 @@ class LaidBetween:
                 frames=frames,
                 alternative=alternative,
                 avoid_m=avoid_m,
+                standing=self.standing,
             )
             return build_course(spec, sets=sets)
         except InvalidInput as error:

@@ -27,11 +27,13 @@ from ..robot.model import Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from .candidates import NoPlace
+from .standing_map import INFEASIBLE, UNLIKELY
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
     from ..terrain.heightfield import HeightField
     from ..terrain.terrain import Terrain
+    from .standing_map import StandingMap
 
 LATTICE_M = 0.04
 """Between nodes [m]; more on terrains that have too many."""
@@ -52,6 +54,8 @@ _ROOMS_M = tuple(distance for distance, _ in ROOMS)
 AVOIDED_M, AVOIDED = 0.5, 6.0
 """About a place where a plan failed before a way costs so many times its length, so far around
 [m]."""
+DOUBTED = 4.0
+"""A way costs so many times its length where a map says that the robot is not likely to stand."""
 UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
 BELLY, TOP = 0.4, 0.5
@@ -180,12 +184,18 @@ class GuidePath:
 
 
 def guide_path(
-    terrain: Terrain, footprint: Footprint, ends_m: Array, avoid_m: Sequence[Array] = ()
+    terrain: Terrain,
+    footprint: Footprint,
+    ends_m: Array,
+    avoid_m: Sequence[Array] = (),
+    standing: StandingMap | None = None,
 ) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
     Arguments:
         avoid_m: places (x, y) where a plan along another way failed.
+        standing: where the robot can stand, facing along x: a way keeps off places where it is
+            proved that it cannot, and costs more where that is likely.
 
     Raises:
         NoPlace: for a start or goal in a solid, off the terrain, or without footholds for all toes,
@@ -193,13 +203,13 @@ def guide_path(
             nothing.
     """
     start, goal = ends_m
-    standing = [patch for _, patch in terrain.standing]
+    surfaces = [patch for _, patch in terrain.standing]
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         for lowest in (False, True):
-            lattice = _Lattice.over(terrain.patches, standing, footprint, apart, lowest=lowest)
+            lattice = _Lattice.over(terrain.patches, surfaces, footprint, apart, lowest=lowest)
             try:
-                return lattice.way(start, goal, avoid_m)
+                return lattice.way(start, goal, avoid_m, standing)
             except (NoPlace, PlanningFailed) as error:
                 known = first is None or (
                     isinstance(first, NoPlace) and isinstance(error, PlanningFailed)
@@ -363,7 +373,13 @@ class _Lattice:
         """Nodes where the robot can stand, clear of solids."""
         return np.asarray(np.isfinite(self.z_m) & (self.room != 0))
 
-    def way(self, start: Array, goal: Array, avoid_m: Sequence[Array]) -> GuidePath:
+    def way(
+        self,
+        start: Array,
+        goal: Array,
+        avoid_m: Sequence[Array],
+        standing: StandingMap | None = None,
+    ) -> GuidePath:
         """The cheapest way."""
         ends = [self._node(place, name) for place, name in ((start, "start"), (goal, "goal"))]
         if ends[0] == ends[1]:
@@ -375,10 +391,21 @@ class _Lattice:
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
             worth = np.where(off < AVOIDED_M, AVOIDED * worth, worth)
-        path = self._cheapest(ends, self.free, worth)
+        free = self.free
+        if standing is not None:
+            verdict = standing.at(self._places(), 0.0)
+            worth = np.where(verdict == UNLIKELY, DOUBTED * worth, worth)
+            free = free & (verdict != INFEASIBLE)
+            free.ravel()[ends] = True  # a robot that is there stands somehow
+        path = self._cheapest(ends, free, worth)
+        if path is None and standing is not None and self._cheapest(ends, self.free, worth):
+            raise PlanningFailed(
+                f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g}): every one goes over places "
+                f"of the map where {standing.robot} cannot stand, facing along x"
+            )
         if path is None:
             raise PlanningFailed(self._refusal(start, goal, ends))
-        points, rooms = self._shortened(path, worth)
+        points, rooms = self._shortened(path, worth, free)
         points[0, :2], points[-1, :2] = start, goal
         least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
         return GuidePath(points_m=_straightened(points), room_m=least)
@@ -403,7 +430,9 @@ class _Lattice:
             nodes.append(int(before[nodes[-1]]))
         return nodes[::-1]
 
-    def _shortened(self, nodes: list[int], worth: Array) -> tuple[Array, NDArray[np.int_]]:
+    def _shortened(
+        self, nodes: list[int], worth: Array, free: NDArray[np.bool_]
+    ) -> tuple[Array, NDArray[np.int_]]:
         """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their
         ``room``.
         """
@@ -425,7 +454,7 @@ class _Lattice:
                 rises = np.abs(np.diff(self.z_m[rows]))
                 length = float(np.linalg.norm(places[end] - places[at]))
                 cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
-                good = self.free[rows].all() and bool((rises <= self.spacing_m).all())
+                good = free[rows].all() and bool((rises <= self.spacing_m).all())
                 if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
                     break
             points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])

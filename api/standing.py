@@ -1,0 +1,95 @@
+"""Where a robot can stand on a terrain."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from stancekit.learners.surrogates.calibration import checked_error
+from stancekit.planners.arguments import checked
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.problem.standing_map import StandingMap as StandingMap
+from stancekit.planners.robot.model import Robot
+
+
+@checked
+def map(
+    terrain: str | Path,
+    *,
+    robot: Robot | str | Path | None = None,
+    spacing_m: float = 0.1,
+    headings: int = 8,
+    friction: float = 0.8,
+    time_limit_s: float = 60.0,
+    fit: bool = False,
+    error: float = 0.005,
+    seed: int = 0,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[int, int, str], object] | None = None,
+) -> StandingMap:
+    """Say of every place and heading over a terrain whether a robot can stand there, how far it is
+    from not being able to, and which limit is in the way.
+
+    Arguments:
+        terrain: a mesh or a grid in a file, or a ground by its name as "stairs:0.5:7".
+        robot: a ``Robot``, a name, a .urdf file, or a .yaml file that names one (extra kin); the
+            default hexapod where None.
+        spacing_m: between places, along x and y [m]; typically 0.02 to 0.2.
+        headings: how many, evenly about the vertical, the first along x; typically 1 to 16.
+        friction: Coulomb coefficient of the terrain.
+        time_limit_s: for all of it: poses are proved from coarse to fine until then, and those that
+            were not reached are unknown [s].
+        fit: learn from what is proved by half of the time what is likely of poses that are not
+            reached (needs torch); the poses to calibrate on are all proved, also where that takes
+            longer.
+        error: of the poses that are called likely feasible at most this share is not, and of those
+            that are called likely infeasible.
+        seed: of the poses that likely answers are calibrated on.
+        checkpoint: file .npz to which the map is written now and then, and from which a map of the
+            same question goes on.
+        progress: called with poses that are settled, all, and what is being done.
+
+    Returns:
+        A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and
+        ``plan(..., standing=...)`` goes by it. Feasible and infeasible are proved: a witness that
+        the verifier accepted, or a certificate, or a toe without a place to stand.
+
+    Raises:
+        InvalidInput: for a terrain that cannot be read or has no place to stand, a grid of no
+            cells, an error of 0 or 1, and a checkpoint of another map.
+    Source:
+        None: the exact planner of Lin et al.'s P, pose by pose.
+
+    Example:
+        >>> import stancekit
+        >>> found = stancekit.map("stairs:0.3:1", spacing_m=0.8, headings=2)
+        >>> found.shares()["proved"]
+        1.0
+    """
+    began = time.monotonic()
+    checked_error(error)
+    checked_number(time_limit_s, "time_limit_s", above=0.0)
+    checked_int(seed, "seed", least=0)
+    from stancekit.learners.maps.making import MapSettings, make_map
+    from stancekit.learners.maps.poses import Poses
+
+    path = None if checkpoint is None else Path(checkpoint)
+    if path is not None and path.suffix != ".npz":
+        raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
+    poses = Poses.of(
+        terrain,
+        str(robot) if isinstance(robot, Path) else robot,
+        spacing_m=spacing_m,
+        headings=headings,
+        friction=friction,
+    )
+    settings = MapSettings(time_limit_s=time_limit_s, fit=fit, error=error, seed=seed)
+    try:
+        return make_map(poses, settings, progress, began_s=began, checkpoint=path)
+    except ImportError as missing:
+        raise InvalidInput(
+            f"fit: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
+        ) from None

@@ -1,0 +1,84 @@
+"""A map of where a robot can stand, judged from outside: proved poses by SCIP, likely ones by exact answers.
+
+nice -n 15 python benchmarks/standing_maps.py --map map.npz --terrain blocks.obj
+
+Proved poses go to the second exact solver of ``second_labels.py``, whose rows are written anew from the
+numbers of each posture problem. Likely poses are solved by the exact planner. Poses that lack a
+foothold are infeasible by what a pose is, and are not asked about.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from _bench import Options, launch
+from scipy.stats import beta
+from second_labels import HOLDS, second
+
+from stancekit.learners.maps.making import BLOCK, Maker
+from stancekit.learners.maps.poses import Poses
+from stancekit.planners.problem.standing_map import (
+    FEASIBLE,
+    INFEASIBLE,
+    LIKELY,
+    UNLIKELY,
+    VERDICTS,
+    StandingMap,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
+    """Which map, and how many of its poses."""
+
+    map: Path = Path("map.npz")
+    """File of `stancekit map --out`."""
+    terrain: str = "blocks.obj"
+    """The terrain that it is of."""
+    robot: str = ""
+    """The robot that it is of; empty for the default hexapod."""
+    proved: int = 500
+    """Proved poses that SCIP is asked about."""
+    likely: int = 2000
+    """Likely poses that are solved exactly."""
+    limit_s: float = 20.0
+    """Of SCIP, a pose."""
+
+
+def main(options: Arguments) -> None:
+    """Print the counts."""
+    found = StandingMap.read(options.map)
+    poses = Poses.of(
+        options.terrain,
+        options.robot or None,
+        spacing_m=found.spacing_m,
+        headings=len(found.headings_rad),
+        friction=found.friction,
+    )
+    assert poses.shape == found.shape, "expected the terrain and robot of the map"
+    verdict, rng = found.verdict.ravel(), np.random.default_rng(options.seed)
+    likely = np.flatnonzero((verdict == LIKELY) | (verdict == UNLIKELY))
+    likely, truth = np.sort(rng.permutation(likely)[: options.likely]), Maker(poses)
+    for begin in range(0, len(likely), BLOCK):
+        truth.prove(likely[begin : begin + BLOCK])
+    for called, right in ((LIKELY, FEASIBLE), (UNLIKELY, INFEASIBLE)):
+        mine = likely[verdict[likely] == called]
+        wrong = int((truth.verdict[mine] != right).sum())
+        upper = 100.0 * beta.ppf(0.975, wrong + 1, max(len(mine) - wrong, 1))
+        print(f"{VERDICTS[called]}: {len(mine)} solved, {wrong} wrong, up to {upper:.2f} %")
+    proved = np.flatnonzero((verdict == FEASIBLE) | ((verdict == INFEASIBLE) & ~poses.off))
+    proved = rng.permutation(proved)[: options.proved]
+    batch, counts = poses.batch(proved), Counter[tuple[str, str]]()
+    for k in range(len(proved)):
+        said = second(batch.problem(k), options.limit_s)
+        near = said.label == "feasible" and not said.worst <= HOLDS
+        counts[VERDICTS[verdict[proved[k]]], "near" if near else said.label] += 1
+    for (ours, theirs), count in sorted(counts.items()):
+        print(f"proved {ours}: SCIP says {theirs}: {count}")
+
+
+if __name__ == "__main__":
+    launch(main, Arguments, __doc__)

@@ -1,0 +1,139 @@
+"""``stancekit map``: where on a terrain a robot can stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.table import Table
+
+from stancekit.planners.errors import InvalidInput
+
+from .console import as_options, emit, out, progress
+from .options import LONGEST_S, OptionalPath, OptionalText, check_drawn
+
+if TYPE_CHECKING:
+    from stancekit.planners.problem.standing_map import StandingMap
+
+
+@dataclass
+class MapTerrain:
+    """Map where a robot can stand on a terrain.
+
+    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands
+    for one question: can the robot hold still with all of its limbs where its toes are as it
+    stands, each put on the nearest place to stand, within a stated distance? Poses are proved from
+    coarse to fine until the time is over: feasible with a posture that the verifier accepted,
+    infeasible with a proof. What was not reached is unknown; with --fit it is called likely, at an
+    error that was measured on poses of this very map. Links and belly are not looked at.
+
+      stancekit map rubble.stl --robot hexapod --spacing-m 0.05 --headings 16 --out map.npz
+      stancekit map rubble.stl --spacing-m 0.05 --headings 16 --fit --picture map.png
+      stancekit plan rubble.stl --start 0,0 --goal 2,0 --map map.npz
+
+    A map that is stopped goes on from --out when it is started again. Exit code: 0 done; 2 bad
+    input.
+    """
+
+    terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
+    """Mesh or grid in a file, or a ground by its name, as stairs:0.5:7."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """Whose limbs stand: a built-in name, a .urdf file, or a .yaml file that names one; else the
+    default hexapod."""
+    spacing_m: float = 0.1
+    """Between places, along x and y [m]."""
+    headings: int = 8
+    """Headings at each place, evenly about the vertical, the first along x."""
+    friction: float = 0.8
+    """Friction coefficient of the terrain."""
+    time_limit_s: float = 60.0
+    """Limit for all of it [s]."""
+    fit: bool = False
+    """Learn what is likely of poses that are not reached (extra rl)."""
+    error: float = 0.005
+    """Share of the likely answers of each kind that may be wrong."""
+    seed: int = 0
+    """Seed of the poses that likely answers are calibrated on."""
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File of the map: .npz, for `stancekit plan --map`, written now and then; or .json."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the map: .png, .pdf or .svg."""
+    json: bool = False
+    """One JSON object: counts, shares, what is in the way, seconds."""
+
+    def run(self) -> int:
+        """Make the map, write and say it."""
+        from stancekit.planners.files.writing import check_writable
+        from stancekit.standing import map as map_terrain
+
+        check_drawn(picture=self.picture)
+        if self.out is not None:
+            if self.out.suffix not in (".npz", ".json"):
+                raise InvalidInput(
+                    f"--out: expected a name that ends in .npz or .json, got {self.out}"
+                )
+            check_writable(self.out)
+        if not 0.0 < self.time_limit_s <= LONGEST_S:
+            raise InvalidInput(
+                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
+            )
+        kept = self.out if self.out is not None and self.out.suffix == ".npz" else None
+        names = ("spacing_m", "headings", "friction", "error", "seed", "fit", "spacing_m, headings")
+        with progress(f"map {Path(self.terrain).name}") as bar, as_options(*names):
+            found = map_terrain(
+                self.terrain,
+                robot=self.robot,
+                spacing_m=self.spacing_m,
+                headings=self.headings,
+                friction=self.friction,
+                time_limit_s=self.time_limit_s,
+                fit=self.fit,
+                error=self.error,
+                seed=self.seed,
+                checkpoint=kept,
+                progress=lambda done, total, stage: bar(
+                    done, total, f"{stage}, {done} of {total} poses settled"
+                ),
+            )
+        if self.out is not None:
+            found.save(self.out)
+        if self.picture is not None:
+            from stancekit.views.sheet import save
+            from stancekit.views.standing_maps import draw_standing_map
+
+            save(draw_standing_map(found), self.picture)
+        if self.json:
+            emit(found.to_json())
+            return 0
+        out.print(_table(found))
+        for path in (self.out, self.picture):
+            if path is not None:
+                out.print(f"wrote {path}", highlight=False)
+        return 0
+
+
+def _table(found: StandingMap) -> Table:
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    x, y, headings = found.shape
+    table.add_row("terrain", f"{found.terrain}, friction {found.friction:g}")
+    table.add_row("robot", found.robot)
+    table.add_row("grid", f"{x} × {y} places {found.spacing_m:g} m apart, {headings} headings")
+    shares = found.shares()
+    for name, count in found.counts().items():
+        if count:
+            table.add_row(name, f"{count} poses, {100 * shares[name]:.1f} %")
+    table.add_row("proved", f"{100 * shares['proved']:.1f} %")
+    if found.error is not None and found.confidence is not None:
+        table.add_row(
+            "likely",
+            f"at most {100 * found.error:.3g} % of each kind wrong, with {100 * found.confidence:.0f} % confidence",
+        )
+    if found.in_the_way():
+        text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
+        table.add_row("in the way", text)
+    table.add_row("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items()))
+    return table

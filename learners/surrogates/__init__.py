@@ -1,0 +1,3 @@
+"""Surrogates of feasibility: networks that say feasible or infeasible at a stated error, and "ask"
+of the rest.
+"""

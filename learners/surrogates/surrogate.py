@@ -1,0 +1,314 @@
+"""A surrogate of feasibility for one class of problems: says feasible, infeasible or "ask", at an
+error that is stated, and how far from the border.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from stancekit.planners.cached import cached_property
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.validation import validated
+from stancekit.planners.problem import PostureBatch, Problem
+from stancekit.planners.relaxation.learned import check_learned
+
+from ..selectors.tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from .calibration import CONFIDENCE, KINDS, checked_error, thresholds
+from .features import Features, Seer
+from .network import SurrogateNetwork
+from .screened import Screened
+
+FORMAT = "stancekit/surrogate/1"
+CHUNK = 1024
+"""Problems whose scores are worked out at once."""
+BEYOND = 0.01
+"""How far beyond the numbers that were calibrated on a problem's may lie, in shares of their
+range."""
+NEAR = 1e-3
+"""Scores this close to a limit are worked out again in double precision, so that an answer does not
+depend on which problems were scored together."""
+CLIPPED = 0.1
+"""The largest margin that is told."""
+
+
+class Surrogate:
+    """A trained network for one class of problems, and the scores of the rows that it was
+    calibrated on.
+
+    like: a problem of the class; problem_class: its name. calibration: scores of held-out rows by
+    their true class, ascending. ranges: least and largest number of each kind in the rows, see
+    ``numbers``. provenance: how it was learned, its card.
+    """
+
+    def __init__(
+        self,
+        network: SurrogateNetwork,
+        *,
+        like: Problem,
+        problem_class: str,
+        calibration: Mapping[str, Array],
+        ranges: Array,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.network = network.eval()
+        self.like, self.problem_class = like, problem_class
+        self.calibration = {kind: np.sort(np.asarray(calibration[kind])) for kind in KINDS}
+        self.ranges = np.asarray(ranges, dtype=np.float64)
+        self.provenance = dict(provenance or {})
+        self.robot, self.legs = like.robot.identity, like.legs
+        self.force_scale_n = float(like.force_scale_n or like.weight_n)
+        self.length_scale_m = like.length_scale_m
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of class, weights and calibration: what its answers follow from."""
+        so_far = hashlib.sha256(f"{FORMAT} {self.problem_class} {self._like_text}".encode())
+        for name, tensor in sorted(self.network.state_dict().items()):
+            so_far.update(name.encode() + tensor.numpy().tobytes())
+        for kind in KINDS:
+            so_far.update(kind.encode() + self.calibration[kind].tobytes())
+        so_far.update(self.ranges.tobytes())
+        return so_far.hexdigest()
+
+    @cached_property
+    def _like_text(self) -> str:
+        return json.dumps(self.like.to_json(), sort_keys=True)
+
+    @cached_property
+    def seer(self) -> Seer:
+        """What sees the problems of its class."""
+        return Seer.of(self.like)
+
+    def thresholds(self, error: float) -> tuple[float, float]:
+        """(low, high) of the score: below low infeasible, above high feasible, at this error."""
+        return thresholds(self.calibration, error)
+
+    @property
+    def least_error(self) -> float:
+        """The smallest error at which it says anything, by the number of rows of its
+        calibration.
+        """
+        there = [len(rows) for rows in self.calibration.values() if len(rows)]
+        doubt = (1.0 - CONFIDENCE) / len(there)
+        return min(-math.expm1(math.log(doubt) / count) for count in there)
+
+    def check_fits(self, problem: Problem) -> None:
+        """Raise InvalidInput unless the problem differs in its patches alone from those that it
+        learned from.
+        """
+        learned = f"a surrogate learned for {self.problem_class}"
+        if not problem.is_posture:
+            raise InvalidInput(f"problem: expected a posture for {learned}, got a course")
+        check_learned(self, problem, learned)
+        mine, theirs = _fixed(self.like), _fixed(problem)
+        for name, value in mine.items():
+            if not np.array_equal(np.shape(value), np.shape(theirs[name])) or not np.allclose(
+                value, theirs[name], rtol=1e-9, atol=1e-9
+            ):
+                raise InvalidInput(
+                    f"{name}: expected that of {self.problem_class} for {learned}, got another"
+                )
+
+    def check_drawn(self, name: str, problem: Problem) -> None:
+        """Raise InvalidInput unless it learned from the class of this name."""
+        if name != self.problem_class:
+            raise InvalidInput(
+                f"surrogate: expected one for {name}, got one for {self.problem_class}"
+            )
+        self.check_fits(problem)
+
+    def screen(self, batch: PostureBatch, error: float) -> Screened:
+        """Answers at this error; "ask" also of a problem that lies beyond the rows of the
+        calibration. Raises InvalidInput for problems of another class or robot.
+        """
+        checked_error(error)
+        self.check_fits(batch.like)
+        return self.answered(batch, self.thresholds(error), error)
+
+    def answered(self, batch: PostureBatch, limits: tuple[float, float], error: float) -> Screened:
+        """``screen`` with thresholds that are known, of problems that fit."""
+        (low, high), within = limits, self._within(batch)
+        scores, margins = self.scores(batch)
+        near = np.flatnonzero(np.minimum(np.abs(scores - low), np.abs(scores - high)) < NEAR)
+        if len(near):
+            seen = self.seer.features(_part(batch, near))
+            scores[near] = _run(self._double, seen, torch.float64)[0]
+        answers = np.where(scores > high, "feasible", np.where(scores < low, "infeasible", "ask"))
+        if low > high:  # both answers would be good enough: the likelier one
+            between = (scores > high) & (scores < low)
+            answers = np.where(between & (scores < 0.0), "infeasible", answers)
+        answers = np.where(within, answers, "ask")
+        return Screened(
+            answers=answers,
+            margins=np.clip(margins, -CLIPPED, CLIPPED),
+            scores=scores,
+            error=error,
+            confidence=CONFIDENCE,
+        )
+
+    def scores(self, batch: PostureBatch) -> tuple[Array, Array]:
+        """Scores and margins, shape (B,) each, of problems that fit."""
+        parts = []
+        for begin in range(0, len(batch), CHUNK):
+            chosen = np.arange(begin, min(begin + CHUNK, len(batch)))
+            seen = self.seer.features(_part(batch, chosen))
+            parts.append(_run(self.network, seen, torch.float32))
+        if not parts:
+            return np.zeros(0), np.zeros(0)
+        scores, margins = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return scores, margins
+
+    @cached_property
+    def _double(self) -> SurrogateNetwork:
+        """The network in double precision."""
+        return copy.deepcopy(self.network).double()
+
+    def _within(self, batch: PostureBatch) -> NDArray[np.bool_]:
+        """Whether each problem's patches are like those that it was calibrated on."""
+        values = numbers(batch)
+        if values.shape[1:] != self.ranges.shape[1:]:
+            raise InvalidInput(
+                f"contacts: expected patches of {self.ranges.shape[1] - 5} corners, got {values.shape[1] - 5}"
+            )
+        room = BEYOND * (self.ranges[1] - self.ranges[0]) + 1e-9
+        return np.asarray(
+            ((values >= self.ranges[0] - room) & (values <= self.ranges[1] + room)).all(axis=(1, 2))
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write a safetensors file: network, calibration and card."""
+        header = {
+            "problem_class": self.problem_class,
+            "like": self.like.to_json(),
+            "robot": self.robot,
+            "architecture": asdict(self.network.architecture),
+            "provenance": self.provenance,
+        }
+        extra = {f"calibration.{kind}": self.calibration[kind] for kind in KINDS}
+        tensors = {name: torch.from_numpy(values.copy()) for name, values in extra.items()}
+        tensors["ranges"] = torch.from_numpy(self.ranges.copy())
+        weights = {f"network.{name}": each for name, each in self.network.state_dict().items()}
+        write_tensors(path, FORMAT, header, weights | tensors)
+
+    write = save
+
+    @classmethod
+    def read(cls, path: str | Path) -> Surrogate:
+        """Read what ``save`` wrote. Raises InvalidInput for a file that is damaged or foreign."""
+        header, tensors = read_tensors(path, FORMAT)
+        raw = validated(_Header, header, str(path))
+        try:
+            like = Problem.from_json(raw.like, robot=None)
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: like: {error}") from None
+        if not like.is_posture or like.robot.identity != raw.robot:
+            raise InvalidInput(f"{path}: like: expected a posture of the robot {raw.robot!r}")
+        weights = {
+            name.removeprefix("network."): each
+            for name, each in tensors.items()
+            if name.startswith("network.")
+        }
+        rest = {name: each for name, each in tensors.items() if not name.startswith("network.")}
+        wanted = {"ranges", *(f"calibration.{kind}" for kind in KINDS)}
+        if set(rest) != wanted or any(rest[f"calibration.{kind}"].ndim != 1 for kind in KINDS):
+            raise InvalidInput(f"{path}: expected the tensors {', '.join(sorted(wanted))}")
+        if rest["ranges"].ndim != 3 or rest["ranges"].shape[:2] != (2, len(like.contacts)):
+            raise InvalidInput(f"{path}: tensor ranges: expected two rows per contact")
+        with torch.device("meta"):
+            network = SurrogateNetwork(raw.architecture.architecture(path))
+        load_weights(network, weights, path)
+        return cls(
+            network,
+            like=like,
+            problem_class=raw.problem_class,
+            calibration={kind: rest[f"calibration.{kind}"].double().numpy() for kind in KINDS},
+            ranges=rest["ranges"].double().numpy(),
+            provenance=raw.provenance,
+        )
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    problem_class: str
+    like: dict[str, Any]
+    robot: str
+    architecture: ArchitectureJson
+    provenance: dict[str, Any]
+
+
+def numbers(batch: PostureBatch) -> Array:
+    """Numbers of every patch by which a problem is known to be like others, shape (B, N, 5 + U):
+    its middle, how upright it is, its friction, and its corners' distances from the middle.
+    """
+    middle = batch.vertices_m.mean(axis=2)
+    spokes = np.sort(np.linalg.norm(batch.vertices_m - middle[:, :, None], axis=-1), axis=-1)
+    rest = np.stack([batch.normals[..., 2], batch.friction], axis=-1)
+    return np.concatenate([middle, rest, spokes], axis=-1)
+
+
+def as_batch(problems: Sequence[Problem] | PostureBatch) -> PostureBatch:
+    """Problems as a batch. Raises InvalidInput where they differ in more than their patches."""
+    if isinstance(problems, PostureBatch):
+        return problems
+    for index, problem in enumerate(problems):
+        if not problem.is_posture:
+            raise InvalidInput(f"problems[{index}]: expected a posture, got a course")
+    return PostureBatch.stacked(list(problems))
+
+
+def _run(network: SurrogateNetwork, features: Features, dtype: torch.dtype) -> tuple[Array, Array]:
+    """Scores and margins in this precision."""
+    with torch.no_grad():
+        score, margin = network(*(torch.from_numpy(each).to(dtype) for each in features))
+    return score.double().numpy(), margin.double().numpy()
+
+
+def _part(batch: PostureBatch, chosen: NDArray[np.intp]) -> PostureBatch:
+    """Some of a batch's patches, without frames."""
+    return PostureBatch(
+        like=batch.like,
+        vertices_m=batch.vertices_m[chosen],
+        normals=batch.normals[chosen],
+        friction=batch.friction[chosen],
+        convex=True,
+    )
+
+
+def _fixed(problem: Problem) -> dict[str, Any]:
+    """Numbers of a problem that are the same in all of its class, by name."""
+    contacts = problem.contacts
+    none = np.zeros((1, 6))
+    return {
+        "mass_kg": problem.mass_kg,
+        "gravity_m_s2": problem.gravity_m_s2,
+        "com_nominal_m": problem.com_nominal_m,
+        "com_radius_m": problem.com_radius_m,
+        "tilt_limit_rad": problem.tilt_limit_rad,
+        "wrench": none if problem.wrench is None else problem.wrench,
+        **{
+            name: np.array([getattr(contact, name) for contact in contacts])
+            for name in ("shoulder_m", "reach_m", "force_min", "force_max")
+        },
+        "shear_reference": np.array([contact.patch.shear_reference for contact in contacts]),
+        "reach_rows": np.concatenate(
+            [np.zeros((0, 4))]
+            + [
+                np.column_stack([contact.reach_rows.normals, contact.reach_rows.bounds_m])
+                for contact in contacts
+                if contact.reach_rows is not None
+            ]
+        ),
+    }

@@ -1,0 +1,249 @@
+"""Where a robot can stand on a terrain: an answer per place and heading, as arrays and as a file."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.documents import read_bytes
+from ..files.writing import write_bytes
+
+FORMAT = "stancekit/standing-map/1"
+MOST_BYTES = 512_000_000
+MOST_POSES = 20_000_000
+VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infeasible")
+"""What is known of a pose: the second and third are proved."""
+UNKNOWN, FEASIBLE, INFEASIBLE, LIKELY, UNLIKELY = range(5)
+LIMITS = ("", "foothold", "friction", "force", "reach", "body", "tilt", "several")
+"""What is in the way of a pose, or nearest to it; empty where that is not known."""
+ARRAYS = {
+    "verdict": (np.uint8, 3),
+    "limit": (np.uint8, 3),
+    "margin": (np.float32, 3),
+    "z_m": (np.float32, 3),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StandingMap:
+    """Poses of a robot on a grid of places × headings over a terrain, feasible or not.
+
+    A pose stands for one question: can the robot hold still with all of its limbs where its toes
+    are as it stands, each put on the nearest place to stand within ``aside_m`` of that?
+
+    Arguments:
+        terrain: its name and the beginning of its file's digest.
+        robot: its name; identity: of its model, empty for the default hexapod.
+        friction: of the whole terrain.
+        corner_m: place of the first cell, shape (2,) [m].
+        spacing_m: between places [m].
+        headings_rad: from x towards y, shape (H,) [rad].
+        verdict: per pose a number into ``VERDICTS``, shape (X, Y, H).
+        limit: what is in the way, or nearest, a number into ``LIMITS``, shape (X, Y, H).
+        margin: of a feasible pose the least room that its witness has, of an infeasible one minus
+            the moment that is proved to be left over, non-dimensional; of a likely one the
+            surrogate's estimate; NaN where nothing is known; shape (X, Y, H).
+        z_m: height of the centre of mass, NaN without places to stand, shape (X, Y, H) [m].
+        aside_m: how far a toe's place may be from where it likes to be, from above [m].
+        error: of the likely answers of each kind at most this share is wrong; None without any.
+        confidence: with which that holds.
+        seconds: that each part took [s], by name.
+        card: how the likely answers were learned and calibrated.
+
+    Raises:
+        InvalidInput: from ``read``, for a file that is damaged or foreign.
+    Source:
+        None: the exact planner of Lin et al.'s P, pose by pose.
+
+    Example:
+        >>> import stancekit
+        >>> level = stancekit.map("slopes:0.2:1", headings=1, spacing_m=1.0)
+        >>> level.shares()["feasible"] > 0.1
+        True
+    """
+
+    terrain: str
+    robot: str
+    identity: str
+    friction: float
+    corner_m: Array
+    spacing_m: float
+    headings_rad: Array
+    verdict: NDArray[np.uint8]
+    limit: NDArray[np.uint8]
+    margin: NDArray[np.float32]
+    z_m: NDArray[np.float32]
+    aside_m: float
+    error: float | None = None
+    confidence: float | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    card: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Places along x and y, and headings."""
+        x, y, headings = self.verdict.shape
+        return x, y, headings
+
+    @property
+    def question(self) -> dict[str, Any]:
+        """What the map is of: two maps of one question can be joined."""
+        return {
+            "terrain": self.terrain,
+            "identity": self.identity,
+            "friction": self.friction,
+            "corner_m": np.round(self.corner_m, 9).tolist(),
+            "spacing_m": self.spacing_m,
+            "headings_rad": np.round(self.headings_rad, 9).tolist(),
+            "shape": list(self.shape),
+        }
+
+    def counts(self) -> dict[str, int]:
+        """Number of poses per verdict, by name."""
+        numbers = np.bincount(self.verdict.ravel(), minlength=len(VERDICTS)).tolist()
+        return dict(zip(VERDICTS, numbers, strict=True))
+
+    def shares(self) -> dict[str, float]:
+        """Share of the poses per verdict, by name, and of those that are "proved"."""
+        shares = {name: count / self.verdict.size for name, count in self.counts().items()}
+        return shares | {"proved": shares["feasible"] + shares["infeasible"]}
+
+    def in_the_way(self) -> dict[str, int]:
+        """Number of proved infeasible poses per limit that is in the way, by name, the most
+        frequent first.
+        """
+        those = self.limit[self.verdict == INFEASIBLE]
+        numbers = np.bincount(those, minlength=len(LIMITS)).tolist()
+        named = {name or "not known": n for name, n in zip(LIMITS, numbers, strict=True) if n}
+        return dict(sorted(named.items(), key=lambda each: -each[1]))
+
+    def place(self, cell: tuple[int, int, int]) -> tuple[float, float, float]:
+        """x, y [m] and heading [rad] of a pose."""
+        x, y = self.corner_m + self.spacing_m * np.array(cell[:2])
+        return float(x), float(y), float(self.headings_rad[cell[2]])
+
+    def at(self, xy_m: Array, heading_rad: float) -> NDArray[np.uint8]:
+        """Verdicts at places, shape (…, 2) [m], for the heading that is nearest: unknown beyond the
+        map.
+        """
+        turned = np.angle(np.exp(1j * (self.headings_rad - heading_rad)))
+        layer = self.verdict[:, :, int(np.abs(turned).argmin())]
+        index = np.round((np.asarray(xy_m) - self.corner_m) / self.spacing_m).astype(int)
+        inside = np.all((index >= 0) & (index < layer.shape), axis=-1)
+        i, j = np.moveaxis(np.where(inside[..., None], index, 0), -1, 0)
+        return np.where(inside, layer[i, j], np.uint8(UNKNOWN))
+
+    def to_json(self) -> dict[str, Any]:
+        """What a person asks of it: counts and shares, what is in the way, and seconds; no
+        arrays.
+        """
+        return {
+            "format": FORMAT,
+            "terrain": self.terrain,
+            "robot": self.robot,
+            "identity": self.identity,
+            "friction": self.friction,
+            "corner_m": self.corner_m.tolist(),
+            "spacing_m": self.spacing_m,
+            "headings": len(self.headings_rad),
+            "poses": int(self.verdict.size),
+            "shape": list(self.shape),
+            "counts": self.counts(),
+            "shares": self.shares(),
+            "in_the_way": self.in_the_way(),
+            "aside_m": self.aside_m,
+            "error": self.error,
+            "confidence": self.confidence,
+            "seconds": self.seconds,
+            "card": self.card,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the map: .npz with all arrays, or .json with the poses as rows of words."""
+        path = Path(path)
+        if path.suffix == ".npz":
+            head = {**self.to_json(), "headings_rad": self.headings_rad.tolist()}
+            box = io.BytesIO()
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
+            np.savez_compressed(box, head=np.array(json.dumps(head)), **arrays)
+            write_bytes(path, box.getvalue())
+        elif path.suffix == ".json":
+            record = {
+                **self.to_json(),
+                "headings_rad": self.headings_rad.tolist(),
+                "verdicts": list(VERDICTS),
+                "limits": list(LIMITS),
+                "verdict": self.verdict.tolist(),
+                "limit": self.limit.tolist(),
+                "margin": _rounded(self.margin),
+                "z_m": _rounded(self.z_m),
+            }
+            write_bytes(path, json.dumps(record, allow_nan=False).encode())
+        else:
+            raise InvalidInput(f"{path}: expected a name that ends in .npz or .json")
+
+    @classmethod
+    def read(cls, path: str | Path) -> StandingMap:
+        """Read a .npz that ``save`` wrote. Raises InvalidInput."""
+        content = read_bytes(path, MOST_BYTES)
+        try:
+            with np.load(io.BytesIO(content), allow_pickle=False) as held:
+                names = {"head", *ARRAYS}
+                if set(held.files) != names:
+                    raise ValueError(f"expected the arrays {', '.join(sorted(names))}")
+                sizes = [info.file_size for info in held.zip.infolist()]
+                if sum(sizes) > MOST_BYTES:
+                    raise ValueError(f"expected {MOST_BYTES} bytes of arrays or fewer")
+                head = json.loads(str(held["head"]))
+                arrays = {name: held[name] for name in ARRAYS}
+            if not isinstance(head, dict) or head.get("format") != FORMAT:
+                got = head.get("format") if isinstance(head, dict) else head
+                raise ValueError(f"format: expected {FORMAT!r}, got {str(got)[:60]!r}")
+            shape = arrays["verdict"].shape
+            for name, (kind, ndim) in ARRAYS.items():
+                it = arrays[name]
+                if it.dtype != kind or it.ndim != ndim or it.shape != shape:
+                    raise ValueError(f"{name}: expected {np.dtype(kind)} of one shape")
+            for name, known in (("verdict", VERDICTS), ("limit", LIMITS)):
+                if arrays[name].size and int(arrays[name].max()) >= len(known):
+                    raise ValueError(f"{name}: expected numbers below {len(known)}")
+            headings = np.asarray(head["headings_rad"], dtype=np.float64)
+            corner = np.asarray(head["corner_m"], dtype=np.float64)
+            spacing = float(head["spacing_m"])
+            if headings.shape != shape[2:] or corner.shape != (2,) or not spacing > 0.0:
+                raise ValueError("expected a grid of the arrays' shape")
+            if not (np.isfinite(headings).all() and np.isfinite(corner).all()):
+                raise ValueError("expected a finite grid")
+            parts: dict[str, Any] = {
+                **arrays,
+                **{name: str(head[name]) for name in ("terrain", "robot", "identity")},
+                **{name: float(head[name]) for name in ("friction", "aside_m")},
+                **{
+                    name: None if head[name] is None else float(head[name])
+                    for name in ("error", "confidence")
+                },
+                "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
+                "card": dict(head["card"]),
+            }
+            return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
+        except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError) as error:
+            raise InvalidInput(
+                f"{path}: expected a map of `stancekit map` ({FORMAT}): {' '.join(str(error).split()):.200}"
+            ) from None
+
+
+def _rounded(values: NDArray[np.float32]) -> list[Any]:
+    """Numbers for JSON, null for NaN."""
+    held = np.round(values.astype(float), 5).astype(object)
+    held[np.isnan(values)] = None
+    rows: list[Any] = held.tolist()
+    return rows

@@ -1,0 +1,193 @@
+"""Where a robot can stand: proved poses are what the exact planner says, the rest is unknown or likely
+at a measured error.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+
+import stancekit
+from stancekit.learners.maps import making
+from stancekit.learners.maps.making import Maker, MapSettings, make_map
+from stancekit.learners.maps.poses import Poses
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.standing_map import (
+    FEASIBLE,
+    INFEASIBLE,
+    LIKELY,
+    LIMITS,
+    UNKNOWN,
+    UNLIKELY,
+)
+
+PIT = """v -2 -2 0
+v 2 -2 0
+v 2 2 0
+v -2 2 0
+f 1 2 3
+f 1 3 4
+"""
+
+
+@pytest.fixture(scope="module")
+def level(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("level") / "level.obj"
+    path.write_text(PIT)
+    return path
+
+
+def poses(
+    terrain: str | Path,
+    spacing_m: float = 0.5,
+    headings: int = 4,
+    friction: float = 0.5,
+    robot: str | None = None,
+) -> Poses:
+    return Poses.of(terrain, robot, spacing_m=spacing_m, headings=headings, friction=friction)
+
+
+def test_level_ground_is_feasible_but_where_toes_lack_a_place(level: Path) -> None:
+    made = poses(level)
+    found = make_map(made, MapSettings())
+    middle = found.verdict[2:-2, 2:-2]
+    assert (middle == FEASIBLE).all()
+    assert (found.margin[2:-2, 2:-2] > 0.0).all()
+    assert found.shares()["proved"] == 1.0
+    off = made.off.reshape(made.shape)
+    assert (found.verdict[off] == INFEASIBLE).all()
+    assert (found.limit[off] == LIMITS.index("foothold")).all()
+
+
+def test_without_friction_on_a_slope_friction_is_in_the_way(tmp_path: Path) -> None:
+    path = tmp_path / "slope.obj"
+    path.write_text(
+        PIT.replace("v -2 -2 0", "v -2 -2 -0.8")
+        .replace("v -2 2 0", "v -2 2 -0.8")
+        .replace("v 2 -2 0", "v 2 -2 0.8")
+        .replace("v 2 2 0", "v 2 2 0.8")
+    )
+    found = make_map(poses(path, friction=0.2), MapSettings())
+    inner = found.verdict[3:-3, 3:-3]
+    assert (inner == INFEASIBLE).all()
+    assert set(found.limit[3:-3, 3:-3].ravel().tolist()) == {LIMITS.index("friction")}
+    grips = make_map(poses(path, friction=0.8), MapSettings())
+    assert (grips.verdict[3:-3, 3:-3] == FEASIBLE).all()
+
+
+def test_proved_poses_are_what_the_planner_says_one_by_one() -> None:
+    made = poses("rubble:0.5:3", spacing_m=1.1, headings=3, friction=0.4)
+    found = make_map(made, MapSettings())
+    batch = made.batch(np.arange(len(made)))
+    verdict, off = found.verdict.ravel(), made.off
+    assert {FEASIBLE, INFEASIBLE} <= set(verdict.tolist())
+    for k in range(0, len(made), 5):
+        if not off[k]:
+            said = stancekit.solve(batch.problem(k)).status.value
+            assert ["unknown", "feasible", "infeasible"][verdict[k]] in (said, "unknown")
+
+
+def test_every_pose_is_in_the_axes_of_its_body(level: Path) -> None:
+    made = poses(level, headings=8)
+    middle = int(np.ravel_multi_index((3, 3, 0), made.shape))
+    batch = made.batch(np.arange(middle, middle + 8))
+    centres = batch.vertices_m.mean(axis=2)
+    off = np.abs(centres - made.stance.centre_m)
+    assert off.max() < 0.02  # of the lattice
+    assert np.allclose(batch.normals, [0.0, 0.0, 1.0])
+
+
+def test_poses_are_proved_from_coarse_to_fine(level: Path) -> None:
+    maker = Maker(poses(level, spacing_m=0.2))
+    i, j, k = np.unravel_index(maker.coarse_to_fine(), maker.poses.shape)
+    first = np.stack([i, j, k])[:, :10]
+    assert (first[:2] % 4 == 0).all()
+    assert len(i) == len(maker.open)
+
+
+def test_what_is_not_reached_is_unknown(level: Path) -> None:
+    found = make_map(poses(level, spacing_m=0.2), MapSettings(time_limit_s=1e-6))
+    inner = found.verdict[5:-5, 5:-5]
+    assert (inner == UNKNOWN).all()
+    assert np.isnan(found.margin[5:-5, 5:-5]).all()
+
+
+def test_a_map_goes_on_from_its_file(
+    level: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, path = poses(level, spacing_m=0.4), tmp_path / "m.npz"
+    maker = Maker(made)
+    maker.prove(maker.coarse_to_fine()[:60])
+    maker.map({}).save(path)
+    seen = list[int]()
+    prove = Maker.prove
+    monkeypatch.setattr(Maker, "prove", lambda self, w: (seen.extend(w.tolist()), prove(self, w)))
+    found = make_map(made, MapSettings(), checkpoint=path)
+    assert len(seen) == len(set(seen)) == int((~made.off).sum()) - 60
+    whole = make_map(made, MapSettings())
+    assert np.array_equal(found.verdict, whole.verdict)
+    with pytest.raises(InvalidInput, match="expected a map of the same terrain, robot, friction"):
+        make_map(poses(level, spacing_m=0.4, friction=0.6), MapSettings(), checkpoint=path)
+
+
+def test_likely_answers_are_held_by_the_rest_of_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.setattr(making, "SHARE_OF_FIT", 0.0)
+    monkeypatch.setattr(making, "CALIBRATION", 500)
+    made = poses("rubble:0.4:3", spacing_m=0.35, headings=6, friction=0.4)
+    maker = Maker(made)
+    maker.prove(maker.coarse_to_fine()[:700])
+    made_so = maker.map({}, error=None)
+    path = Path("m.npz")
+    monkeypatch.setattr(making.StandingMap, "read", lambda _: made_so)
+    monkeypatch.setattr(Path, "exists", lambda _: True)
+    settings = MapSettings(fit=True, error=0.05, time_limit_s=1e-3, epochs=20)
+    found = make_map(made, settings, checkpoint=path)
+    assert found.error == 0.05
+    verdict = found.verdict.ravel()
+    likely = np.flatnonzero((verdict == LIKELY) | (verdict == UNLIKELY))
+    assert len(likely) > 300
+    truth = Maker(made)
+    truth.prove(likely)
+    for called, right in ((LIKELY, FEASIBLE), (UNLIKELY, INFEASIBLE)):
+        mine = likely[verdict[likely] == called]
+        wrong = int((truth.verdict[mine] != right).sum())
+        if len(mine):
+            assert beta.ppf(0.01, wrong, len(mine) - wrong + 1) <= 0.05 or wrong == 0
+
+
+def test_limits_hold_the_share_of_wrong_calls() -> None:
+    rng, broken = np.random.default_rng(1), 0
+    for _ in range(200):
+        scores = rng.normal(size=1500)
+        feasible = rng.random(1500) < 1.0 / (1.0 + np.exp(-3.0 * scores))
+        low, high = making._limits(scores, feasible, 0.05, 0)
+        fresh = rng.normal(size=20_000)
+        truth = rng.random(20_000) < 1.0 / (1.0 + np.exp(-3.0 * fresh))
+        above, below = fresh > high, fresh < low
+        broken += bool(above.any() and (~truth[above]).mean() > 0.05)
+        broken += bool(below.any() and truth[below].mean() > 0.05)
+    assert broken <= 0.05 * 200 + 6
+    assert making._limits(np.zeros(5), np.ones(5, dtype=bool), 0.005, 0) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [
+        ({"spacing_m": 10.0}, "spacing_m: expected a grid of one cell or more over"),
+        ({"spacing_m": 0.0}, "spacing_m: expected a number above 0, got 0"),
+        ({"headings": 0}, "headings: expected 1 to 3600, got 0"),
+        ({"spacing_m": 1e-4, "headings": 64}, "spacing_m, headings: expected 20000000 poses"),
+        ({"friction": -1.0}, "friction: expected a number"),
+        ({"error": 0.0}, "error: expected a number above 0 and below 1, got 0"),
+        ({"error": 1.0}, "error: expected a number above 0 and below 1, got 1"),
+        ({"time_limit_s": 0.0}, "time_limit_s: expected a number above 0, got 0"),
+    ],
+)
+def test_bad_numbers_are_refused(level: Path, how: dict[str, float], line: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        stancekit.map(level, **how)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(line)
