@@ -187,7 +187,10 @@ def label(
 
 
 def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | None]:
-    """The surrogate that screens draws, and its error. Raises InvalidInput."""
+    """The surrogate that screens draws, and its error.
+
+    Raises InvalidInput.
+    """
     if given is None:
         if error is not None:
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")

@@ -60,9 +60,14 @@ Progress = Callable[[int, int, str], object]
 
 @dataclass(frozen=True, kw_only=True)
 class MapSettings:
-    """Settings of making a map. time_limit_s: for all of it [s]; fit: learn what is likely of poses
-    that were not reached; error: of likely answers; seed: of the poses to calibrate on; epochs: of
-    learning.
+    """Settings of making a map.
+
+    Arguments:
+        time_limit_s: for all of it [s].
+        fit: learn what is likely of poses that were not reached.
+        error: of likely answers.
+        seed: of the poses to calibrate on.
+        epochs: of learning.
     """
 
     time_limit_s: float = 60.0
@@ -187,9 +192,11 @@ def make_map(
 ) -> StandingMap:
     """Make the map of these poses within the time.
 
-    progress: called with poses that are settled, all, and what is being done. began_s: of
-    ``time.monotonic``, from when on the time counts; now where None. checkpoint: file .npz from
-    which a map of the same question goes on, and to which it is written now and then.
+    Arguments:
+        progress: called with poses that are settled, all, and what is being done.
+        began_s: of ``time.monotonic``, from when on the time counts; now where None.
+        checkpoint: file .npz from which a map of the same question goes on, and to which it is
+            written now and then.
     """
     began = time.monotonic() if began_s is None else began_s
     end, maker = began + settings.time_limit_s, Maker(poses)
@@ -301,7 +308,8 @@ def _limits(
     """(low, high) of the score: of poses below low at most ``error`` are feasible, of poses above
     high at most ``error`` infeasible, each at half of the doubt.
 
-    lost: poses of the draw that nobody could decide, which count as wrong.
+    Arguments:
+        lost: poses of the draw that nobody could decide, which count as wrong.
     """
     high = _least(scores, ~feasible, error, lost)
     low = -_least(-scores, feasible, error, lost)

@@ -33,10 +33,17 @@ LARGEST_M = 1e4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Poses:
-    """All poses of a grid. places: of the terrain; stance: the robot's; like: a problem of the
-    robot. corner_m, spacing_m, counts, headings_rad: the grid. chosen: per pose and limb the number
-    of its place, shape (P, N); aside_m: how far each is from where its toe likes to be, from above,
-    (P, N) [m]; z_m: of the centre of mass, (P,) [m]. most_aside_m: how far one may be.
+    """All poses of a grid.
+
+    Arguments:
+        places: of the terrain.
+        stance: the robot's.
+        like: a problem of the robot.
+        corner_m, spacing_m, counts, headings_rad: the grid.
+        chosen: per pose and limb the number of its place, shape (P, N).
+        aside_m: how far each is from where its toe likes to be, from above, (P, N) [m].
+        z_m: of the centre of mass, (P,) [m].
+        most_aside_m: how far one may be.
     """
 
     terrain: str
@@ -64,8 +71,10 @@ class Poses:
         headings: int,
         friction: float,
     ) -> Poses:
-        """The poses over a terrain's file or name. Raises InvalidInput for a grid without cells or
-        with too many, a terrain without places to stand, and numbers out of range.
+        """The poses over a terrain's file or name.
+
+        Raises InvalidInput for a grid without cells or with too many, a terrain without places to
+        stand, and numbers out of range.
         """
         checked(spacing_m, "spacing_m", above=0.0)
         checked_int(headings, "headings", least=1, most=3600)

@@ -24,7 +24,10 @@ KINDS = ("feasible", "infeasible", "trivial")
 
 
 def checked_error(error: float, name: str = "error") -> float:
-    """The error as a float. Raises InvalidInput unless it lies between 0 and 1."""
+    """The error as a float.
+
+    Raises InvalidInput unless it lies between 0 and 1.
+    """
     if not (isinstance(error, float | int) and 0.0 < error < 1.0):
         raise InvalidInput(f"{name}: expected a number above 0 and below 1, got {error!r}")
     return float(error)
@@ -52,7 +55,8 @@ def threshold(scores: Array, error: float, doubt: float) -> float:
     """The least threshold that new scores like these exceed with a probability of at most
     ``error``; inf where there are too few.
 
-    scores: of held-out rows of one class, shape (n,).
+    Arguments:
+        scores: of held-out rows of one class, shape (n,).
     """
     beyond = allowed(len(scores), error, doubt)
     return math.inf if beyond < 0 else float(np.sort(scores)[len(scores) - 1 - beyond])
@@ -61,9 +65,11 @@ def threshold(scores: Array, error: float, doubt: float) -> float:
 def thresholds(scores: Mapping[str, Array], error: float) -> tuple[float, float]:
     """(low, high): a score below low is called infeasible, one above high feasible.
 
-    scores: of held-out rows by their true class, a name of ``KINDS``; the larger, the more
-    feasible. Of truly feasible problems at most ``error`` are called infeasible, and of each class
-    of infeasible ones that has rows at most ``error`` feasible, all at ``CONFIDENCE`` together.
+    Arguments:
+        scores: of held-out rows by their true class, a name of ``KINDS``; the larger, the more
+            feasible. Of truly feasible problems at most ``error`` are called infeasible, and of
+            each class of infeasible ones that has rows at most ``error`` feasible, all at
+            ``CONFIDENCE`` together.
     """
     checked_error(error)
     there = [kind for kind in KINDS if len(scores.get(kind, ()))]

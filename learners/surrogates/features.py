@@ -39,8 +39,10 @@ class Features(NamedTuple):
 class Seer:
     """What is the same in all problems of a class, and the features of any.
 
-    scaled: a problem of the class. half_spaces: of reach, normals (K, 3) and bounds (K,) per limb.
-    turns: its symmetries, shape (G, 3, 3), the identity first.
+    Arguments:
+        scaled: a problem of the class.
+        half_spaces: of reach, normals (K, 3) and bounds (K,) per limb.
+        turns: its symmetries, shape (G, 3, 3), the identity first.
     """
 
     scaled: Scaled

@@ -52,7 +52,12 @@ class SurrogateNetwork(nn.Module):
             setattr(self, f"{name}_scale", flat.std(dim=0).clamp(min=1e-3))
 
     def forward(self, tokens: Tensor, corners: Tensor) -> tuple[Tensor, Tensor]:
-        """Score and margin. tokens: shape (B, N, ``TOKEN``); corners: (B, N, U, ``CORNER``)."""
+        """Score and margin.
+
+        Arguments:
+            tokens: shape (B, N, ``TOKEN``).
+            corners: (B, N, U, ``CORNER``).
+        """
         seen = ((corners - self.corner_mean) / self.corner_scale).clamp(-CLIP, CLIP)
         patch = self.corners(seen)
         patch = torch.cat([patch.mean(dim=2), patch.amax(dim=2)], dim=-1)

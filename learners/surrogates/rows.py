@@ -27,10 +27,14 @@ FARTHEST = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LabelledBatch:
-    """Posture problems with their labels. kinds: "feasible", "infeasible" or "trivial", shape (B,);
-    margins: of a feasible one the least room that its witness has, of an infeasible one minus the
-    moment that its proof says cannot be balanced, non-dimensional, shape (B,). screened: whether a
-    row is of a screened set, which may teach and not calibrate, shape (B,); None for none.
+    """Posture problems with their labels.
+
+    Arguments:
+        kinds: "feasible", "infeasible" or "trivial", shape (B,).
+        margins: of a feasible one the least room that its witness has, of an infeasible one minus
+            the moment that its proof says cannot be balanced, non-dimensional, shape (B,).
+        screened: whether a row is of a screened set, which may teach and not calibrate, shape (B,);
+            None for none.
     """
 
     batch: PostureBatch

@@ -59,7 +59,10 @@ class Screened:
 
 
 def read_surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file. Raises InvalidInput."""
+    """A surrogate, or that of a file.
+
+    Raises InvalidInput.
+    """
     from .surrogate import Surrogate  # torch takes a while to load
 
     if isinstance(surrogate, Surrogate):

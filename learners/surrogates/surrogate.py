@@ -48,9 +48,12 @@ class Surrogate:
     """A trained network for one class of problems, and the scores of the rows that it was
     calibrated on.
 
-    like: a problem of the class; problem_class: its name. calibration: scores of held-out rows by
-    their true class, ascending. ranges: least and largest number of each kind in the rows, see
-    ``numbers``. provenance: how it was learned, its card.
+    Arguments:
+        like: a problem of the class.
+        problem_class: its name.
+        calibration: scores of held-out rows by their true class, ascending.
+        ranges: least and largest number of each kind in the rows, see ``numbers``.
+        provenance: how it was learned, its card.
     """
 
     def __init__(
@@ -207,7 +210,10 @@ class Surrogate:
 
     @classmethod
     def read(cls, path: str | Path) -> Surrogate:
-        """Read what ``save`` wrote. Raises InvalidInput for a file that is damaged or foreign."""
+        """Read what ``save`` wrote.
+
+        Raises InvalidInput for a file that is damaged or foreign.
+        """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         try:
@@ -260,7 +266,10 @@ def numbers(batch: PostureBatch) -> Array:
 
 
 def as_batch(problems: Sequence[Problem] | PostureBatch) -> PostureBatch:
-    """Problems as a batch. Raises InvalidInput where they differ in more than their patches."""
+    """Problems as a batch.
+
+    Raises InvalidInput where they differ in more than their patches.
+    """
     if isinstance(problems, PostureBatch):
         return problems
     for index, problem in enumerate(problems):

@@ -36,10 +36,16 @@ WARM = 0.1
 class SurrogateSettings:
     """Settings of learning a surrogate.
 
-    width, layers, heads: size of the network. epochs: passes over the rows. batch: rows per step.
-    rate: of AdamW; decay: of its weights. calibration: share of the rows of each class that is kept
-    to calibrate on: more of them hold a smaller error, fewer teach more. margin: weight of the loss
-    of the margin beside that of the answer. seed: of weights, batches and parts.
+    Arguments:
+        width, layers, heads: size of the network.
+        epochs: passes over the rows.
+        batch: rows per step.
+        rate: of AdamW.
+        decay: of its weights.
+        calibration: share of the rows of each class that is kept to calibrate on: more of them hold
+            a smaller error, fewer teach more.
+        margin: weight of the loss of the margin beside that of the answer.
+        seed: of weights, batches and parts.
     """
 
     width: PositiveInt = 64
@@ -66,8 +72,11 @@ def fit_surrogate(
 ) -> Surrogate:
     """Learn from the rows of data sets of one class.
 
-    calibration: rows to calibrate on, besides the part of the others that is kept for that. Raises
-    InvalidInput where feasible or infeasible rows are missing.
+    Arguments:
+        calibration: rows to calibrate on, besides the part of the others that is kept for that.
+
+    Raises:
+        InvalidInput: where feasible or infeasible rows are missing.
     """
     rows = LabelledBatch.of(datasets)
     origin = [one.origin for one in datasets]
@@ -102,7 +111,11 @@ def fit_rows(
     origin: dict[str, Any],
     held: LabelledBatch | None = None,
 ) -> Surrogate:
-    """Learn from labelled problems. held: further rows to calibrate on."""
+    """Learn from labelled problems.
+
+    Arguments:
+        held: further rows to calibrate on.
+    """
     begin = time.process_time()
     known = {kind: int((rows.kinds == kind).sum()) for kind in KINDS}
     if not known["feasible"] or not known["infeasible"] + known["trivial"]:

@@ -63,7 +63,9 @@ def p1(scaled: Scaled, box: ContactBox, *, soft: bool, axes: Axes = "contact") -
 def within_box(scaled: Scaled, box: ContactBox, slope: Array, *, products: bool) -> ConicModel:
     """The least slope · [p, f] over P1 over a box, or over P̄ within it (§III, the theorem).
 
-    slope: shape (B, 6). products: with the envelope and E9; else with the box alone.
+    Arguments:
+        slope: shape (B, 6).
+        products: with the envelope and E9; else with the box alone.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_candidates(plan)

@@ -18,7 +18,8 @@ def slacks(
     """The least room per kind of limit, shape (B, len(``LIMITS``)), non-dimensional: of friction
     and force in units of the force scale, of reach and body in units of the length scale.
 
-    half_spaces: of reach, normals (K, 3) and bounds (K,) per limb.
+    Arguments:
+        half_spaces: of reach, normals (K, 3) and bounds (K,) per limb.
     """
     one, forces = scaled.like, points.forces
     tangent = np.hypot(forces[..., 1], forces[..., 2])

@@ -193,7 +193,10 @@ class StandingMap:
 
     @classmethod
     def read(cls, path: str | Path) -> StandingMap:
-        """Read a .npz that ``save`` wrote. Raises InvalidInput."""
+        """Read a .npz that ``save`` wrote.
+
+        Raises InvalidInput.
+        """
         content = read_bytes(path, MOST_BYTES)
         try:
             with np.load(io.BytesIO(content), allow_pickle=False) as held:

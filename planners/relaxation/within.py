@@ -33,8 +33,9 @@ class Sloped(Boxed):
 class WithinBox:
     """Points of a posture problem with [p, f] in a box.
 
-    products: with McCormick's envelope in the place of m = p f, which is P1; without it m is free
-    and E9 constrains nothing, which is P̄ within the box.
+    Arguments:
+        products: with McCormick's envelope in the place of m = p f, which is P1; without it m is
+            free and E9 constrains nothing, which is P̄ within the box.
     """
 
     def __init__(self, layout: Layout, products: bool) -> None:
@@ -77,7 +78,9 @@ class WithinBox:
         """The point that minimises slope · [p, f], None where there is none; and whether that is
         known, which it is not where the solver gave up.
 
-        box: over the B contacts. slope: shape (B, 6).
+        Arguments:
+            box: over the B contacts.
+            slope: shape (B, 6).
         """
         solution = self.rows.solve(Sloped(scaled, boxes=(box,), slope=slope))
         if not solution.solved:
