@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(overview(), flush=True)
             return
         verb = parse(arguments)
-    except BrokenPipeError:  # `stancekit VERB --help | head`
+    except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
         sys.exit(0)
     from .docstrings import keep_as_written
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def overview() -> str:
     """Text of ``stancekit --help``: one or two lines per command."""
-    usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
+    usage = "usage: stancekit COMMAND [OPTIONS]; stancekit COMMAND --help says more"
     briefs = [f"  {name:9} {brief(name)}" for name in VERBS]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
     return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
@@ -156,7 +156,7 @@ def parse(arguments: Sequence[str]) -> Verb:
 
     if arguments[0] not in VERBS and arguments[0] not in _others():
         known = ", ".join((*VERBS, *_others()))
-        complain(f"stancekit: error: VERB: expected one of {known}, got {arguments[0]!r}")
+        complain(f"stancekit: error: COMMAND: expected one of {known}, got {arguments[0]!r}")
         sys.exit(2)
     for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
         if count > 1:  # else the last one would silently count alone

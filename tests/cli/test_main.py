@@ -162,8 +162,8 @@ def test_the_version_is_one_line(option, stancekit):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
-        (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
+        (("dance",), f"COMMAND: expected one of {', '.join(verbs())}, got 'dance'"),
+        (("--json",), f"COMMAND: expected one of {', '.join(verbs())}, got '--json'"),
         (
             ("sample", "wall-3", "--speed", "3"),
             "--speed: no such option; perhaps --seed; see stancekit sample --help",
