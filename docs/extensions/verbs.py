@@ -33,12 +33,7 @@ def said(*arguments: str) -> str:
 
 def page() -> str:
     """The page, Markdown."""
-    lines = [
-        "# The command",
-        "",
-        "What `stancekit --help` and `stancekit COMMAND --help` print.",
-        "",
-    ]
+    lines = ["# The command", "", "What `stancekit --help` and `stancekit COMMAND --help` print.", ""]
     lines += ["```text", said("--help"), "```", ""]
     for verb in VERBS:
         lines += [f"## stancekit {verb}", "", "```text", said(verb, "--help"), "```", ""]

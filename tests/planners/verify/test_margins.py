@@ -207,5 +207,5 @@ def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() ->
     assert report.worst < 1e-6  # of contacts
     assert report.to_json()["margin"]["push_n"] == figures["push_n"]
 
-    refused = stancekit.verify(replace(posture, com_m=posture.com_m + [0.0, 0.0, 0.9]))
+    refused = stancekit.verify(replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9])))
     assert (refused.accepted, refused.margin_message) == (False, "")
