@@ -10,12 +10,12 @@ from typing import Any
 
 
 def old_arguments(
-    verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]
+    function: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]
 ) -> dict[str, Any]:
     """The old arguments of a call, after a ``DeprecationWarning`` about each.
 
     Arguments:
-        verb: the function's name.
+        function: the function's name.
         old: what it was called with beside its parameters.
         new: by old argument the form that replaces it.
         beside: its parameters, for the message.
@@ -26,9 +26,11 @@ def old_arguments(
     for name in old:
         if name not in new:
             raise TypeError(
-                f"stancekit.{verb}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
+                f"stancekit.{function}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
             )
-        warnings.warn(f"{verb}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4)
+        warnings.warn(
+            f"{function}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4
+        )
     return dict(old)
 
 

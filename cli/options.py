@@ -1,4 +1,4 @@
-"""Options that several verbs have: those that may be left out, of a planner, and files of pictures.
+"""Options that several commands have: those that may be left out, of a planner, and files of pictures.
 
 tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s.
 """
@@ -82,7 +82,7 @@ def check_drawn(
 
 def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
     """Raise InvalidInput for a log that is none by its name, or that would be written over another
-    file of the verb.
+    file of the command.
     """
     if log.suffix != ".mcap":
         raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")

@@ -49,7 +49,7 @@ class Verdict:
     """Verdict on one action on one scene.
 
     Arguments:
-        posture: what P2 found, None where nothing.
+        posture: the answer of P2, or None.
         envelope: the box of P1.
     """
 
@@ -65,14 +65,14 @@ class _Trial:
 
     Arguments:
         postures: by projection.
-        found: how many, before the verifier.
+        candidates: how many, before the verifier.
     """
 
     scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
     postures: dict[Projection, Plan]
-    found: int
+    candidates: int
     p1_seconds: float
     p2_seconds: float
 
@@ -233,7 +233,7 @@ class SelectionTask:
                     del postures[way]
             share = (time.perf_counter() - begin) / len(pairs)
             tried = [
-                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found))
+                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.candidates))
                 for trial in tried
             ]
         return [self._verdict(trial) for trial in tried]
@@ -279,7 +279,7 @@ class SelectionTask:
             answer=answer,
             envelope=envelopes[answer.chosen],
             postures=postures,
-            found=len(postures),
+            candidates=len(postures),
             p1_seconds=p1_seconds,
             p2_seconds=time.perf_counter() - begin,
         )

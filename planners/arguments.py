@@ -47,30 +47,30 @@ WORDS = {
 }
 
 
-def checked(verb: Callable[P, R]) -> Callable[P, R]:
+def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Wrap the function: it raises InvalidInput for an argument of a type or a name that its
     annotation lacks.
 
     A protocol is fulfilled by an instance with its methods.
     """
-    signature = inspect.signature(verb)
+    signature = inspect.signature(function)
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     single = [
         name for name, parameter in signature.parameters.items() if parameter.kind not in kinds
     ]
 
-    @functools.wraps(verb)
+    @functools.wraps(function)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            hints, arguments = _hints(verb), signature.bind(*args, **kwargs).arguments
+            hints, arguments = _hints(function), signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise TypeError(
-                f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}"
+                f"stancekit.{function.__name__}: {error}; it takes {', '.join(signature.parameters)}"
             ) from None
         for name in single:
             if name in arguments:
                 check_argument(name, arguments[name], hints[name])
-        return verb(*args, **kwargs)
+        return function(*args, **kwargs)
 
     return held
 

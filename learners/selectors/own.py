@@ -48,14 +48,14 @@ def own_selector(name: str) -> Learned:
     )
 
 
-def fitted(found: Any, method: str, problem_class: str) -> Learned:
+def fitted(selector: Any, method: str, problem_class: str) -> Learned:
     """Selector that a method of fitting returned.
 
     Raises InvalidInput for what is neither envelopes nor a selector.
     """
-    if of_file(found) and callable(getattr(found, "predict", None)):
-        found = OwnSelector(found, method, problem_class)
-    return Learned.of(found, method, problem_class)
+    if of_file(selector) and callable(getattr(selector, "predict", None)):
+        selector = OwnSelector(selector, method, problem_class)
+    return Learned.of(selector, method, problem_class)
 
 
 class OwnSelector:

@@ -219,7 +219,7 @@ def clearance_of(
         within_m: a solid farther from the origin takes no part.
     """
     close = Solids(solids).distances(origin.reshape(-1, 3)) < within_m
-    around = [Solids([solids[i] for i in np.flatnonzero(its).tolist()]) for its in close]
+    around = [Solids([solids[i] for i in np.flatnonzero(row).tolist()]) for row in close]
 
     def distance(points: Array) -> Array:
         world = origin[..., None, :] + points @ np.swapaxes(frame, -1, -2)

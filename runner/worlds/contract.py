@@ -20,7 +20,7 @@ from ..safety.latch import StopLatch
 from .capabilities import WorldCapabilities
 from .world import State, WorldKind
 
-VERBS = ("reset", "step", "close")
+METHODS = ("reset", "step", "close")
 
 
 def check_world(world: Any) -> None:
@@ -53,9 +53,9 @@ def check_world(world: Any) -> None:
         )
     if can is not None and can.joints != joints:
         raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others'")
-    for verb in VERBS:
-        if not callable(getattr(world, verb, None)):
-            raise InvalidInput(f"world {name}: expected the verb {verb}, got none")
+    for method in METHODS:
+        if not callable(getattr(world, method, None)):
+            raise InvalidInput(f"world {name}: expected the method {method}, got none")
 
 
 def check_state(state: Any, joints: int, limbs: int, name: str) -> None:

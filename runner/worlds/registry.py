@@ -39,7 +39,7 @@ class WorldClass(Protocol):
     Subclasses of ``SimulatedWorld`` have all that but physics.
 
     Arguments:
-        kind: what is of "hardware" has the verbs torque, hold and relax, too (``world.Actuator``):
+        kind: what is of "hardware" has the methods torque, hold and relax, too (``world.Actuator``):
             nothing real moves unless it was armed.
     """
 
@@ -56,7 +56,7 @@ class WorldClass(Protocol):
 
 def _is_world_class(thing: Any) -> bool:
     kind = getattr(thing, "kind", None)
-    verbs = (
+    methods = (
         "make",
         "reset",
         "step",
@@ -64,7 +64,7 @@ def _is_world_class(thing: Any) -> bool:
         *(("torque", "hold", "relax") if kind == "hardware" else ()),
     )
     return kind in get_args(WorldKind) and all(
-        callable(getattr(thing, verb, None)) for verb in verbs
+        callable(getattr(thing, method, None)) for method in methods
     )
 
 

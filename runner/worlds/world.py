@@ -56,7 +56,7 @@ WorldKind = Literal["simulation", "recording", "hardware"]
 
 
 class World(Protocol):
-    """Three verbs, and what it can do.
+    """Three methods, and what it can do.
 
     A context manager; ``reset`` may be called again.
 
