@@ -112,7 +112,8 @@ def check_file(
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         wanted = (
-            "expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+            "expected a data set folder, a plan, a proof or a gait; beside posture problems, the file "
+            "of their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
         )
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
@@ -155,7 +156,9 @@ def _check_motion(
         from stancekit.planners.problem.course_file import read_course
 
         problem = read_course(
-            course, None, None if robot is None or Path(course).suffix == ".json" else str(robot)
+            course,
+            None,
+            None if robot is None or Path(course).suffix in (".json", ".jsonl") else str(robot),
         )
         ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
     elif Path(str(terrain)).suffix == ".json":
@@ -328,7 +331,7 @@ def _course(name: str, robot: str | None) -> Callable[[int], Problem]:
     """
     from stancekit.planners.problem.course_file import read_course
 
-    who = None if Path(name).suffix == ".json" else robot
+    who = None if Path(name).suffix in (".json", ".jsonl") else robot
 
     def laid(frames: int) -> Problem:
         course = read_course(name, None, who)

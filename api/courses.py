@@ -326,7 +326,7 @@ def _question(
             raise InvalidInput(
                 f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none"
             )
-        if Path(name).suffix == ".json":
+        if Path(name).suffix in (".json", ".jsonl"):
             return read_course(name, frames, who)
 
         def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:

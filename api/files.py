@@ -130,7 +130,8 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
     """
     match thing:
         case Problem():
-            write_text(path, json.dumps(thing.to_json(), indent=1) + "\n")
+            lines = Path(path).suffix == ".jsonl"
+            write_text(path, json.dumps(thing.to_json(), indent=None if lines else 1) + "\n")
         case Leap():
             leap_file.write_leap(path, thing)
         case LeapPlan():

@@ -77,7 +77,7 @@ class Between:
             if not names_ground(name):
                 known = f"{', '.join(SUFFIXES)}, or a ground by its name"
                 raise InvalidInput(
-                    f"--start: expected a terrain's file with it, {known}, got {name}"
+                    f"--start: expected a terrain's file as COURSE, {known}, got {name}"
                 )
         return self.found(name, robot)
 
@@ -142,9 +142,7 @@ class Between:
         ):
             for key, value in vars(plain).items():
                 if not hasattr(value, "__dataclass_fields__") and getattr(of, key) != value:
-                    message = (
-                        f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}"
-                    )
+                    message = f"--{key.replace('_', '-')}: expected a terrain's file as COURSE, got {name}"
                     raise InvalidInput(
                         message + (_where_friction_is(name) if key == "friction" else "")
                     )

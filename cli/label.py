@@ -122,7 +122,7 @@ class LabelPostures:
                     of = f"leaps of {self.problem}" if leaps else "postures"
                     raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
             where = executor(self.executor, workers=self.workers, address=self.address)
-            with progress(f"label {self.problem}") as bar:
+            with progress(f"label {self.problem}, rows written") as bar:
                 record, remarks = self._leaps(where, bar) if leaps else self._postures(where, bar)
         if self.json:
             emit(record)

@@ -27,7 +27,9 @@ def run_table(report: RunReport) -> Table:
     )
     table.add_row(report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}")
     table.add_row(
-        "commands", f"{report.sent} sent, {report.clipped} clipped, {report.refused} refused"
+        "commands",
+        f"{report.sent} {'computed' if report.dry else 'sent'}, {report.clipped} clipped, "
+        f"{report.refused} refused",
     )
     if report.replay_rad is not None:
         table.add_row("log", f"its commands differ by {report.replay_rad:.2g} rad at most")

@@ -4,6 +4,7 @@ coming key frames.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any, Unpack
 
@@ -37,6 +38,7 @@ from .traverse_setup import (
 )
 from .traverse_setup import TraverseWeights as TraverseWeights
 
+LOG = logging.getLogger(__name__)
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
 NO_MODE = -1
@@ -93,7 +95,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     ## Episode End
 
     Terminated at the last frame, where it is proved that no plan goes on from here, and where an
-    execution fails. Truncated after ``patience`` steps in vain.
+    execution fails. Truncated after ``patience`` steps without a plan, counted over the whole
+    episode.
 
     ## Info
 
@@ -119,7 +122,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | envelopes | None | what to offer beside the lift, see below; the expert's for walking and climbing where None |
     | planners | None | replaces all of these |
     | weights | TraverseWeights() | what a step is worth; or a mapping with some of its keys |
-    | patience | 4 | steps in vain before the end |
+    | patience | 4 | steps without a plan, in all, after which an episode is truncated |
     | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
     | regions | None | the most candidates a toe; those of the courses where None |
     | corners | 4 | the most corners a patch |
@@ -131,10 +134,12 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | margins | False | measure the margins in ``info``, some milliseconds per stance |
     | render_mode | None | "rgb_array" |
 
-    ``envelopes`` is a list of envelopes, several sets of them for different legs, modes, selectors
-    (what ``fit`` returned; a network chooses its boxes for every stance ahead), files of any of
-    these, or names of those that ship. A selector that has a stance in none of the courses is
-    refused.
+    Each entry of ``envelopes`` is one more action: a set of envelopes, a list of sets for different
+    legs, modes, or a selector (what ``fit`` returned; a network chooses its boxes for every stance
+    ahead). In place of each of these its file will do, also in a list of sets, and so will the name
+    of one that ships. A selector that has a stance in none of the courses is refused. A window with
+    a stance that an entry was not learned for is ``refused``: the logger ``stancekit`` names the
+    stance at the level INFO.
 
     ## Version History
 
@@ -249,7 +254,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             outcome = replan(
                 state, course, frame=self._frame, horizon=self._horizon, planner=planner
             )
-        except InvalidInput:  # an envelope that was not learned for these limbs or patches
+        except InvalidInput as error:  # not learned for these limbs or patches
+            LOG.info("Traverse-v0: action %d is refused: %s", chosen, error)
             return _Try(refused=True)
         plan = outcome.solution
         if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:

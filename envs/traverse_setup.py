@@ -42,7 +42,7 @@ CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
 """What courses are drawn from: names, files and descriptions, also as mappings with a file's keys;
 or a function."""
-Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector | str | Path
+Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
 """What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a
 file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
@@ -280,10 +280,9 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     """
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    choices = [_read(each) if isinstance(each, str | Path) else each for each in envelopes]
     return [
         TwoStageCoursePlanner(programs=programs),
-        *(_within(each, programs) for each in choices),
+        *(_within(_there(each), programs) for each in envelopes),
     ]
 
 
@@ -316,6 +315,27 @@ def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
     except InvalidInput as error:
         return error
     return None
+
+
+def _there(given: Boxes) -> EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector:
+    """What an entry of ``envelopes`` names, with its files read.
+
+    Raises InvalidInput, also for a file in a list of sets that holds no set of envelopes.
+    """
+    if isinstance(given, str | Path):
+        return _read(given)
+    if not isinstance(given, Sequence):
+        return given
+    sets = []
+    for each in given:
+        one = _read(each) if isinstance(each, str | Path) else each
+        if not isinstance(one, EnvelopeSet):
+            raise InvalidInput(
+                f"envelopes: expected sets of envelopes in a list of them, got {each}: "
+                f"{type(one).__name__}"
+            )
+        sets.append(one)
+    return sets
 
 
 def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:

@@ -77,10 +77,15 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise InvalidInput, which begins with the name, for a value that an annotation does not
-    allow.
+    allow; of a sequence it names the first entry that is wrong, e.g. ``envelopes[0][1]``.
     """
-    if not _fits(value, hint):
-        raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
+    if _fits(value, hint):
+        return
+    several = [part for part in (hint, *get_args(hint)) if get_origin(part) is Sequence]
+    if len(several) == 1 and isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for index, one in enumerate(value):
+            check_argument(f"{name}[{index}]", one, get_args(several[0])[0])
+    raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
 
 
 def settings_from(

@@ -47,6 +47,11 @@ if hasattr(os, "register_at_fork"):
     )
 
 
+def _called(thing: Any) -> str:
+    """What a message calls a thing: a class by its name, anything else by its value."""
+    return f"the class {thing.__qualname__}" if isinstance(thing, type) else shown(thing)
+
+
 class Registry(Generic[T]):
     """The things of one kind, by name.
 
@@ -120,7 +125,7 @@ class Registry(Generic[T]):
             thing = _attribute(_imported(module, where), attribute, where)
         if self._right.get(name) is not thing:
             if not self._accepts(thing):
-                raise InvalidInput(f"{where}: expected {self.expected}, got {shown(thing)}")
+                raise InvalidInput(f"{where}: expected {self.expected}, got {_called(thing)}")
             self._right[name] = cast(T, thing)
         return cast(T, thing)
 

@@ -129,8 +129,11 @@ def label(
         )
     folder, source = Path(path), source or planned(plan)
     ledger.check_arrow()
-    if plan.proposers != (None if proposers is None else proposers.digest):
-        raise InvalidInput("proposers: expected those whose digest is planned")
+    came = None if proposers is None else proposers.digest
+    if plan.proposers != came:
+        raise InvalidInput(
+            f"proposers: expected the digest that the plan has, {plan.proposers}, got {came}"
+        )
     if proposers is not None:
         proposers.check_drawn(source)
     if plan.screen != (None if surrogate is None else surrogate.digest):

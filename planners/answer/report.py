@@ -309,8 +309,8 @@ class Report(Generic[S]):
 
     @property
     def margin_message(self) -> str:
-        """A line on what a plan's stances bear beyond the weight, or on how sure the feet of a walk
-        stand; empty where nobody measured it.
+        """A line on what a posture or a plan's stances bear beyond the weight, or on how sure the
+        feet of a walk stand; empty if nobody measured it.
         """
         if isinstance(self.answer, Trajectory):
             return self._footing_line()
@@ -318,10 +318,16 @@ class Report(Generic[S]):
         if margin is None:
             return ""
         at, weight_n = margin.figures, cast("Plan", self.answer).problem.weight_n
+        if not self._of_course:
+            return (
+                f"it bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight); the centre of "
+                f"mass is {1e3 * at['support_m']:.0f} mm inside; {1.0 - at['friction_left']:.0%} of the friction would "
+                "be enough"
+            )
         return (
             f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
             f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
-            f"{at['support_frame']}); friction could be {1.0 - at['friction_left']:.0%} of what it is (frame "
+            f"{at['support_frame']}); {1.0 - at['friction_left']:.0%} of the friction would be enough (frame "
             f"{at['friction_frame']})"
         )
 
@@ -460,13 +466,13 @@ class Report(Generic[S]):
     @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins."""
-        names = (*WHOLE_BODY, MARGIN)
-        return [group for group in self.groups if group.name in names] if self._of_course else []
+        names = (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
+        return [group for group in self.groups if group.name in names]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of a plan's whole body and of its margins."""
-        names = (*WHOLE_BODY, MARGIN) if self._of_course else ()
+        names = (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
         return [group for group in self.groups if group.name not in names]
 
     def to_json(self) -> dict[str, Any]:
@@ -485,7 +491,9 @@ class Report(Generic[S]):
             }
         body = {group.name: body_json(group) for group in self._of_body}
         proved = (
-            {"proved": int(self.figures["proved"]), "checked": list(self.checked)} if body else {}
+            {"proved": int(self.figures["proved"]), "checked": list(self.checked)}
+            if body and "proved" in self.figures
+            else {}
         )
         return {
             **head,

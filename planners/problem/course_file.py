@@ -57,7 +57,7 @@ def read_course(
         InvalidInput: with every key that is wrong, or with the frame and the limb that have no
             place to stand.
     """
-    if Path(course).suffix == ".json":
+    if Path(course).suffix in (".json", ".jsonl"):
         if frames is not None:
             raise InvalidInput(
                 f"{course}: expected no other number of frames for a course whose footholds are fixed"

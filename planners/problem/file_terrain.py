@@ -54,7 +54,7 @@ class FileTerrain(TerrainSpec):
         if frictions := sorted({patch.friction for patch in patches})[1:]:
             least = min(patch.friction for patch in patches)
             raise InvalidInput(
-                f"{footholds.name}: expected one friction of a terrain, got from {least:g} to {frictions[-1]:g}"
+                f"{footholds.name}: expected one friction for the whole terrain, got frictions from {least:g} to {frictions[-1]:g}"
             )
         try:
             made = cls(

@@ -367,7 +367,7 @@ class Problem:
         if str(data.get("format")).startswith("stancekit/course/"):
             course = from_json(cls, data)
             if course.weights is None:
-                raise InvalidInput("weights: expected those of an objective, got none")
+                raise InvalidInput("weights: expected the weights of an objective, got none")
             return course
         keys = from_json(PostureKeys, data)
         known = robot or (None if keys.robot else hexapod())
@@ -668,7 +668,7 @@ class Problem:
         )
         if len(self.lifts) > 1 or self.next_lift or not plain:
             raise InvalidInput(
-                "weights: expected those of an objective, got none: a posture problem has one frame, after which "
+                "weights: expected the weights of an objective, got none: a posture problem has one frame, after which "
                 "nobody moves, and one candidate for every toe"
             )
 

@@ -186,7 +186,8 @@ def with_known_hulls(
                 known_corners, each
             ):
                 raise InvalidInput(
-                    f"model: hulls: expected the corners of a convex hull, got others for shape {number}"
+                    f"model: hulls: expected the corners of a convex hull for shape {number}, got "
+                    "points that are not the corners of their own hull"
                 )
         if parts and not _fills(parts, corners):
             raise InvalidInput(

@@ -210,8 +210,10 @@ def check_push(course: Problem, planner: Planner) -> None:
     if course.push_n == 0.0:
         return
     if not isinstance(planner, TwoStageCoursePlanner):
+        over = " over envelopes" if planner.name == TwoStageCoursePlanner.name else ""
         raise InvalidInput(
-            f"push_n: expected 0 N with {planner.name}, got {course.push_n:g} N: two-stage alone knows pushes"
+            f"push_n: expected 0 N with {planner.name}{over}, got {course.push_n:g} N: "
+            "two-stage alone knows pushes, over the lift"
         )
     strongest = max(patch.friction for patch in course.terrain)
     most = (

@@ -449,7 +449,7 @@ def _check_of_postures(method: Any, *of_courses: str) -> None:
         came = getattr(method, name)
         if came != getattr(type(method), name):
             raise InvalidInput(
-                f"{name}: expected none of {method.name} for postures, which have no use for it, got {came}"
+                f"{name}: expected no such argument with {method.name} for postures, which have no use for it, got {came}"
             )
 
 

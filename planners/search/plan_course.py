@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..answer.answer import Answer, Status
+from ..answer.answer import Answer, Effort, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
@@ -118,11 +118,13 @@ def plan_course(
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
+    spent = list[Effort]()
 
     def piece(course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
         from .whole_body_outcome import with_whole_body  # slow to import
 
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=_search_end(end))
+        spent.append(outcome.effort)
         if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
         assert limits is not None
@@ -143,7 +145,7 @@ def plan_course(
                 progress=progress,
                 deadline=_search_end(end, PIECES),
             )
-            so_far = _whole(pieces, planner.name, end)
+            so_far = _whole(pieces, planner.name, spent, end)
             if kept is not None and so_far.status is Status.FEASIBLE:
                 kept.remove()
             if pieces.failed is None or course.frames > AT_ONCE or time.perf_counter() > end:
@@ -187,8 +189,13 @@ def _detour(question: Problem | LayOut, alternative: Alternative, push_n: float)
     return detour
 
 
-def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
-    """The answer to a course that was planned in pieces, with one verdict on all of it."""
+def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> Answer[Plan]:
+    """The answer to a course that was planned in pieces, with one verdict on all of it.
+
+    Arguments:
+        spent: on the contacts of every piece, also of those that failed.
+        end: when to be done (``time.perf_counter()``).
+    """
     from .whole_body_outcome import judged  # slow to import
 
     details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.tried_m))}
@@ -198,6 +205,7 @@ def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
         problem=pieces.course,
         solution=pieces.plan,
         details=details,
+        effort=_sum(spent),
     )
     if pieces.failed is None and pieces.plan is not None:
         tried = [np.round(path, 3).tolist() for path in pieces.tried_m]
@@ -224,6 +232,12 @@ def _whole(pieces: Pieces, method: str, end: float) -> Answer[Plan]:
         report=failed.report if solution is not None else None,
         message=message,
     )
+
+
+def _sum(spent: Sequence[Effort]) -> Effort:
+    """All efforts together, count by count and clock by clock."""
+    names = [field.name for field in fields(Effort)]
+    return Effort(**{name: sum(getattr(one, name) for one in spent) for name in names})
 
 
 def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOut:

@@ -20,6 +20,7 @@ anyway. Half-spaces of reach are bilinear in Θ and c; their largest value on th
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def check_plan(
         between: recompute points between the frames; without them, what convexity proves of the way
             is taken as proved.
         margins: measure what every stance bears beyond its weight; of a course that asks for a push
-            they always are.
+            they always are, and those of a rejected posture never.
         deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
             by then is not checked.
     """
@@ -72,7 +73,12 @@ def check_plan(
     if defect:
         return refused(plan, tolerance, defect, frame=frame, limb=limb)
     if plan.problem.is_posture:
-        return posture_report(plan, tolerance)
+        report = posture_report(plan, tolerance)
+        if not (margins and report.accepted):
+            return report
+        from .margins import margin_group  # Clarabel, of this alone
+
+        return replace(report, groups=(*report.groups, margin_group(plan)))
     body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
     if margins or plan.problem.push_n > 0.0:
         from .margins import margin_group  # Clarabel, of this alone

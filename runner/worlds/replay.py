@@ -62,8 +62,13 @@ class ReplayWorld(LatchedWorld):
                 state.position_m.shape,
             )
             if shapes != ((count,), (count,), (len(robot.limbs), 3), (3,)):
+                names = ("angles_rad", "torques_nm", "forces_n", "position_m")
+                came = ", ".join(
+                    f"{name} {shape}" for name, shape in zip(names, shapes, strict=True)
+                )
                 raise InvalidInput(
-                    f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}"
+                    f"{path}: measurement: expected arrays for {count} joints and {len(robot.limbs)} "
+                    f"limbs, got the shapes {came}"
                 )
         if not self._states:
             raise InvalidInput(

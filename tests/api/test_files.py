@@ -35,6 +35,10 @@ def test_problems_come_back_one_or_several(problems, tmp_path):
     assert [p.to_json() for p in stancekit.load(tmp_path / "p.jsonl", list)] == [
         p.to_json() for p in problems
     ]
+    stancekit.save(problems[0], tmp_path / "one.jsonl")
+    assert [p.to_json() for p in stancekit.load(tmp_path / "one.jsonl")] == [problems[0].to_json()]
+    planned = stancekit.plan(tmp_path / "one.jsonl")  # a file of one posture, whatever it ends in
+    assert planned.problem.frames == 1
     (tmp_path / "array.json").write_text(json.dumps([p.to_json() for p in problems]))
     assert len(stancekit.load(tmp_path / "array.json")) == 9
 

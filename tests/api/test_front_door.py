@@ -178,7 +178,7 @@ def test_a_terrain_says_what_it_lacks(tmp_path):
     line = refused(
         "", lambda: stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between)
     )
-    assert "expected one friction of a terrain, got from 0.1 to 0.8" in line
+    assert "expected one friction for the whole terrain, got frictions from 0.1 to 0.8" in line
     assert "with footholds, got none" in refused(
         "", lambda: stancekit.plan(replace(over, pieces=()), **between)
     )

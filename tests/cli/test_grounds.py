@@ -109,7 +109,7 @@ def test_key_frames_go_over_any_ground_by_its_name(stancekit):
         (("plan", "ripple"), "course: expected one of "),
         (
             ("plan", "moon", "--start", "0,0", "--goal", "1,0"),
-            "--start: expected a terrain's file with it, .npy, ",
+            "--start: expected a terrain's file as COURSE, .npy, ",
         ),
     ],
 )

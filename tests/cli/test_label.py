@@ -108,7 +108,9 @@ def test_two_runs_in_one_folder_make_one_data_set(labelled, tmp_path):
     for run in runs:
         said = run.communicate()[1].decode()
         assert run.returncode == 0
-        assert re.fullmatch(r"(label wall-3: .*, \d+ s\n)*", said)  # long work says how far it is
+        assert re.fullmatch(
+            r"(label wall-3, rows written: .*, \d+ s\n)*", said
+        )  # long work says how far it is
     assert shards(tmp_path / "data") == shards(labelled)
 
 

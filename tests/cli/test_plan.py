@@ -303,14 +303,16 @@ def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_
 def test_friction_of_a_built_in_course_is_refused_with_where_it_is(refusal):
     said = refusal("icy-walls", "--friction", "0.3")
     first, _, path = said.partition("; its own friction is in its file: copy ")
-    assert first == "--friction: expected a terrain's file with it, got icy-walls"
+    assert first == "--friction: expected a terrain's file as COURSE, got icy-walls"
     text = Path(path.strip().removesuffix(", change it, and plan the copy")).read_text()
     assert yaml.safe_load(text)["terrain"]["friction"] == 1.0
 
 
 @pytest.mark.parametrize("option", [("--spacing-m", "0.1"), ("--noise-m", "0.01")])
 def test_options_of_a_terrains_file_are_refused_with_any_other_course(option, refusal):
-    assert refusal("walls", *option) == f"{option[0]}: expected a terrain's file with it, got walls"
+    assert (
+        refusal("walls", *option) == f"{option[0]}: expected a terrain's file as COURSE, got walls"
+    )
 
 
 def test_a_friction_below_none_is_refused(refusal):

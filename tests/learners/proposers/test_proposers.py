@@ -163,7 +163,7 @@ def test_labels_are_the_same_and_what_is_learned_from_them_to_the_last_bit(tmp_p
 
 def test_labels_are_not_made_with_proposers_that_were_not_planned(tmp_path, trained):
     plan = LabelPlan(distribution="wall-3", feasible=1, infeasible=0)
-    with pytest.raises(InvalidInput, match=r"^proposers: expected those whose digest is planned$"):
+    with pytest.raises(InvalidInput, match=r"^proposers: expected the digest that the plan has, "):
         label(plan, tmp_path / "data", proposers=trained)
 
 

@@ -143,7 +143,9 @@ def test_another_force_scale_changes_no_plan():
 
 def test_a_problem_of_several_frames_needs_an_objective(problem):
     course = read_course("walls", frames=2)
-    with pytest.raises(InvalidInput, match=r"^weights: expected those of an objective, got none: "):
+    with pytest.raises(
+        InvalidInput, match=r"^weights: expected the weights of an objective, got none: "
+    ):
         replace(course, weights=None)
     with pytest.raises(
         InvalidInput, match=r"^weights: expected a course with an objective, got a posture problem$"

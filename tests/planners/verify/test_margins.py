@@ -11,48 +11,59 @@ import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import MARGIN
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.problem import Problem, Stance
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.margins import margin_group, stance_margins, support_region
+from stancekit.planners.verify.margins import (
+    YIELDS,
+    margin_group,
+    stance_margins,
+    support_region,
+)
 
 HALF_M, HEIGHT_M, MASS_KG = 0.2, 0.3, 10.0
 WEIGHT_N = 9.81 * MASS_KG
 
 
-def table(com_m: tuple[float, float], friction: float) -> Plan:
-    """Four feet at the corners of a square on level ground, the centre of mass above it."""
-    contacts, toes = [], []
-    for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
-        toe = np.array([HALF_M * x, HALF_M * y, 0.0])
-        corners = toe + 0.05 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+TOES_M = np.array([[HALF_M * x, HALF_M * y, 0.0] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))])
+
+
+def four_feet(com_m: Array, friction: float, patch_m: float = 0.05) -> Problem:
+    """A posture on four square patches of level ground at the corners of a square."""
+    contacts = []
+    for toe in TOES_M:
+        corners = toe + patch_m * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
         patch = Patch(
             vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction
         )
         contacts.append(
             Contact(
-                leg=f"leg{len(toes)}",
-                shoulder_m=[HALF_M * x, HALF_M * y, 0.0],
+                leg=f"leg{len(contacts)}",
+                shoulder_m=toe,
                 reach_m=0.6,
                 patch=patch,
                 force_min=[0, -1, -1],
                 force_max=[1, 1, 1],
             )
         )
-        toes.append(toe)
+    return Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=com_m, com_radius_m=0.1)
+
+
+def table(com_m: tuple[float, float], friction: float) -> Plan:
+    """Four feet at the corners of a square on level ground, the centre of mass above it."""
     com = np.array([*com_m, HEIGHT_M])
     u, v = 0.5 + np.array(com_m) / (2.0 * HALF_M)  # bilinear shares of the weight
     shares = np.array([u * v, (1 - u) * v, (1 - u) * (1 - v), u * (1 - v)])
     forces = np.zeros((1, 4, 3))
     forces[0, :, 2] = shares * WEIGHT_N
-    problem = Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=com, com_radius_m=0.1)
     return Plan(
-        problem=problem.course(),
+        problem=four_feet(com, friction).course(),
         com_m=com[None],
         rotation_rad=np.zeros((1, 3)),
-        toes_m=np.array(toes),
+        toes_m=TOES_M,
         choice=np.zeros(4, dtype=int),
         forces_n=forces,
         provenance={},
@@ -180,3 +191,21 @@ def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:
     assert "push_n" not in climb.problem.to_json()
     course = replace(climb.problem, push_n=12.0)
     assert Problem.from_json(course.to_json()).push_n == 12.0
+
+
+def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() -> None:
+    """Toes on patches of 1 mm: w d = F (h + y) about the nearest side, d and h of the posture."""
+    problem = four_feet(np.array([0.06, 0.0, HEIGHT_M]), friction=5.0, patch_m=0.0005)
+    posture = stancekit.solve(problem).solution
+    report = stancekit.verify(posture)
+    (com,), figures = posture.com_m, report.group(MARGIN).figures
+    inside = HALF_M - np.abs(com[:2]).max()
+    assert figures["support_m"] == pytest.approx(inside, rel=0.02, abs=0.001)
+    height = com[2] + YIELDS * 0.6
+    assert figures["push_n"] == pytest.approx(WEIGHT_N * inside / height, rel=0.03)
+    assert report.margin_message.startswith(f"it bears a push of {figures['push_n']:.3g} N")
+    assert report.worst < 1e-6  # of contacts
+    assert report.to_json()["margin"]["push_n"] == figures["push_n"]
+
+    refused = stancekit.verify(replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9])))
+    assert (refused.accepted, refused.margin_message) == (False, "")
