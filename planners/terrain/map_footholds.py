@@ -193,7 +193,7 @@ def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
     """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet
     can use.
     """
-    dense = max(float(np.mean(cells.moments[0][cells.known])), cells.weight)
+    dense = max(float(np.mean(cells.moments[0][cells.known])) / cells.weight, 1.0)
     side = max(LARGEST_M, 3.0 * cells.spacing_m)
     most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
     if limits.noise_m is not None and limits.noise_m > most:

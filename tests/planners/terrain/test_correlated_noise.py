@@ -74,6 +74,12 @@ def test_noise_that_is_told_is_no_bumps_and_its_planes_are_off_by_what_they_say(
     assert min(p.patch.certainty.rough_m for p in untold.pieces) > 0.006
 
 
+def test_noise_over_ten_centimetres_may_be_told_as_well():
+    found = footholds_of(stairs(0.02, length_m=0.1), FootholdLimits(noise_m=0.02))
+    assert found.noise_length_m > 0.06
+    assert found.area_m2 > 1.0
+
+
 def test_ground_that_is_told_to_be_exact_is_taken_as_it_is():
     found = footholds_of(stairs(0.01), FootholdLimits(noise_m=0.0))
     assert found.noise_length_m == 0.0
