@@ -253,14 +253,17 @@ def theorem(
         name: of the envelopes.
         workers: processes, or an executor.
         progress: called with scenes asked, and all.
+
     Returns:
         A ``Theorem``: for each condition the share of scenes that do not break it with its Wilson
         95 % interval, and the rows that do.
+
     Raises:
         InvalidInput: for a selector whose boxes depend on the scene, for envelopes of another class
             of problems, for a data set without labels, and for rows that they were trained on.
     Source:
         Lin et al. §III.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))

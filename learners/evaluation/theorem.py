@@ -59,6 +59,7 @@ class Condition:
         undecided: rows for which the search met its limit; they count as holding.
     Source:
         Lin et al. §III.
+
     Example:
         >>> from stancekit.learners.evaluation.theorem import Condition
         >>> from stancekit.learners.evaluation.evaluate import Share
@@ -100,6 +101,7 @@ class Theorem:
         conditions: by the names of ``TITLES``.
     Source:
         Lin et al. §III.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -211,7 +213,8 @@ def _projectable(
     programs: Programs, way: str, scaled: Scaled, points: Sequence[Point]
 ) -> bool | None:
     """Whether every point projects onto m = p f. None where the solver gave up on one and no other
-    fails."""
+    fails.
+    """
     gap, holds = Acceptance().gap, True
     for point in points:
         holds = holds and project(programs, way, scaled, point).residual <= gap
@@ -239,7 +242,8 @@ def _searched(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope
 ) -> bool | None:
     """Whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's bounds
-    (``Coned``), deepest first."""
+    (``Coned``), deepest first.
+    """
     program, queue = programs.get(Coned, scaled.layout), [box]
     whole = box.high - box.low
     for _ in range(PARTS):

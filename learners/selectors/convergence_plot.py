@@ -14,7 +14,6 @@ from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE,
 
 from .convergence import Generation
 
-
 Curves = tuple[Sequence[float], Sequence[float], Sequence[float]]
 """Mean, variance and best of the fitness by generation."""
 

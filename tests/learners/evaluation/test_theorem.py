@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.envs.data.scenes import scenes_of
 from stancekit import selectors
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.evaluation.theorem import TITLES, theorem
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
