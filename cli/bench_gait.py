@@ -144,7 +144,8 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
     grid = Table(
         title="Table I",
-        caption="success % / verified %, each with its 95 % interval, of as many cells; (% of Pan et al.); ! n: n cells were cut off by --cap; "
+        caption="success % / verified %, each with its 95 % interval, of as many cells; "
+        "(% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
     grid.add_column("method", no_wrap=True)
