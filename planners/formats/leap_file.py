@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.leap_plan import LEGS_TURN, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
@@ -121,7 +121,7 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
     """
     leap_file = read_leap(path)
     if leap_file.plan is not None:
-        report: Report[Any] = check_leap(leap_file.plan)
+        report: Report[Any] = check_leap(leap_file.plan, body=True)
         return FileCheck(path=str(path), kind="leap", report=report, message=report.message)
     if leap_file.certificate is None:
         raise InvalidInput(
@@ -135,17 +135,19 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
 def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
     """A plan as JSON-ready values, without its question."""
     numbers = {name: getattr(plan, name).tolist() for name in NUMBERS}
+    turned = plan.legs_turn_rad
     return {
         "timing": plan.timing,
         "choice": plan.choice.tolist(),
         **numbers,
+        **({} if turned is None else {LEGS_TURN: turned.tolist()}),
         "provenance": dict(plan.provenance),
     }
 
 
 def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
-    if not isinstance(data, Mapping) or set(data) != set(PLAN):
+    if not isinstance(data, Mapping) or set(data) - {LEGS_TURN} != set(PLAN):
         raise InvalidInput(
             f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}"
         )
@@ -155,7 +157,7 @@ def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     if not isinstance(provenance, Mapping):
         raise InvalidInput(f"plan.provenance: expected an object, got {shown(provenance)}")
     numbers: dict[str, Any] = {}
-    for name in ("choice", *NUMBERS):
+    for name in ("choice", *NUMBERS, *([LEGS_TURN] if LEGS_TURN in data else [])):
         try:
             numbers[name] = plain_numbers(data[name])
         except (TypeError, ValueError, OverflowError):

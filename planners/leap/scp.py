@@ -12,6 +12,7 @@ from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array, cross
 from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint
 from .program import LeapProgram
@@ -79,13 +80,7 @@ def attempt(
     share: of the friction. stop: cost of the first step's slack above which there is no second
     one; inf never stops. steps: convex problems at most.
     """
-    scaled = numbers.scaled.chosen(choice)
-    scaled = replace(
-        scaled,
-        reach=scaled.reach - REACH_RESERVE_M,
-        tilt=scaled.tilt - TILT_RESERVE_RAD,
-        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
-    )
+    scaled = reserved(numbers, choice, share)
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
@@ -103,18 +98,9 @@ def attempt(
             solves=1,
             share=share,
         )
-    best, cost, radius, solves = answer.point, cost_of(problem, answer.point), RADIUS_M, 1
-    while cost > HOLDS and first.cost <= stop and solves < steps and radius > LEAST_RADIUS_M:
-        near = _near(problem, best, radius)
-        answer = program.solve(near)
-        solves += 1
-        if answer.point is not None and cost - answer.cost < STUCK * cost:
-            break  # even the step's own rows say that little can be won
-        result = np.inf if answer.point is None else cost_of(near, answer.point)
-        if answer.point is not None and result < cost:
-            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
-        else:
-            radius *= 0.3
+    best, cost, solves = answer.point, cost_of(problem, answer.point), 1
+    if first.cost <= stop:
+        best, cost, solves = descend(program, problem, best, steps=steps)
     return LeapAttempt(
         choice=choice,
         point=best,
@@ -127,7 +113,38 @@ def attempt(
     )
 
 
-def _near(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
+def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
+    """Numbers of chosen contacts, with what plans keep of reach, tilt and friction."""
+    scaled = numbers.scaled.chosen(choice)
+    return replace(
+        scaled,
+        reach=scaled.reach - REACH_RESERVE_M,
+        tilt=scaled.tilt - TILT_RESERVE_RAD,
+        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
+    )
+
+
+def descend(
+    program: LeapProgram, given: LeapGiven, point: LeapPoint, *, steps: int = STEPS
+) -> tuple[LeapPoint, float, int]:
+    """Step from a point until all rows hold or little can be won: the best point, its cost, and the
+    convex problems, one more than were solved here."""
+    best, cost, radius, solves = point, cost_of(given, point), RADIUS_M, 1
+    while cost > HOLDS and solves < steps and radius > LEAST_RADIUS_M:
+        near = nearby(given, best, radius)
+        answer = program.solve(near)
+        solves += 1
+        if answer.point is not None and cost - answer.cost < STUCK * cost:
+            break  # even the step's own rows say that little can be won
+        result = np.inf if answer.point is None else cost_of(near, answer.point)
+        if answer.point is not None and result < cost:
+            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
+        else:
+            radius *= 0.3
+    return best, cost, solves
+
+
+def nearby(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
     """The next step's problem: about a point, and not far from it."""
     scaled, goal = given.scaled, given.scaled.com_radius[-1]
     com, radii = point.com.copy(), np.full(len(point.com), 2.0 * radius)
@@ -170,6 +187,8 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
         "power": power - SPEED_RESERVE * numbers.power[contact_limbs],
         "fold": numbers.fold[limb] + given.reserve_m - length,
     }
+    if given.joints is not None:
+        overs["joints"] = np.maximum(*given.joints.over(given))
     if layout.reach_rows:
         which, half = layout.standing_rows
         spaces = given.scaled.half_spaces
@@ -222,5 +241,6 @@ def plan_from(
         rotation_rad=numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)]),
         toes_m=toes_m,
         forces_n=forces_n,
+        legs_turn_rad=numbers.legs_turn if numbers.legs_turn.any() else None,
         provenance={"method": method},
     )

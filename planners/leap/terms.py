@@ -31,6 +31,8 @@ SPEED_RESERVE = 0.97
 """Share of speeds and powers that plans use: rows ask at the ends of intervals."""
 PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
 """Of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
+PRICES["joints"] = 0.02
+"""Of a share of a joint's speed or torque."""
 SLACKS = tuple(PRICES)
 
 
@@ -276,6 +278,42 @@ class Legs:
         rows.put(row, slack, -1.0)
         rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + d.planes[2])
 
+    def joints(self, forces: Forces, momentum: Index, count: int) -> None:
+        """|q̇|/q̇_max, |τ|/τ_max and, where they drive, the sum of both within their share, at both
+        ends of every interval, for ``count`` joints per leg; linear about what a judge measured."""
+        rows, (stance, _, _) = self._rows, self._layout.contacts
+        at = self._layout.stance_frames[stance] // 2
+        node = np.concatenate([at, at + 1])
+        columns = np.concatenate([forces.columns, forces.columns])
+        velocity, spin = self._dynamics.velocity[node], momentum[node]
+        slack = _one_slack(rows, "joints", len(node) * count).reshape(len(node), count)
+        for way, sign in (("ahead", 1.0), ("back", -1.0)):
+            for kind, (fast, strong) in KINDS.items():
+                row = rows.at_most(f"{kind}_{way}", len(node), count)
+                if fast:
+                    rows.put(row[:, :, None], velocity[:, None], _joint(sign, "faster"))
+                    rows.put(row[:, :, None], spin[:, None], _joint(sign, "spinning"))
+                if strong:
+                    rows.put(row[:, :, None], columns[:, None], _joint(sign, "stronger"))
+                rows.put(row, slack, -1.0)
+                rows.right(row, _joint_left(sign, fast, strong))
+
+
+KINDS = {"fast": (True, False), "strong": (False, True), "driven": (True, True)}
+"""Rows of joints: with speeds, with torques, or with the sum of both (the speed–torque line)."""
+
+
+def _joint(sign: float, name: str) -> Callable[[LeapGiven], Array]:
+    return lambda d: sign * getattr(d.joint_rows, name)
+
+
+def _joint_left(sign: float, fast: bool, strong: bool) -> Callable[[LeapGiven], Array]:
+    """What is left of a share beside what does not depend on the variables."""
+    return lambda d: (
+        d.joint_rows.share
+        - sign * (fast * d.joint_rows.speed_rest + strong * d.joint_rows.torque_rest)
+    )
+
 
 def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
     """‖p − p̂‖ ≤ radius of every toe."""
@@ -378,10 +416,12 @@ def _bent(standing: Index) -> Callable[[LeapGiven], Array]:
 
 
 def _bend_offset(given: LeapGiven) -> Array:
-    """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂."""
+    """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂, and what legs that swing turn the body by."""
     point, lasts = given.point, given.numbers.lasts[:, None]
     bend = np.cross(point.velocity[1:] + point.velocity[:-1], given.numbers.total(point.forces))
-    return np.asarray(-(GRAVITY_M_S2 / 24.0 * lasts**3 * bend) @ given.numbers.spin.T)
+    return np.asarray(
+        given.numbers.legs_turn - (GRAVITY_M_S2 / 24.0 * lasts**3 * bend) @ given.numbers.spin.T
+    )
 
 
 def _slack(rows: Rows[LeapGiven], name: str, equal: Index) -> None:

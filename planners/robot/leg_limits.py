@@ -15,12 +15,13 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
 from ..files.validation import validated
+from .contact_robot import contact_robot
 from .leg import Leg
-from .legged import robot_of
 from .model import LegLimits, Limb, Robot
 from .reach import ReachRows
 from .robot_file import YAML, LegKeys, named_robot, read_keys, robot_path
-from .single_body import GaitRobot
+from .robot_model import RobotModel
+from .single_body import GaitRobot, legged_anymal
 from .urdf_reader import matching
 
 ANGLES = 9
@@ -37,9 +38,10 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
     length.
 
     robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
-    reach as far as they are long, a ball that holds all that they reach; a walker's file gives
-    boxes. Its key ``legs`` (by name or pattern) says limits; those of a model follow from the
-    efforts and velocities of its joints. Raises InvalidInput for a robot without inertia.
+    reach what is in their inner sets, which they surely reach; a walker's file gives boxes, and
+    that of ``anymal`` has the legs of ``configs/robots/anymal.urdf`` besides. Its key ``legs`` (by
+    name or pattern) says limits; those of a model follow from the efforts and velocities of its
+    joints. Raises InvalidInput for a robot without inertia.
     """
     if not isinstance(robot, Robot):
         path = robot_path(robot)
@@ -50,15 +52,33 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
         data = read_yaml(path) if path.suffix in YAML else {}
         keys = validated(_File, data, str(path)).legs
         if data and "urdf" not in data:
-            robot = boxed(GaitRobot.from_yaml(path), keys)
+            walker = legged_anymal() if str(robot) == "anymal" else GaitRobot.from_yaml(path)
+            robot = boxed(walker, keys)
         else:
             keys = read_keys(path).legs if data else {}
-            robot = _with_limits(robot_of(named_robot(robot)), keys)
+            robot = _with_limits(contact_robot(named_robot(robot)), keys)
     if robot.inertia is None:
         raise InvalidInput(
             f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none"
         )
     return robot
+
+
+def no_motors(model: RobotModel) -> str:
+    """What a robot's file lacks of its joints' efforts and velocities, in words; empty where there
+    are all."""
+    slow = [
+        f"joint {joint.name}"
+        for leg in model.legs
+        for joint in leg.joints
+        if joint.velocity_rad_s <= 0.0
+    ]
+    lacks = [*model.lines_of(model.torque_doubts)]
+    if slow:
+        lacks.append(f"no velocity limit of {', '.join(slow[:4])}{' …' * (len(slow) > 4)}")
+    if not lacks:
+        return ""
+    return f"expected limits of its joints' torque and speed, which leaps need: {'; '.join(lacks)}"
 
 
 def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
@@ -83,6 +103,7 @@ def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot
         name=walker.name,
         mass_kg=walker.mass_kg,
         limbs=tuple(limbs),
+        model=walker.model,
         inertia_kgm2=walker.inertia_kgm2,
     )
     return _corrected(robot, keys or {})
