@@ -23,7 +23,7 @@ from ..problem import Problem
 from ..robot.urdf import joint_names
 from .certificate import Certificate
 from .hindrance import LEAP_BODY, plan_hindrance, walk_hindrance
-from .leap_plan import LEGS_TURN, NUMBERS, LeapPlan
+from .leap_plan import NUMBERS, LeapPlan
 from .motion_table import MotionTable
 from .plan import Plan
 from .trajectory import OFF_M, Trajectory
@@ -353,8 +353,7 @@ class Report(Generic[S]):
             from ..problem.leap_json import leap_to_json  # of leaps alone
 
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
-            if self.answer.legs_turn_rad is not None:
-                plan[LEGS_TURN] = self.answer.legs_turn_rad.tolist()
+            plan |= {name: value.tolist() for name, value in self.answer.later.items()}
             content = {
                 "leap": leap_to_json(self.answer.problem),
                 "plan": {**plan, "timing": self.answer.timing},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.leap_plan import LEGS_TURN, NUMBERS, LeapPlan
+from ..answer.leap_plan import LATER, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
@@ -135,19 +135,18 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
 def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
     """A plan as JSON-ready values, without its question."""
     numbers = {name: getattr(plan, name).tolist() for name in NUMBERS}
-    turned = plan.legs_turn_rad
     return {
         "timing": plan.timing,
         "choice": plan.choice.tolist(),
         **numbers,
-        **({} if turned is None else {LEGS_TURN: turned.tolist()}),
+        **{name: value.tolist() for name, value in plan.later.items()},
         "provenance": dict(plan.provenance),
     }
 
 
 def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
-    if not isinstance(data, Mapping) or set(data) - {LEGS_TURN} != set(PLAN):
+    if not isinstance(data, Mapping) or set(data) - set(LATER) != set(PLAN):
         raise InvalidInput(
             f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}"
         )
@@ -157,7 +156,7 @@ def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     if not isinstance(provenance, Mapping):
         raise InvalidInput(f"plan.provenance: expected an object, got {shown(provenance)}")
     numbers: dict[str, Any] = {}
-    for name in ("choice", *NUMBERS, *([LEGS_TURN] if LEGS_TURN in data else [])):
+    for name in ("choice", *NUMBERS, *(name for name in LATER if name in data)):
         try:
             numbers[name] = plain_numbers(data[name])
         except (TypeError, ValueError, OverflowError):

@@ -9,6 +9,7 @@ or shorter flights. How legs are drawn up is chosen last.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from ..answer.report import Group, Report
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
+from ..files.arrays import Array
 from ..motion.leap_body import LeapBody
 from ..motion.walk_joints import MovingBody
 from ..robot.leg_limits import no_motors
@@ -54,18 +56,31 @@ STRETCHED = (
     (1.0, 0.8, 1.0),
 )
 """Timings that are tried: stances before, flights, stances after, in units of the leap's own."""
+GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
+"""Ways of drawing legs up in flight that are tried."""
+MORE_M, MOST_M = 0.003, 0.1
+"""A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """A plan with what its whole body does. misses: by how much every group of it is beyond its
-    limit, in units of it; 0 where none is."""
+    """A plan with what its whole body does. short_m: by how much the reach of every limb was
+    shortened for it, and has to be for the next, shape (N,)."""
 
     plan: LeapPlan
     body: LeapBodyMeasurements
     groups: tuple[Group, ...]
+    shortened_m: Array
+
+    @property
+    def short_m(self) -> Array:
+        """What the reach of every limb lacks, with what was known before, shape (N,) [m]."""
+        missed = np.where(self.body.path.contact, self.body.off_toes().values, 0.0).max(axis=0)
+        return np.asarray(
+            np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
+        )
 
     @property
     def accepted(self) -> bool:
@@ -102,15 +117,48 @@ class LeapBender:
         self._body: MovingBody | None = None
         self.rounds = 0
 
-    def judge(self, plan: LeapPlan) -> Judged:
-        """Joints and bodies of a plan."""
+    def judge(self, plan: LeapPlan, shortened_m: Array | None = None) -> Judged:
+        """Joints of a plan, and its bodies where they can do it. shortened_m: as of ``Judged``."""
         model = plan.problem.robot.source.own_model()
         if self._body is None:
             if unlimited := no_motors(model):
                 raise InvalidInput(f"robot {plan.problem.robot.name}: {unlimited}")
             self._body = MovingBody(model)
-        measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
-        return Judged(plan=plan, body=measured, groups=tuple(measured.groups(self._limits)))
+        measured = LeapBodyMeasurements(LeapBody(plan, body=self._body, quick=True))
+        if self._hard(measured) > 1.0 > self._hard(measured, air=False) - 0.5:
+            measured = min(
+                (
+                    LeapBodyMeasurements(
+                        LeapBody(
+                            replace(plan, gather=np.array(gather)), body=self._body, quick=True
+                        )
+                    )
+                    for gather in GATHERS
+                ),
+                key=self._hard,
+            )
+            plan = measured.leap_body.plan
+        groups = tuple(measured.groups(self._limits, bodies=False))
+        if not any(group.verdict == "violated" for group in groups):
+            measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
+            groups = tuple(measured.groups(self._limits))
+        none = np.zeros(len(plan.problem.robot.limbs))
+        return Judged(
+            plan=plan,
+            body=measured,
+            groups=groups,
+            shortened_m=none if shortened_m is None else shortened_m,
+        )
+
+    def _hard(self, measured: LeapBodyMeasurements, *, air: bool = True) -> float:
+        """Largest share of a limit that joints have in the air, or while some limb stands; a foot
+        that is off its path counts a unit per centimetre."""
+        flies = ~measured.path.contact.any(axis=1)
+        rows = (flies if air else ~flies)[1:-1]
+        off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
+        fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / self._limits.joint_speed
+        line = measured.line[rows].max(initial=0.0) / self._limits.torque
+        return float(max(fast, line) + 100.0 * off * (off > self._limits.joints_m))
 
     def bent(self, plan: LeapPlan) -> tuple[Judged, Judged]:
         """The plan as it was judged, and the best that bending finds: the first that is accepted,
@@ -166,7 +214,7 @@ class LeapBender:
                 near *= 0.4
                 continue
             self.rounds += 1
-            judged = self.judge(plan)
+            judged = self.judge(plan, best.short_m)
             yield judged
             if judged.accepted:
                 return
@@ -180,9 +228,9 @@ class LeapBender:
         not hold."""
         plan = judged.plan
         leap = plan.problem
-        swung = plan.turned_rad + np.diff(judged.body.turned, axis=0)
-        numbers = LeapNumbers.of(leap, plan.timing, swung)
+        numbers = legged_numbers(judged.body)
         scaled = reserved(numbers, plan.choice, self._share)
+        scaled = replace(scaled, reach=scaled.reach - judged.short_m)
         program = self._programs.get(
             LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
         )
@@ -201,6 +249,20 @@ class LeapBender:
         return None
 
 
+def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:
+    """The numbers of a leap whose body turns as it was measured to turn: J⁻¹ of the whole robot in
+    every interval, and the rest by legs that swing."""
+    body = measured.leap_body
+    plan = body.plan
+    ends = np.concatenate(
+        [np.searchsorted(body.times_s, plan.times_s[:-1] - 1e-9), [len(body.times_s)]]
+    )
+    spins = np.array([body.spins[a:b].mean(axis=0) for a, b in itertools.pairwise(ends)])
+    mean = LeapNumbers.of(plan.problem, plan.timing, spins=spins)
+    turned = np.diff(measured.turned + plan.rotation_rad, axis=0)
+    return replace(mean, legs_turn=turned - mean.turned(_point(mean, plan))[1])
+
+
 def _most(legs: Index) -> int:
     """Joints per leg, of the leg with most."""
     return int(np.bincount(legs).max())
@@ -211,7 +273,7 @@ def _plan_of(numbers: LeapNumbers, choice: Index, point: LeapPoint, like: LeapPl
     forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
     forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
     method = str(like.provenance.get("method", ""))
-    return plan_from(numbers, choice, point.toes, forces, method)
+    return replace(plan_from(numbers, choice, point.toes, forces, method), gather=like.gather)
 
 
 def _point(numbers: LeapNumbers, plan: LeapPlan) -> LeapPoint:

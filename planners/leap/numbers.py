@@ -52,8 +52,9 @@ class LeapNumbers:
     scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the
     intervals, shape (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3);
     speed, power, fold: by limb, power in units of the weight times m/s. start, velocity, momentum:
-    c, Θ (2, 3) and v, L at the start and at the end (2, 3). legs_turn: of ``LeapPlan``, shape (M,
-    3) [rad].
+    c, Θ (2, 3) and v, L at the start and at the end (2, 3). legs_turn: what legs that swing
+    turn the body by, shape (M, 3) [rad]; spins: J⁻¹ in every interval, whose legs are drawn up or
+    not, shape (M, 3, 3).
     """
 
     leap: Leap
@@ -69,20 +70,30 @@ class LeapNumbers:
     velocity: Array
     momentum: Array
     legs_turn: Array
+    spins: Array
 
     @classmethod
-    def of(cls, leap: Leap, timing: int = 0, legs_turn: Array | None = None) -> LeapNumbers:
-        """The numbers of a leap for one of its timings; legs_turn: 0 where it is not said."""
+    def of(
+        cls,
+        leap: Leap,
+        timing: int = 0,
+        *,
+        legs_turn: Array | None = None,
+        spins: Array | None = None,
+    ) -> LeapNumbers:
+        """The numbers of a leap for one of its timings; legs_turn: 0 where it is not said; spins:
+        those of a rigid body."""
         times, robot = leap.times_s(timing), leap.robot
         legs: list[LegLimits] = [leap.leg(limb) for limb in robot.limbs]
         inertia = robot.inertia
         assert inertia is not None
+        spin = np.asarray(np.linalg.inv(inertia / robot.mass_kg), dtype=np.float64)
         return cls(
             leap=leap,
             timing=timing,
             scaled=_scaled(leap),
             lasts=np.diff(times),
-            spin=np.asarray(np.linalg.inv(inertia / robot.mass_kg), dtype=np.float64),
+            spin=spin,
             hips=np.array([leg.hip_m for leg in legs]),
             speed=np.minimum([leg.speed_m_s for leg in legs], UNLIMITED),
             power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, UNLIMITED),
@@ -91,6 +102,7 @@ class LeapNumbers:
             velocity=np.array([leap.start.velocity_m_s, leap.goal.velocity_m_s]),
             momentum=np.array([leap.start.momentum_m2_s, leap.goal.momentum_m2_s]),
             legs_turn=np.zeros((leap.intervals, 3)) if legs_turn is None else legs_turn,
+            spins=np.tile(spin, (leap.intervals, 1, 1)) if spins is None else spins,
         )
 
     @property
@@ -208,7 +220,8 @@ class LeapNumbers:
             self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * cross(sums, self.total(point.forces))
         )
         mean = 0.5 * self.lasts[:, None] * (point.momentum[1:] + point.momentum[:-1])
-        return change, (mean + bend) @ self.spin.T + self.legs_turn
+        turned = np.matmul(self.spins, (mean + bend)[..., None])[..., 0]
+        return change, np.asarray(turned + self.legs_turn)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -230,7 +230,9 @@ def plan_from(
     )
     change = numbers.turned(moving)[0]
     momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
-    turn = numbers.turned(replace(moving, momentum=momentum))[1]
+    moving = replace(moving, momentum=momentum)
+    turn = numbers.turned(moving)[1]
+    rigid = LeapNumbers.of(leap, numbers.timing).turned(moving)[1]
     return LeapPlan(
         problem=leap,
         timing=numbers.timing,
@@ -241,6 +243,6 @@ def plan_from(
         rotation_rad=numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)]),
         toes_m=toes_m,
         forces_n=forces_n,
-        legs_turn_rad=numbers.legs_turn if numbers.legs_turn.any() else None,
+        legs_turn_rad=None if np.array_equal(turn, rigid) else turn - rigid,
         provenance={"method": method},
     )

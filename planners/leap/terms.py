@@ -162,7 +162,7 @@ class Turning:
             rows.put(
                 turn[:, :, None],
                 columns[:, None, :],
-                lambda d: -0.5 * d.numbers.lasts[:, None, None] * d.numbers.spin,
+                lambda d: -0.5 * d.numbers.lasts[:, None, None] * d.numbers.spins,
             )
         rows.put(turn[at][:, :, None], forces.columns[:, None, :], _bends)
         for columns in (v[1:], v[:-1]):
@@ -176,7 +176,7 @@ class Turning:
             rows.put(
                 middle[:, :, None],
                 columns[:, None, :],
-                _signed(sign / 8.0, lambda d: d.numbers.lasts[:, None, None] * d.numbers.spin),
+                _signed(sign / 8.0, lambda d: d.numbers.lasts[:, None, None] * d.numbers.spins),
             )
 
 
@@ -400,7 +400,7 @@ def _bends(given: LeapGiven) -> Array:
     """−J⁻¹ g dt³/24 [v̂ + v̂′]× R of every stance contact."""
     at, point = given.numbers.contact_intervals, given.point
     sums = (point.velocity[1:] + point.velocity[:-1])[at]
-    spun = np.matmul(given.numbers.spin, np.matmul(skew(sums), given.scaled.contact_frames))
+    spun = np.matmul(given.numbers.spins[at], np.matmul(skew(sums), given.scaled.contact_frames))
     return np.asarray(-GRAVITY_M_S2 / 24.0 * given.numbers.lasts[at][:, None, None] ** 3 * spun)
 
 
@@ -410,18 +410,20 @@ def _bent(standing: Index) -> Callable[[LeapGiven], Array]:
     def values(given: LeapGiven) -> Array:
         total = skew(given.numbers.total(given.point.forces)[standing])
         lasts = given.numbers.lasts[standing][:, None, None]
-        return np.asarray(GRAVITY_M_S2 / 24.0 * lasts**3 * np.matmul(given.numbers.spin, total))
+        return np.asarray(
+            GRAVITY_M_S2 / 24.0 * lasts**3 * np.matmul(given.numbers.spins[standing], total)
+        )
 
     return values
 
 
 def _bend_offset(given: LeapGiven) -> Array:
     """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂, and what legs that swing turn the body by."""
-    point, lasts = given.point, given.numbers.lasts[:, None]
-    bend = np.cross(point.velocity[1:] + point.velocity[:-1], given.numbers.total(point.forces))
-    return np.asarray(
-        given.numbers.legs_turn - (GRAVITY_M_S2 / 24.0 * lasts**3 * bend) @ given.numbers.spin.T
-    )
+    point, numbers = given.point, given.numbers
+    sums = point.velocity[1:] + point.velocity[:-1]
+    bend = GRAVITY_M_S2 / 24.0 * numbers.lasts[:, None] ** 3
+    bend = bend * np.cross(sums, numbers.total(point.forces))
+    return np.asarray(numbers.legs_turn - np.matmul(numbers.spins, bend[..., None])[..., 0])
 
 
 def _slack(rows: Rows[LeapGiven], name: str, equal: Index) -> None:

@@ -9,8 +9,6 @@ air without a force, as a body does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,21 +22,17 @@ from .walk_joints import MovingBody, WalkPostures
 
 STEP_S = 0.005
 """Spacing of the samples, at most."""
-TURNS = 5
-"""Rounds in which legs and the body that they turn agree; each leaves a third or less."""
+TURNS = 6
+"""Rounds in which legs and the body that they turn agree; each leaves a third or less of what is off."""
+SINGULAR = 0.03
+"""Directions in which a stretched leg moves its foot by less than this share of others are left
+out."""
+QUICK = 15
+"""Steps of inverse kinematics from the round before; a foot that was out of reach stays there."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gather:
-    """How legs are drawn up in flight.
-
-    edge: share of a flight after which a leg is drawn up, and before whose end it reaches out.
-    fold: length of a leg that is drawn up, hip to foot, as a share of the shorter of its lengths at
-    both ends.
-    """
-
-    edge: float = 0.3
-    fold: float = 0.8
+GATHER = (0.3, 0.8)
+"""Of a plan that does not say how legs are drawn up: see ``LeapPlan``."""
 
 
 class LeapBody:
@@ -47,20 +41,29 @@ class LeapBody:
     times_s: shape (K,) [s]. com_m, velocity_m_s, momentum_m2_s: exact, shape (K, 3). rotation:
     R_WB, shape (K, 3, 3). centres_m, normals: of the feet, and of the surface below them, shape (K,
     N, 3). forces_n: shape (K, N, 3) [N]. holds: foothold under every limb, −1 in the air, shape (K,
-    N). postures: of the whole robot.
+    N). postures: of the whole robot. spins: ∂ω/∂L per mass, shape (K, 3, 3).
 
+    quick: half as many samples, and no other posture is looked for where a foot is out of reach
+    from the one in which it stands.
     Raises InvalidInput for a robot without legs of its own, and without pinocchio.
     """
 
-    def __init__(self, plan: LeapPlan, gather: Gather = Gather(), body: MovingBody | None = None):
+    def __init__(
+        self,
+        plan: LeapPlan,
+        body: MovingBody | None = None,
+        *,
+        quick: bool = False,
+    ) -> None:
         robot = plan.problem.robot
         if not robot.source.own:
             raise InvalidInput(f"robot {robot.name}: expected legs of its own, its file has none")
-        self.plan, self.gather = plan, gather
+        self.plan, self._quick = plan, quick
+        self._edge, self._fold = GATHER if plan.gather is None else plan.gather.tolist()
         self._body = body or MovingBody(robot.source.own_model())
         self._radii = self._body.kinematics.radii_m
         ends = plan.times_s
-        count = int(np.ceil((ends[-1] - ends[0]) / STEP_S)) + 1
+        count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * STEP_S if quick else STEP_S))) + 1
         self.times_s = np.linspace(ends[0], ends[-1], count)
         self._k = np.clip(
             np.searchsorted(ends, self.times_s + 1e-9, side="right") - 1, 0, len(ends) - 2
@@ -95,21 +98,23 @@ class LeapBody:
         self.rotation = rotations_of(
             table[self._k] + share[:, None] * (table[self._k + 1] - table[self._k])
         )
-        self._spin = np.zeros_like(self.com_m)
-        near: Array | None = None
+        self._planned = self.rotation
+        self._feet()
+        stands = np.concatenate([leg.stance_rad for leg in self._body.model.legs])
+        near = np.tile(stands, (len(self.times_s), 1))
         for turn in range(TURNS):
-            self._feet()
             self.postures: WalkPostures = self._body.postures(
                 self.com_m,
                 self.rotation,
                 self.toes_m,
                 self.normals,
                 near=near,
-                rounds=4 if turn == 0 else 2,
+                rounds=3 if turn == 0 else 1,
+                steps=QUICK if turn or self._quick else 0,
             )
             near = self.postures.angles
             if turn < TURNS - 1:
-                self.rotation, self._spin = self._turned(self.postures)
+                self.rotation = self._turned(self.postures)
 
     def _feet(self) -> None:
         """Centres of the feet, and the normals below them: in the air they go from one surface's to
@@ -118,7 +123,7 @@ class LeapBody:
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
         facing = np.array([patch.normal for patch in patches])
         shape = (len(self.times_s), len(self._radii), 3)
-        self.centres_m, self.normals = np.zeros(shape), np.zeros(shape)
+        self.centres_m, self.normals, self._moves = (np.zeros(shape) for _ in range(3))
         for i in range(shape[1]):
             stands = self.holds[:, i] >= 0
             j = np.maximum(self.holds[:, i], 0)
@@ -144,24 +149,27 @@ class LeapBody:
         share = ((times - begin) / (end - begin))[:, None]
         facing = normals[0] + share * (normals[1] - normals[0])
         self.normals[here, limb] = facing / np.linalg.norm(facing, axis=1, keepdims=True)
-        turns, arms = self.rotation[at], self.centres_m[at, limb] - self.com_m[at]
-        ends = np.einsum("mji,mj->mi", turns, arms)
-        moves = -np.einsum("mji,mj->mi", turns, self.velocity_m_s[at] + cross(self._spin[at], arms))
+        ends = self.centres_m[at, limb] - self.com_m[at]  # in axes that do not turn
+        moves = -self.velocity_m_s[at]
         leg = self.plan.problem.leg(self.plan.problem.robot.limbs[limb])
-        edge = self.gather.edge
-        mids = ends[0] + np.array([[edge], [1.0 - edge]]) * (ends[1] - ends[0])
-        away = mids - leg.hip_m
-        lengths = np.linalg.norm(ends - leg.hip_m, axis=1)
-        folded = max(self.gather.fold * float(lengths.min()), 1.1 * leg.fold_m)
+        edge = self._edge
+        shares = np.array([[edge], [1.0 - edge]])
+        mids = ends[0] + shares * (ends[1] - ends[0])
+        hips = np.einsum("mij,j->mi", self._planned[at], leg.hip_m)
+        away = mids - (hips[0] + shares * (hips[1] - hips[0]))
+        lengths = np.linalg.norm(ends - hips, axis=1)
+        folded = max(self._fold * float(lengths.min()), 1.1 * leg.fold_m)
         drawn = np.minimum(folded / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 1.0)
-        mids = leg.hip_m + drawn[:, None] * away
+        mids += (drawn[:, None] - 1.0) * away
         knots = begin + np.array([0.0, edge, 1.0 - edge, 1.0]) * (end - begin)
         path = CubicSpline(
             knots, np.vstack([ends[:1], mids, ends[1:]]), bc_type=((1, moves[0]), (1, moves[1]))
         )
-        placed = np.einsum("kij,kj->ki", self.rotation[here], path(times)) + self.com_m[here]
+        placed = path(times) + self.com_m[here]
+        moving = path(times, 1) + self.velocity_m_s[here]
         flies = self.holds[here, limb] < 0
         self.centres_m[here, limb] = np.where(flies[:, None], placed, self.centres_m[here, limb])
+        self._moves[here, limb] = np.where(flies[:, None], moving, 0.0)
 
     def _flight(self, limb: int, rows: NDArray[np.int_]) -> tuple[float, float]:
         """When a limb leaves and lands [s], exactly."""
@@ -174,35 +182,48 @@ class LeapBody:
             last += 1
         return float(self.plan.times_s[first]), float(self.plan.times_s[last + 1])
 
-    def _turned(self, postures: WalkPostures) -> tuple[Array, Array]:
-        """R_WB and ω that leave the whole robot with the momentum of the plan, shape (K, 3, 3) and
-        (K, 3)."""
+    def _turned(self, postures: WalkPostures) -> Array:
+        """R_WB that leaves the whole robot with the momentum of the plan, shape (K, 3, 3).
+
+        Feet go where they should whatever the body does, ẋ = J_b v_b + J_q q̇, so that (A_b − A_q
+        J_q⁻¹ J_b) v_b = h − A_q J_q⁻¹ ẋ.
+        """
         from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
 
         pin, solver = pinocchio(), postures.kinematics
         known, mass = solver.known, self.plan.problem.robot.mass_kg
         data, base = known.createData(), known.joints[base_joint(known)]
-        rows, columns = slice(base.idx_q, base.idx_q + 7), slice(base.idx_v, base.idx_v + 6)
+        rows, first = slice(base.idx_q, base.idx_q + 7), slice(base.idx_v, base.idx_v + 6)
         home = pin.XYZQUATToSE3(at_rest(known)[rows])
+        feet = [known.getFrameId(f"{leg.name}: foot") for leg in self._body.model.legs]
+        columns = [solver.columns[solver.legs == i] for i in range(len(feet))]
         step = float(self.times_s[1] - self.times_s[0])
-        rates = np.gradient(postures.angles, step, axis=0)
-        spin = np.zeros_like(self.com_m)
+        spin, self.spins = np.zeros_like(self.com_m), np.zeros_like(self.rotation)
         for k, angles in enumerate(postures.angles):
             state = solver.configuration(angles)
             placed = pin.SE3(self.rotation[k], postures.origin_m[k]) * home
             state[rows] = pin.SE3ToXYZQUAT(placed)
-            moved = np.zeros(known.nv)
-            moved[solver.columns] = rates[k]
-            matrix = pin.computeCentroidalMap(known, data, state)
+            matrix = np.array(pin.computeCentroidalMap(known, data, state))
             wanted = mass * np.concatenate([self.velocity_m_s[k], self.momentum_m2_s[k]])
-            body = np.linalg.solve(matrix[:, columns], wanted - matrix @ moved)
-            spin[k] = placed.rotation @ body[3:]
+            body = matrix[:, first].copy()
+            pin.computeJointJacobians(known, data, state)
+            pin.updateFramePlacements(known, data)
+            for mine, frame, moves in zip(columns, feet, self._moves[k], strict=True):
+                full = pin.getFrameJacobian(
+                    known, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                )[:3]
+                swung = matrix[:, mine] @ np.linalg.pinv(full[:, mine], rcond=SINGULAR)
+                body -= swung @ full[:, first]
+                wanted = wanted - swung @ moves
+            inverse = np.linalg.inv(body)
+            spin[k] = placed.rotation @ (inverse @ wanted)[3:]
+            self.spins[k] = mass * placed.rotation @ inverse[3:, 3:]
         turns = 0.5 * step * (spin[1:] + spin[:-1])
         rotation = np.empty_like(self.rotation)
         rotation[0] = rotations_of(self.plan.problem.start.rotation_rad)
         for k, small in enumerate(rotations_of(turns)):
             rotation[k + 1] = small @ rotation[k]
-        return rotation, spin
+        return rotation
 
     @property
     def toes_m(self) -> Array:

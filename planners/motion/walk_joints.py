@@ -9,7 +9,7 @@ import numpy as np
 
 from ..answer.trajectory import Trajectory
 from ..files.arrays import Array
-from ..robot.inverse_kinematics import LegPostures
+from ..robot.inverse_kinematics import LegPostures, descend
 from ..robot.kinematics import Kinematics
 from ..robot.legged import robot_of
 from ..robot.robot_model import RobotModel
@@ -67,6 +67,7 @@ class MovingBody:
         *,
         near: Array | None = None,
         rounds: int = ROUNDS,
+        steps: int = 0,
     ) -> WalkPostures:
         """Postures of K samples, each found from the standing posture or from one that is near.
 
@@ -76,6 +77,7 @@ class MovingBody:
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
             near: angles to begin with, shape (K, J) [rad].
             rounds: as ``ROUNDS``.
+            steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
         body_m, angles = self.model.body.com_m, near
         origin = com_m - rotation @ body_m
@@ -83,12 +85,28 @@ class MovingBody:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
         for _ in range(rounds):
             standing = origin + rotation @ body_m
-            postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
-            angles = np.concatenate(postures.angles, axis=1)
+            if steps and angles is not None:
+                feet = self._solver.centres(standing, rotation, toes_m, normals)
+                angles = self._descended(feet, angles, steps)
+            else:
+                postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                angles = np.concatenate(postures.angles, axis=1)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None
         return WalkPostures(
             angles=angles, origin_m=origin, normals=normals, kinematics=self.kinematics
+        )
+
+    def _descended(self, feet: Array, near: Array, steps: int) -> Array:
+        """Angles from those that are near, shape (K, J)."""
+        ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
+        parts = np.split(near, ends, axis=1)
+        return np.concatenate(
+            [
+                descend(leg, feet[:, i], part, steps=steps)[0]
+                for i, (leg, part) in enumerate(zip(self.model.legs, parts, strict=True))
+            ],
+            axis=1,
         )
 
     def _shifts(self, angles: Array) -> Array:

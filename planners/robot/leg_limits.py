@@ -15,8 +15,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
 from ..files.validation import validated
-from .contact_robot import contact_robot
 from .leg import Leg
+from .legged import robot_of
 from .model import LegLimits, Limb, Robot
 from .reach import ReachRows
 from .robot_file import YAML, LegKeys, named_robot, read_keys, robot_path
@@ -25,7 +25,7 @@ from .single_body import GaitRobot, legged_anymal
 from .urdf_reader import matching
 
 ANGLES = 9
-"""Postures per joint that are looked at for the shortest leg."""
+"""Postures per joint that are looked at for the shortest and the longest leg."""
 
 
 class _File(BaseModel):
@@ -38,7 +38,7 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
     length.
 
     robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
-    reach what is in their inner sets, which they surely reach; a walker's file gives boxes, and
+    reach as far from their hips as their joints let them, in any direction; a walker's file gives boxes, and
     that of ``anymal`` has the legs of ``configs/robots/anymal.urdf`` besides. Its key ``legs`` (by
     name or pattern) says limits; those of a model follow from the efforts and velocities of its
     joints. Raises InvalidInput for a robot without inertia.
@@ -56,7 +56,7 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
             robot = boxed(walker, keys)
         else:
             keys = read_keys(path).legs if data else {}
-            robot = _with_limits(contact_robot(named_robot(robot)), keys)
+            robot = _with_limits(robot_of(named_robot(robot)), keys)
     if robot.inertia is None:
         raise InvalidInput(
             f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none"
@@ -121,12 +121,7 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     velocity = np.array([joint.velocity_rad_s for joint in leg.joints])
     power = float(leg.torque_nm @ velocity)
     speed = float(np.abs(along @ jacobian) @ velocity)
-    lines = [
-        np.linspace(low, high, ANGLES)
-        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
-    ]
-    angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
-    shortest = float(np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1).min())
+    shortest, _ = _lengths(leg)
     return LegLimits(
         hip_m=leg.hip_m - com_m,
         speed_m_s=speed if np.all(velocity > 0.0) else math.inf,
@@ -135,10 +130,24 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     )
 
 
+def _lengths(leg: Leg) -> tuple[float, float]:
+    """Shortest and longest distance of hip and foot's centre within the joints' limits [m]."""
+    lines = [
+        np.linspace(low, high, ANGLES)
+        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
+    ]
+    angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
+    lengths = np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1)
+    return float(lengths.min()), float(lengths.max())
+
+
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
     model = robot.source.own_model()
     limits = [limits_of(leg, model.body.com_m) for leg in model.legs]
-    limbs = tuple(replace(limb, leg=each) for limb, each in zip(robot.limbs, limits, strict=True))
+    limbs = tuple(
+        replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)
+        for limb, each, leg in zip(robot.limbs, limits, model.legs, strict=True)
+    )
     return _corrected(replace(robot, limbs=limbs), keys)
 
 

@@ -112,8 +112,10 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
                         depth[rows[near], i] = -arms @ normals[j]
         return np.maximum(left, 0.0), np.maximum(lands, 0.0)
 
-    def groups(self, limits: LeapBodyLimits = LeapBodyLimits()) -> Iterator[Group]:
-        """The groups of ``LEAP_BODY``."""
+    def groups(
+        self, limits: LeapBodyLimits = LeapBodyLimits(), *, bodies: bool = True
+    ) -> Iterator[Group]:
+        """The groups of ``LEAP_BODY``; bodies: judge them, too."""
         feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
         legs = [self.path.feet[leg] for leg in self.kinematics.legs]
@@ -136,7 +138,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         )
         yield _group("take_off", left[0], feet, times, limits.dip_m, feet)
         yield _group("landing", left[1], feet, times, limits.dip_m, feet)
-        yield self._bodies()
+        if bodies:
+            yield self._bodies()
 
     def _bodies(self) -> Group:
         plan = self.leap_body.plan

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..answer.leap_plan import LEGS_TURN, NUMBERS, LeapPlan
+from ..answer.leap_plan import NUMBERS, LeapPlan
 from ..answer.report import Group, Report
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
@@ -82,8 +82,8 @@ def _defect(plan: LeapPlan) -> str:
     shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {
         "choice": (p,)
     }
-    if plan.legs_turn_rad is not None:
-        shapes[LEGS_TURN] = (m, 3)
+    later = {"legs_turn_rad": (m, 3), "gather": (2,)}
+    shapes |= {name: later[name] for name in plan.later}
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
     for name, shape in shapes.items():
@@ -92,6 +92,10 @@ def _defect(plan: LeapPlan) -> str:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
             return f"{name}: expected finite numbers"
+    if plan.gather is not None and not (
+        0.05 <= plan.gather[0] <= 0.5 and 0.1 <= plan.gather[1] <= 1.0
+    ):
+        return f"gather: expected shares of .05 to .5 and of .1 to 1, got {plan.gather.tolist()}"
     for j, foothold in enumerate(leap.footholds):
         if not 0 <= plan.choice[j] < len(foothold.candidates):
             return (
