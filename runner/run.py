@@ -20,13 +20,14 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted, AcceptedGait
+from .acceptance import Accepted, AcceptedGait, AcceptedLeap
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
@@ -39,6 +40,7 @@ from .prepared import (
     Tracked,
     body_from,
     prepare_gait,
+    prepare_leap,
     prepare_plan,
 )
 from .record import Record
@@ -86,7 +88,9 @@ class Runner:
         self._prepared: Prepared[PlannedMotion] | None = None
         self.state: State | None = None
 
-    def run(self, accepted: Accepted | AcceptedGait, terrain: Terrain | None = None) -> RunReport:
+    def run(
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap, terrain: Terrain | None = None
+    ) -> RunReport:
         """One plan, or gait, from its beginning to its end.
 
         terrain: what the world has, where that is not what the plan says. Raises InvalidInput for
@@ -148,9 +152,13 @@ class Runner:
     @overload
     def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
     @overload
-    def prepare(self, accepted: Accepted | AcceptedGait) -> Prepared[PlannedMotion]: ...
+    def prepare(self, accepted: AcceptedLeap) -> Prepared[LeapRun]: ...
+    @overload
     def prepare(
-        self, accepted: Accepted | AcceptedGait, resumption: Resumption | None = None
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap
+    ) -> Prepared[PlannedMotion]: ...
+    def prepare(
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap, resumption: Resumption | None = None
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it. Raises InvalidInput.
 
@@ -159,6 +167,8 @@ class Runner:
         prepared: Prepared[PlannedMotion]
         if isinstance(accepted, Accepted):
             prepared = prepare_plan(accepted, self.world, self.settings, resumption)
+        elif isinstance(accepted, AcceptedLeap):
+            prepared = prepare_leap(accepted, self.world, self.settings)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared
@@ -229,6 +239,7 @@ class Runner:
         )
         while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
+            self._commit(float(target.sample.frame))
             self._carry(float(target.sample.frame))
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
@@ -243,6 +254,14 @@ class Runner:
             if until(target, state):
                 return False
         return True
+
+    def _commit(self, time_s: float) -> None:
+        """Tell the guard whether a leap is under way that ends on its feet or not at all: a stop
+        lands it first."""
+        motion = None if self._prepared is None else self._prepared.motion
+        if isinstance(motion, LeapRun):
+            begins, ends = motion.committed_s
+            self.world.flies = begins < time_s < ends
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,

@@ -155,6 +155,8 @@ class SafeWorld:
         self._last: Array | None = None
         self._away = self._lean = np.zeros(len(world.joints))
         self._first: Array | None = None
+        self.flies, self._asked_to_stop = False, True
+        self.landed_for = ""
 
     @cached_property
     def drives(self) -> Drives:
@@ -260,6 +262,7 @@ class SafeWorld:
 
     def trip(self, reason: str) -> NoReturn:
         """Stop for this reason, and raise Stopped."""
+        self._asked_to_stop = False
         self.latch.trip(reason)
         raise Stopped(self.latch.reason)
 
@@ -293,10 +296,17 @@ class SafeWorld:
         self.close()
 
     def _ask(self) -> None:
-        """Raise Stopped where somebody wants it."""
+        """Raise Stopped where somebody wants it; of a leap that is under way, after it has landed.
+
+        A robot that holds its joints in the air falls: a stop that comes then is obeyed as soon as
+        the body rests. A fault that the guard itself finds stops at once.
+        """
         try:
             self.latch.check()
         except Stopped:
+            if self.flies and self._asked_to_stop:
+                self.landed_for = self.latch.reason
+                return
             self.refused += 1
             raise
 
