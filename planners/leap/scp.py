@@ -29,6 +29,8 @@ HOLDS = 1e-6
 RADIUS_M, LEAST_RADIUS_M = 0.2, 1e-4
 REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
 """Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
+EDGE_M = 0.02
+"""Kept from the borders of patches by robots whose legs are known: feet land a little off."""
 LEAST_FRICTION = 1e-4
 """Friction below this is raised to it in programs, so that a cone says that forces push."""
 FRICTION_SHARE = 0.8
@@ -114,14 +116,30 @@ def attempt(
 
 
 def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
-    """Numbers of chosen contacts, with what plans keep of reach, tilt and friction."""
+    """Numbers of chosen contacts, with what plans keep of reach, tilt and friction, and of the
+    borders of patches where feet are to stand on them."""
     scaled = numbers.scaled.chosen(choice)
+    if numbers.leap.robot.source.own:
+        pieces = [_inside(piece, EDGE_M) for piece in scaled.pieces]
+        scaled = replace(scaled, vertices=np.concatenate(pieces))
     return replace(
         scaled,
         reach=scaled.reach - REACH_RESERVE_M,
         tilt=scaled.tilt - TILT_RESERVE_RAD,
         friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
     )
+
+
+def _inside(border_m: Array, edge_m: float) -> Array:
+    """A convex patch drawn in towards its middle until it is so far from its border, or a tenth as
+    large, shape (U, 3); a point stays one."""
+    middle = border_m.mean(axis=0)
+    along = np.roll(border_m, -1, axis=0) - border_m
+    long = np.linalg.norm(along, axis=1)
+    if len(border_m) < 3 or long.min() < 1e-9:
+        return border_m
+    away = np.linalg.norm(np.cross(middle - border_m, along), axis=1) / long
+    return np.asarray(middle + max(1.0 - edge_m / float(away.min()), 0.1) * (border_m - middle))
 
 
 def descend(
