@@ -20,7 +20,7 @@ from ..files.documents import read_json, read_yaml
 from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem.leap import Leap
-from ..problem.leap_classes import leap_classes
+from ..problem.leap_classes import leap_class, leap_classes
 from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
 from ..robot.robot_file import YAML
 from ..verify import check_certificate, explain
@@ -39,15 +39,23 @@ class LeapFile:
     certificate: Certificate | None = None
 
 
-def read_leap(path: str | Path) -> LeapFile:
+def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
     """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
 
-    Raises InvalidInput, in one line, for anything else.
+    robot: a name or file whose legs are known, in place of the class's robot.
+
+    Raises InvalidInput, in one line, for anything else, and for another robot beside a file.
     """
+    if robot is not None and not _is_drawn(path):
+        raise InvalidInput(f"robot: expected CLASS:SEED with another robot, got the file {path}")
     if _is_drawn(path):
         name, _, seed = str(path).partition(":")
         if not (seed or "0").isdecimal():
             raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
+        if robot is not None:
+            number = int(seed or "0")
+            kind = leap_class(name).on(str(robot))
+            return LeapFile(leap=kind.draw(np.random.default_rng(number), f"{name}-{number}"))
         return LeapFile(
             leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path))
         )
