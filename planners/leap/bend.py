@@ -41,12 +41,12 @@ from .scp import (
     reserved,
 )
 
-SHARE = 0.88
-"""Of joints' speeds and torques, that rows ask for."""
+SHARE, LEAST_SHARE = 0.88, 0.5
+"""Of joints' speeds and torques, that rows ask for; less in later rounds, but no less than that."""
 ROUNDS, STEPS = 6, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
-LEAST = 0.02
-"""A round that wins less than this of the worst share is the last but one."""
+SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
+"""What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
 STRETCHED = (
     (1.0, 1.0, 1.0),
     (1.3, 1.0, 1.3),
@@ -73,6 +73,18 @@ class Judged:
     body: LeapBodyMeasurements
     groups: tuple[Group, ...]
     shortened_m: Array
+    share: float = SHARE
+
+    @property
+    def next_share(self) -> float:
+        """Share that the next rows ask for: less where it was kept and something between them was
+        not."""
+        over = [
+            group.value / group.limit
+            for group in self.groups
+            if group.name in ("joint_speed", "torque") and group.verdict == "violated"
+        ]
+        return max(self.share / min(max([1.0, *over]), 1.15), LEAST_SHARE)
 
     @property
     def short_m(self) -> Array:
@@ -89,14 +101,11 @@ class Judged:
 
     @property
     def score(self) -> float:
-        """How far from accepted it is; what joints lack counts by its share."""
+        """How far from accepted it is, in units of ``SCALES``."""
         total = 0.0
         for group in self.groups:
             if group.verdict == "violated":
-                total += {"joints": group.value / 0.01, "legs_turn": group.value / 0.1}.get(
-                    group.name,
-                    group.value if group.name in ("joint_speed", "torque") else 0.1,
-                )
+                total += (group.value - group.limit) / SCALES.get(group.name, 0.1)
         return total
 
 
@@ -117,8 +126,11 @@ class LeapBender:
         self._body: MovingBody | None = None
         self.rounds = 0
 
-    def judge(self, plan: LeapPlan, shortened_m: Array | None = None) -> Judged:
-        """Joints of a plan, and its bodies where they can do it. shortened_m: as of ``Judged``."""
+    def judge(
+        self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
+    ) -> Judged:
+        """Joints of a plan, and its bodies where they can do it. shortened_m, share: as of
+        ``Judged``."""
         model = plan.problem.robot.source.own_model()
         if self._body is None:
             if unlimited := no_motors(model):
@@ -148,6 +160,7 @@ class LeapBender:
             body=measured,
             groups=groups,
             shortened_m=none if shortened_m is None else shortened_m,
+            share=share,
         )
 
     def _hard(self, measured: LeapBodyMeasurements, *, air: bool = True) -> float:
@@ -209,21 +222,21 @@ class LeapBender:
         for _ in range(ROUNDS):
             if time.perf_counter() > self._deadline or near < 0.1 * NEAR_M:
                 return
-            plan = self._stepped(best, near)
+            plan = self._stepped(best, near, judged.next_share)
             if plan is None:
                 near *= 0.4
                 continue
             self.rounds += 1
-            judged = self.judge(plan, best.short_m)
+            judged = self.judge(plan, best.short_m, judged.next_share)
             yield judged
             if judged.accepted:
                 return
-            if judged.score < best.score - LEAST or best is judged:
+            if judged.score < best.score:
                 best = judged
             else:
                 near *= 0.4
 
-    def _stepped(self, judged: Judged, near_m: float) -> LeapPlan | None:
+    def _stepped(self, judged: Judged, near_m: float, share: float) -> LeapPlan | None:
         """One round: the plan of the convex steps with the joints' rows; None where its own rows do
         not hold."""
         plan = judged.plan
@@ -236,7 +249,7 @@ class LeapBender:
         )
         point = _point(numbers, plan)
         given = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
-        given = replace(given, joints=joint_rows(judged.body, given))
+        given = replace(given, joints=joint_rows(judged.body, given, share))
         radius = near_m
         for _ in range(STEPS):
             answer = program.solve(nearby(given, point, radius))

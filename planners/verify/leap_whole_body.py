@@ -40,7 +40,8 @@ class LeapBodyLimits:
 
     joints_m: distance of a foot from where it should be, with all joints within their limits.
     joint_speed, torque: shares of what the robot's file gives a joint, the torque on the
-    speed–torque line. legs_turn_rad: what legs turn the body by beside what the plan says. dip_m:
+    speed–torque line. legs_turn_rad: what legs turn the body by beside what the plan says; joints are
+    judged with all of it. dip_m:
     how far a foot in the air is below the plane of the surface that it left or comes to. bodies_m:
     of one link in another; in the ground what is within 1 mm counts as 0.
     """
@@ -48,7 +49,7 @@ class LeapBodyLimits:
     joints_m: float = 1e-4
     joint_speed: float = 0.95
     torque: float = 1.0
-    legs_turn_rad: float = 0.02
+    legs_turn_rad: float = 0.05
     dip_m: float = 2e-3
     bodies_m: float = 1e-4
 
