@@ -247,7 +247,7 @@ class LeapBender:
         program = self._programs.get(
             LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
         )
-        point = _point(numbers, plan)
+        point = point_of(numbers, plan)
         given = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
         given = replace(given, joints=joint_rows(judged.body, given, share))
         radius = near_m
@@ -273,7 +273,7 @@ def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:
     spins = np.array([body.spins[a:b].mean(axis=0) for a, b in itertools.pairwise(ends)])
     mean = LeapNumbers.of(plan.problem, plan.timing, spins=spins)
     turned = np.diff(measured.turned + plan.rotation_rad, axis=0)
-    return replace(mean, legs_turn=turned - mean.turned(_point(mean, plan))[1])
+    return replace(mean, legs_turn=turned - mean.turned(point_of(mean, plan))[1])
 
 
 def _most(legs: Index) -> int:
@@ -289,7 +289,7 @@ def _plan_of(numbers: LeapNumbers, choice: Index, point: LeapPoint, like: LeapPl
     return replace(plan_from(numbers, choice, point.toes, forces, method), gather=like.gather)
 
 
-def _point(numbers: LeapNumbers, plan: LeapPlan) -> LeapPoint:
+def point_of(numbers: LeapNumbers, plan: LeapPlan) -> LeapPoint:
     """A plan as a point of the programs."""
     pushes = plan.forces_n[numbers.contact_intervals, numbers.layout.contacts[1]]
     pushes = pushes / plan.problem.weight_n
