@@ -17,7 +17,6 @@ import json
 import sys
 import time
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,8 @@ from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.runner.acceptance import AcceptedLeap
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.run import Runner
+from stancekit.runner.worlds import make_world
 
 LIMIT_S = 400.0
 """For bending a scene, by the clock."""
@@ -126,24 +126,19 @@ def stop(path: Path, times: int = 20) -> None:
 
     duration = LeapRun(plan).duration_s
     for when in np.linspace(0.05, 0.95, times) * duration:
-        asked = 0
+        runners = list[Runner]()
 
-        def pressed(at: float = float(when)) -> str:
-            nonlocal asked
-            asked += 1
-            return "e-stop" if asked / 200.0 > at else ""
+        def pressed(at: float = float(when), runners: list[Runner] = runners) -> str:
+            state = runners[0].state if runners else None
+            return "e-stop" if state is not None and state.time_s >= at else ""
 
-        report = run(accepted, "mujoco", settings=replace(RunSettings(), stops=(pressed,)))
-        print(
-            json.dumps(
-                {
-                    "pressed_s": round(float(when), 3),
-                    "frames": report.frames_done,
-                    **outcome(report),
-                }
-            ),
-            flush=True,
-        )
+        runners.append(Runner(make_world("mujoco", accepted.robot), sources=(pressed,)))
+        report = runners[0].run(accepted)
+        row = {
+            "pressed_s": round(float(when), 3),
+            "ended_s": report.execution and report.execution.seconds,
+        }
+        print(json.dumps(row | outcome(report)), flush=True)
 
 
 def wilson(k: int, n: int) -> str:

@@ -285,6 +285,10 @@ def prepare_leap(
     for wrong, message in (
         (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
         (settings.hung, "hung: expected a plan or a gait, got a leap"),
+        (
+            world.real and not world.dry,
+            f"world: expected a simulation for a leap, whose stop in the air lands first, got {world.name}",
+        ),
     ):
         if wrong:
             raise InvalidInput(message)

@@ -253,15 +253,17 @@ class Runner:
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):
                 return False
+        self.latch.lands = False
+        self.latch.check()
         return True
 
     def _commit(self, time_s: float) -> None:
-        """Tell the guard whether a leap is under way that ends on its feet or not at all: a stop
-        lands it first."""
+        """Tell the latch whether a leap is under way that ends on its feet or not at all: a robot
+        that holds its joints in the air falls, so a stop lands it first."""
         motion = None if self._prepared is None else self._prepared.motion
         if isinstance(motion, LeapRun):
             begins, ends = motion.committed_s
-            self.world.flies = begins < time_s < ends
+            self.latch.lands = begins < time_s < ends
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,

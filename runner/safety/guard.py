@@ -155,8 +155,6 @@ class SafeWorld:
         self._last: Array | None = None
         self._away = self._lean = np.zeros(len(world.joints))
         self._first: Array | None = None
-        self.flies, self._asked_to_stop = False, True
-        self.landed_for = ""
 
     @cached_property
     def drives(self) -> Drives:
@@ -262,8 +260,7 @@ class SafeWorld:
 
     def trip(self, reason: str) -> NoReturn:
         """Stop for this reason, and raise Stopped."""
-        self._asked_to_stop = False
-        self.latch.trip(reason)
+        self.latch.trip(reason, at_once=True)
         raise Stopped(self.latch.reason)
 
     def within(self, targets_rad: Array) -> Array:
@@ -296,17 +293,11 @@ class SafeWorld:
         self.close()
 
     def _ask(self) -> None:
-        """Raise Stopped where somebody wants it; of a leap that is under way, after it has landed.
-
-        A robot that holds its joints in the air falls: a stop that comes then is obeyed as soon as
-        the body rests. A fault that the guard itself finds stops at once.
-        """
+        """Raise Stopped where somebody wants it; of a leap that is in the air, after it has
+        landed."""
         try:
             self.latch.check()
         except Stopped:
-            if self.flies and self._asked_to_stop:
-                self.landed_for = self.latch.reason
-                return
             self.refused += 1
             raise
 
