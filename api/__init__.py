@@ -1,6 +1,6 @@
 """Legged robots learn and plan on hard terrain: what ``import stancekit`` gives.
 
-Problems, courses, terrain, robots and envelopes; verbs that answer, check, explain and draw them;
+Problems, courses, terrain, robots and envelopes; functions that answer, check, explain and draw them;
 files. Every name is looked up when it is first asked for, so that the import itself takes no time
 and loads no solver. The environments are Gymnasium's:
 ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.

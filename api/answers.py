@@ -51,15 +51,18 @@ def explain(
         certificate: beside a problem as the subject, which is the old form.
         tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's
             own where None.
+
     Returns:
         An ``Explanation``: ``message`` in one line, and ``relaxations``, what each parameter would
         have to become at least. A certificate that is not accepted explains nothing: no
         relaxations, and the message says why.
+
     Raises:
         InvalidInput: for an answer that is not infeasible, a certificate that does not know its
             problem, and a second one beside it. A bad certificate is refused in the message.
     Source:
         Lagrangian bounds of E1-E11.
+
     Example:
         >>> import stancekit
         >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
@@ -156,14 +159,17 @@ def verify(
             motion's: whose patches.
         terrain: of the file of a motion from elsewhere (.csv, .npz, JointTrajectory, MuJoCo's
             .xml): heights by name or file, or the file of a plan or a walk, whose ground it is.
+
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a
         ``FileCheck`` with one.
+
     Raises:
         InvalidInput: for a pair that does not belong together. A bad answer is refused in the
             report, and not raised.
     Source:
         E1-E11; W2-W7, between the knots, too.
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -202,7 +208,8 @@ def verify(
 
 def _proof(answer: Answer[Any]) -> Certificate | None:
     """An answer's certificate, of the answer's problem where it knows none itself; None where there
-    is none."""
+    is none.
+    """
     if answer.certificate is None or answer.certificate.problem is not None:
         return answer.certificate
     return (
@@ -214,7 +221,8 @@ def _proof(answer: Answer[Any]) -> Certificate | None:
 
 def _evidence(answer: Answer[Any]) -> Any:
     """Evidence that an answer rests on, as ``verify`` takes it: its solution, or the proof that
-    there is none."""
+    there is none.
+    """
     proof = _proof(answer)
     if proof is not None:
         return proof

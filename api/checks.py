@@ -1,5 +1,6 @@
 """Files of answers, checked anew: those that carry their question, and answers beside their
-problems."""
+problems.
+"""
 
 from __future__ import annotations
 
@@ -52,10 +53,15 @@ def check_file(
     """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it
     says of itself; or a motion from elsewhere, for a robot and a terrain.
 
-    tolerance: of a plan. robot: a name or a file, whose a plan or a walk has to be. course: as
-    ``plan`` takes it, which a plan has to be of. terrain: of a motion, see ``_check_motion``. why:
-    a reason is asked for, which proofs alone have. Raises InvalidInput for a file that holds none
-    of them, and for one of another robot or course.
+    Arguments:
+        tolerance: of a plan.
+        robot: a name or a file, whose a plan or a walk has to be.
+        course: as ``plan`` takes it, which a plan has to be of.
+        terrain: of a motion, see ``_check_motion``.
+        why: a reason is asked for, which proofs alone have.
+
+    Raises:
+        InvalidInput: for a file that holds none of them, and for one of another robot or course.
     """
     from stancekit.planners.formats import plan_file
     from stancekit.planners.formats.motion_file import is_motion_file
@@ -125,8 +131,10 @@ def _check_motion(
 ) -> FileCheck:
     """Check a motion from elsewhere, see ``check_file``.
 
-    terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground are
-    taken. course: as ``plan`` takes it, whose patches, and robot where none is given, are taken.
+    Arguments:
+        terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground
+            are taken.
+        course: as ``plan`` takes it, whose patches, and robot where none is given, are taken.
     """
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.formats.motion_file import read_motion
@@ -170,8 +178,10 @@ def _check_motion(
 
 
 def _legged(robot: str | Path) -> Robot:
-    """The robot of a name or a file with its legs; what they reach is not looked at. Raises
-    InvalidInput."""
+    """The robot of a name or a file with its legs; what they reach is not looked at.
+
+    Raises InvalidInput.
+    """
     from stancekit.planners.robot.legged import robot_of, walking_robot
     from stancekit.planners.robot.robot_file import named_robot
     from stancekit.planners.robot.walker import BUILT_IN
@@ -181,7 +191,10 @@ def _legged(robot: str | Path) -> Robot:
 
 
 def _subject(path: str) -> Plan | Trajectory:
-    """The plan or the walk of a file. Raises InvalidInput."""
+    """The plan or the walk of a file.
+
+    Raises InvalidInput.
+    """
     from stancekit.planners.formats import plan_file, trajectory_file
 
     if plan_file.is_plan_file(path):
@@ -218,8 +231,11 @@ def check_rows(
     """Check every witness and every certificate of a data set, of its folder, or of one that ships
     by its name. Postures or tries of leaps: each row's evidence is what its label asks for.
 
-    tolerance, why: as for files, which are refused here. Raises InvalidInput also for what is no
-    data set.
+    Arguments:
+        tolerance, why: as for files, which are refused here.
+
+    Raises:
+        InvalidInput: also for what is no data set.
     """
     from stancekit.envs.data.leap_tries import LeapTries, open_rows
     from stancekit.envs.data.pools import check_there
@@ -246,9 +262,13 @@ def check_answers(
     """Check the n-th answer of a text against the n-th problem of another: one record each, with
     its verdict.
 
-    problems, answers: each a text, and where it is from. why: say of every proof what would have to
-    give. Raises InvalidInput for another number of answers than of problems; a record that cannot
-    be read is "invalid".
+    Arguments:
+        problems, answers: each a text, and where it is from.
+        why: say of every proof what would have to give.
+
+    Raises:
+        InvalidInput: for another number of answers than of problems; a record that cannot be read
+            is "invalid".
     """
     problems_read, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(problems_read) != len(claims):
@@ -304,7 +324,8 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
 
 def _course(name: str, robot: str | None) -> Callable[[int], Problem]:
     """The course of a name or a file, of so many key frames where it can be had with others than
-    its own."""
+    its own.
+    """
     from stancekit.planners.problem.course_file import read_course
 
     who = None if Path(name).suffix == ".json" else robot

@@ -126,6 +126,7 @@ def plan(
         progress: called after every piece of such a course with the key frames that are planned,
             and all.
         old: settings of methods and limits as arguments, which is the old form.
+
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every
         stance and between them, as far as its ``report`` says that it was checked; infeasible with
@@ -134,11 +135,13 @@ def plan(
         also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
         time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
         ``LeapPlan``.
+
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
             missing or have no use.
     Source:
         Lin et al. §IV-B, E11, E1-E10 in every stance.
+
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=4)
@@ -238,7 +241,13 @@ def plan(
 def _leap(
     leap: Leap, method: object, others: dict[str, Any], time_limit_s: float
 ) -> Answer[LeapPlan]:
-    """Plan a leap. others: arguments that it does not take. Raises InvalidInput."""
+    """Plan a leap.
+
+    Raises InvalidInput.
+
+    Arguments:
+        others: arguments that it does not take.
+    """
     for name, value in others.items():
         if value is not None:
             raise InvalidInput(f"{name}: expected none with a leap, which has its own")
@@ -258,8 +267,10 @@ def _leap(
 def _made(
     called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]
 ) -> Planner:
-    """The planner of a method; messages begin with what the argument is called. Raises
-    InvalidInput."""
+    """The planner of a method; messages begin with what the argument is called.
+
+    Raises InvalidInput.
+    """
     try:
         return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:
@@ -330,7 +341,8 @@ def _question(
 
 def _footholds(name: str, robot: Robot | str | None) -> Footholds:
     """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has
-    them where none is."""
+    them where none is.
+    """
     from stancekit.planners.robot.robot_file import robot_of
     from stancekit.planners.terrain.foothold_search import (
         footholds_of,

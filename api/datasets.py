@@ -109,15 +109,18 @@ def label(
             given), shard_size, and tries (how many choices per scene each order of ``LeapFinder``
             makes; by default {"random": 8, "finder": 4, "noise": 4}, half of them spread over all
             choices, the others near good ones).
+
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
         Of leaps, ``LeapTries``.
+
     Raises:
         InvalidInput: for a folder that holds another data set, numbers out of range, proposers of
             another class, and arguments that leaps or postures have no use for.
         LabellingFailed: where the distribution does not yield enough rows of a label.
     Source:
         Algorithm E1.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -175,9 +178,16 @@ def export_scenes(
     """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the
     hexapod has a plan.
 
-    family: FAMILY:LEVEL as in "stairs:0.6". folder: new or empty. seed: of the first scene; the
-    others follow. progress: called with scenes written, and all. Returns the status of each. Raises
-    InvalidInput.
+    Raises InvalidInput.
+
+    Arguments:
+        family: FAMILY:LEVEL as in "stairs:0.6".
+        folder: new or empty.
+        seed: of the first scene; the others follow.
+        progress: called with scenes written, and all.
+
+    Returns:
+        The status of each.
     """
     from stancekit.learners.data import scene_set
     from stancekit.planners.plugins import split_name
@@ -212,7 +222,10 @@ def _leaps(
     run: Executor,
     progress: Callable[[int, int], None] | None,
 ) -> LeapTries:
-    """Label tries of a class of leaps. Raises InvalidInput."""
+    """Label tries of a class of leaps.
+
+    Raises InvalidInput.
+    """
     settings = {key: value for key, value in given.items() if value is not None}
     if "scenes" not in settings:
         raise InvalidInput(f"scenes: expected how many leaps of {name}, got none")
@@ -235,7 +248,10 @@ def _check_no_use(given: Mapping[str, Any], of: str, but: tuple[str, ...] = ()) 
 
 
 def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> dict[str, Any]:
-    """The rows as a ``LabelPlan`` has them. Raises InvalidInput."""
+    """The rows as a ``LabelPlan`` has them.
+
+    Raises InvalidInput.
+    """
     for name, value in old.items():
         check_argument(name, value, int)
     if old:
@@ -254,8 +270,10 @@ def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> di
 
 
 def _proposers(path: str | Path) -> Proposers:
-    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where
-    torch is missing."""
+    """Networks that propose.
+
+    Raises InvalidInput for a file that is missing or wrong, and where torch is missing.
+    """
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:

@@ -50,6 +50,7 @@ class ExportedMotions:
         without: why a motion has no joints; empty where it has.
     Source:
         None.
+
     Example:
         >>> import stancekit
         >>> plan = stancekit.plan("walls", frames=2).solution
@@ -101,13 +102,16 @@ def export(
         robot: who walks there, as ``walk`` takes it.
         room: of a data set, how far each side of the expert's box is moved out, non-dimensional.
         progress: called with how many are done, and all.
+
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
+
     Raises:
         InvalidInput: for what the verifier does not accept, a format of joints where they are not
             known, a package that is not installed, and where nothing can be written.
     Source:
         docs/exports.md names the source of each format.
+
     Example:
         >>> import stancekit
         >>> plan = stancekit.plan("walls", frames=2).solution
@@ -155,7 +159,9 @@ def export(
 
 def read_accepted(path: Path) -> Subject:
     """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says.
-    Raises InvalidInput."""
+
+    Raises InvalidInput.
+    """
     from stancekit.planners.formats import leap_file, plan_file, trajectory_file
 
     subject: Subject | None
@@ -210,7 +216,10 @@ def _is_rows(subject: object) -> bool:
 
 
 def _format(to: str | None, out: Path | None) -> str:
-    """The format that was asked for, or that the file's ending says. Raises InvalidInput."""
+    """The format that was asked for, or that the file's ending says.
+
+    Raises InvalidInput.
+    """
     if to == MINARI:
         raise InvalidInput(
             "to: expected a format of motions, got minari, which is one of data sets"
@@ -252,7 +261,8 @@ def _drawn(
     progress: Progress | None,
 ) -> ExportedMotions:
     """Accepted walks over drawn grounds, each a file of a folder; what its ledger says is done is
-    not done again."""
+    not done again.
+    """
     checked_int(count, "count", least=1)
     if to == MINARI:
         raise InvalidInput(
@@ -300,8 +310,10 @@ def _drawn(
 
 
 def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]:
-    """Read what a folder's ledger says of each draw. Raises InvalidInput for one of other
-    motions."""
+    """Read what a folder's ledger says of each draw.
+
+    Raises InvalidInput for one of other motions.
+    """
     if not path.exists():
         if any(path.parent.iterdir()):
             raise InvalidInput(

@@ -78,6 +78,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
             ("walls", "anymal-stairs"), where there is no such file.
         kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type
             checkers then know it.
+
     Returns:
         Problem, or a list of them where the file holds JSON lines or an array
         (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the
@@ -85,10 +86,12 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         holds an answer (``stancekit/leap/1``, or YAML); Trajectory of a gait; Dataset; LeapTries;
         GaitRobot (YAML or URDF); what a safetensors file of a neural selector, chooser or policy
         holds, as ``Learned``; LeapScorer. Nothing is unpickled.
+
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
     Source:
         docs/formats.md.
+
     Example:
         >>> import stancekit
         >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
@@ -111,10 +114,12 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
             or what ``fit`` returned. A plan and a walk are verified, and the verdict is written
             with them. A data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
+
     Raises:
         InvalidInput: for another kind of thing, and where nothing can be written.
     Source:
         docs/formats.md.
+
     Example:
         >>> import stancekit
         >>> problems = stancekit.sample("wall-3", 2, rng=0)
@@ -199,7 +204,8 @@ def _read(path: Path) -> Any:
 
 def _leap(path: Path) -> Any:
     """The leap of a file, or what answers it there: its plan, or the pair of it and its
-    certificate."""
+    certificate.
+    """
     leap_file_read = leap_file.read_leap(path)
     if leap_file_read.plan is not None:
         return leap_file_read.plan
@@ -211,7 +217,10 @@ def _leap(path: Path) -> Any:
 
 
 def _problems(path: Path) -> list[Problem]:
-    """All problems of a file. Raises InvalidInput for the first that is none."""
+    """All problems of a file.
+
+    Raises InvalidInput for the first that is none.
+    """
     problems = []
     for _, problem in read_problems(read_text(path), str(path)):
         if isinstance(problem, InvalidInput):

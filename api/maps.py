@@ -35,14 +35,17 @@ def warp(
         method: "fast", exact at the ground; "local-global" (Algorithm 1 of Pan et al.),
             "gauss-newton" and "accelerated" as published, without a snap.
         iterations: at most, of the method.
+
     Returns:
         A ``MapFit``: the ``map``, and its ``report``, whose ``least_det`` above 0 says that the map
         folds nowhere.
+
     Raises:
         InvalidInput: for a bad grid, and a terrain that cannot be read.
         PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
     Source:
         Pan et al. §IV-A and §IV-B, W6.
+
     Example:
         >>> import stancekit
         >>> stancekit.warp("hill", cells=(8, 8, 3)).report.least_det > 0.0

@@ -60,14 +60,17 @@ def simulate(
         settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see
             what comes of it.
         progress: called with key frames done, and all.
+
     Returns:
         A ``RunReport``; ``execution`` is planned against measured, None where the motion never
         began.
+
     Raises:
         InvalidInput: for a motion that the verifier rejects, a schedule that lifts all limbs at
             once, a world that is no simulation, and without pinocchio.
     Source:
         None: a position controller with gravity in its targets.
+
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("walls", frames=2)
@@ -115,13 +118,16 @@ def run(
             or a function of an observation.
         log: a file .mcap for everything that was sent and measured.
         progress: called with key frames done, and all.
+
     Returns:
         A ``RunReport``, or a ``LoopReport`` of a policy: ``succeeded``, and ``message`` where not.
+
     Raises:
         InvalidInput: for what cannot be run, before anything moves. What stops it on the way is in
             the report.
     Source:
         None: the guard, the watchdog and the stop latch of ``runner.safety``.
+
     Example:
         >>> import stancekit
         >>> stancekit.run("plan.json", "mujoco").succeeded  # doctest: +SKIP
@@ -171,7 +177,8 @@ def check_run(
     """Raise InvalidInput for settings that the motion, the world or a policy has no use for, before
     a world is made.
 
-    led: a policy closes the loop.
+    Arguments:
+        led: a policy closes the loop.
     """
     name, kind = (
         (world, WORLDS.get(world).kind) if isinstance(world, str) else (world.name, world.kind)
@@ -206,7 +213,8 @@ def check_run(
 
 def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait | AcceptedLeap:
     """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything
-    else."""
+    else.
+    """
     if isinstance(motion, Accepted | AcceptedGait | AcceptedLeap):
         return motion
     if isinstance(motion, LeapPlan):
@@ -232,7 +240,10 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
 
 
 def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
-    """Course that a policy walks, or plan that it begins with. Raises InvalidInput for a walk."""
+    """Course that a policy walks, or plan that it begins with.
+
+    Raises InvalidInput for a walk.
+    """
     if isinstance(motion, Problem):
         return motion
     if (
@@ -251,8 +262,12 @@ def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
 def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     """A selector as a policy for a course; None for the lift, which needs none.
 
-    name: "lift", a selector's file, or the name of one that ships. Raises InvalidInput for a file
-    that is missing or wrong, and for a selector that the course would never ask.
+    Arguments:
+        name: "lift", a selector's file, or the name of one that ships.
+
+    Raises:
+        InvalidInput: for a file that is missing or wrong, and for a selector that the course would
+            never ask.
     """
     if name == LIFT:
         return None

@@ -49,13 +49,16 @@ def draw(
         envelope: of a posture problem or its plan, a box to draw with it.
         caption: title, where not the usual one.
         out: a picture to write: .png, .pdf or .svg.
+
     Returns:
         The matplotlib figure.
+
     Raises:
         InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or
             of no posture problem, and for a file that cannot be written.
     Source:
         Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -105,13 +108,16 @@ def film(
         executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as
             they moved, and the forces that its feet felt.
         progress: called with frames drawn, and all.
+
     Returns:
         None.
+
     Raises:
         InvalidInput: for a file that cannot be written, and where the film's encoder or GL is
             missing.
     Source:
         None: the motion as it is planned or measured.
+
     Example:
         >>> import stancekit
         >>> stancekit.film(stancekit.plan("walls", frames=2).solution, "plan.mp4")  # doctest: +SKIP

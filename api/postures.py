@@ -35,7 +35,9 @@ def solve(
     engine: Literal["rows", "cvxpy"] = "rows",
     **old: Any,
 ) -> Answer[Any]:
-    """Can the robot hold this posture, and how? Or: which contacts and forces does a course have?
+    """Can the robot hold this posture, and how?
+
+    Or: which contacts and forces does a course have?
 
     Arguments:
         problem: limbs on patches, see ``Problem.posture``; or a course, whose joints and bodies
@@ -52,15 +54,18 @@ def solve(
             is undecided; 30, of a course 60, where None [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, which is the old form.
+
     Returns:
         An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or
         infeasible with a certificate, each accepted by the verifier; else undecided. The status
         speaks of the problem itself, whatever relaxation was solved.
+
     Raises:
         InvalidInput: for an unknown method, a setting or a limit that it has no use for, envelopes
             that are missing or were learned for other problems, and a solver that is not installed.
     Source:
         Lin et al. §II (P, E1-E11), §III (P1, P2).
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -93,8 +98,12 @@ def planner_of(
 ) -> Planner:
     """The planner of a method, to be asked many problems; arguments as for ``solve``.
 
-    of: the kind of problem. settings: of a method that is text, by name; envelopes may be the
-    ``Path`` of a file. Raises InvalidInput likewise.
+    Arguments:
+        of: the kind of problem.
+        settings: of a method that is text, by name; envelopes may be the ``Path`` of a file.
+
+    Raises:
+        InvalidInput: likewise.
     """
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])

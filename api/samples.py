@@ -43,12 +43,15 @@ def sample(
             one; with a name of a distribution only.
         terrain: a mesh or a grid, or a ground by its name as "stairs:0.5:7"; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
+
     Returns:
         ``count`` independent problems.
+
     Raises:
         InvalidInput: for a name that there is not, or a count below 1 or above a million.
     Source:
         Lin et al. §IV-A, G(θ).
+
     Example:
         >>> import stancekit
         >>> first, second = stancekit.sample("wall-3", 2, rng=7)
@@ -65,15 +68,20 @@ def distribution(
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
 ) -> Distribution:
-    """Distribution that ``sample`` draws from. Raises InvalidInput."""
+    """Distribution that ``sample`` draws from.
+
+    Raises InvalidInput.
+    """
     from stancekit.envs.distributions.postures import distribution_of  # loads Gymnasium
 
     return distribution_of(problems, robot=robot, terrain=terrain)
 
 
 def drawn(source: Distribution, count: int, rng: np.random.Generator | int) -> Iterator[Problem]:
-    """Problems of ``sample``, one after the other, however many. Raises InvalidInput for a seed
-    below 0."""
+    """Problems of ``sample``, one after the other, however many.
+
+    Raises InvalidInput for a seed below 0.
+    """
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
     stream = np.random.default_rng(rng)

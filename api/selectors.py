@@ -77,14 +77,17 @@ def fit(
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold,
             boxes, steps, batch, seed, ... Those that do not concern the method are refused. Of
             tries: of ``learners.leaps.training.ScorerSettings``.
+
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
         ``save`` writes it. ``Modes`` for "modes": for ``plan``. A ``LeapScorer`` for tries of
         leaps: for ``LeapFinder(rule=...)``.
+
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
         Lin et al. §III-B, Algorithm E2; §IV-A.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -184,15 +187,18 @@ def evaluate(
         name: of the row.
         workers: processes, or an executor, for example of a Ray cluster.
         progress: called with problems played, and all.
+
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that
         P1 answers right, and of the feasible ones from which each projection reaches a verified
         posture.
+
     Raises:
         InvalidInput: for a selector of another class of problems, a data set without rows that are
             not trivial, and rows that the selector was trained or calibrated on.
     Source:
         Lin et al. Table I.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))

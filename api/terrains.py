@@ -42,13 +42,16 @@ def terrain(
         limits: what counts as a foothold.
         meaning: what the numbers of a file mean, fields of ``ImportOptions``: unit_m, up, offset_m,
             crop_m, spacing_m, height_m, holes, kind, most_triangles.
+
     Returns:
         The ``Footholds``, over which ``plan`` plans from a start to a goal.
+
     Raises:
         InvalidInput: for a file that cannot be read, numbers out of range, and a terrain without
             footholds.
     Source:
         None: planar convex pieces with a margin.
+
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.05)
@@ -93,12 +96,15 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
             (family, level, seed), or a function of x and y as "FILE.py:NAME".
         smooth_m: deviation of a Gaussian that smooths the heights of a file [m].
         meaning: what the numbers of a file mean, as for ``terrain``.
+
     Returns:
         The ``HeightField``.
+
     Raises:
         InvalidInput: for a file that cannot be read, an unknown name, and numbers out of range.
     Source:
         Pan et al. §V, for the reference terrains.
+
     Example:
         >>> import stancekit
         >>> stancekit.heights("hill").domain_m
@@ -118,13 +124,16 @@ def ground(name: str) -> Terrain:
         name: a family's ground as "stairs:0.5:7" (family, level in [0, 1], seed), a reference
             terrain ("ripple", "hill", ...), or "FILE.py:NAME", with a level and a seed where it is
             a family.
+
     Returns:
         The ``Terrain``: ``patches`` about the place ``begin_m`` where courses over it begin, and
         ``heights``, to ``walk`` over, whose edges are rounded; None where all surfaces are upright.
+
     Raises:
         InvalidInput: for an unknown name, a level outside [0, 1], and what is no seed.
     Source:
         None: docs/terrain.md has the table.
+
     Example:
         >>> from stancekit.terrains import ground
         >>> stairs = ground("stairs:0.5:7")

@@ -1,5 +1,6 @@
 """Old forms of calls, which are accepted for one release, each with a warning that shows the new
-form."""
+form.
+"""
 
 from __future__ import annotations
 
@@ -9,26 +10,34 @@ from typing import Any
 
 
 def old_arguments(
-    verb: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]
+    function: str, old: Mapping[str, Any], new: Mapping[str, str], beside: tuple[str, ...]
 ) -> dict[str, Any]:
     """The old arguments of a call, after a ``DeprecationWarning`` about each.
 
-    verb: the function's name.
-    old: what it was called with beside its parameters.
-    new: by old argument the form that replaces it.
-    beside: its parameters, for the message.
-    Raises TypeError for an argument that never was one, as a call of any function does.
+    Arguments:
+        function: the function's name.
+        old: what it was called with beside its parameters.
+        new: by old argument the form that replaces it.
+        beside: its parameters, for the message.
+
+    Raises:
+        TypeError: for an argument that never was one, as a call of any function does.
     """
     for name in old:
         if name not in new:
             raise TypeError(
-                f"stancekit.{verb}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
+                f"stancekit.{function}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
             )
-        warnings.warn(f"{verb}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4)
+        warnings.warn(
+            f"{function}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4
+        )
     return dict(old)
 
 
 def old_form(said: str, new: str) -> None:
-    """Warn that a call is in an old form. said, new: both forms; the warning is the caller's
-    caller's."""
+    """Warn that a call is in an old form.
+
+    Arguments:
+        said, new: both forms; the warning is the caller's caller's.
+    """
     warnings.warn(f"{said} is old: {new}", DeprecationWarning, stacklevel=4)

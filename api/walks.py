@@ -104,16 +104,19 @@ def walk(
             on the way has such places and this is missing), raw (True takes the first feasible
             point as it is), seeds (how many initial guesses of each chart to try, the smoothest
             accepted walk is kept) and seed (of the perturbed ones).
+
     Returns:
         An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else
         undecided, with the best walk that there is so far, if any. ``problem`` is the ``Walk``,
         ``message`` says in one line what came of it.
+
     Raises:
         TypeError: for a terrain without a goal.
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet
             that the robot lacks, a walk longer than its time.
     Source:
         Pan et al. §III (W1-W7), §IV (charts), §V.
+
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -185,7 +188,10 @@ def search_of(
     seeds: int = 1,
     seed: int = 0,
 ) -> tuple[GaitSettings, Caps, list[Attempt]]:
-    """Settings of ``plan_gait`` from the arguments of ``walk``. Raises InvalidInput."""
+    """Settings of ``plan_gait`` from the arguments of ``walk``.
+
+    Raises InvalidInput.
+    """
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
     checked_int(seed, "seed", least=0)
@@ -220,8 +226,10 @@ def walked(
     checkpoint: Checkpoint | None = None,
     signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
 ) -> Attempts:
-    """The walk that was asked for. Raises KeyboardInterrupt at the next iteration after one of the
-    signals."""
+    """The walk that was asked for.
+
+    Raises KeyboardInterrupt at the next iteration after one of the signals.
+    """
     with interruptible(*signals) as interrupted:
 
         def watched(*at: Any) -> bool:

@@ -1,5 +1,6 @@
 """What the tables share: options, rows that are printed, figures of many runs, other checkouts,
-kept cells."""
+kept cells.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ class Options:
 
     def say(self, row: Mapping[str, Any], line: Callable[[Any], str] | None = None) -> None:
         """Print a row: as JSON, or as ``line`` has it for people, names and values where there is
-        none."""
+        none.
+        """
         text = (
             json.dumps(row)
             if self.json
@@ -103,7 +105,8 @@ def checkouts(against: Path | None) -> dict[str, Path]:
 
 def of_checkout(folder: Path) -> dict[str, str]:
     """The environment of a process that runs a checkout's packages, compiled modules kept as a
-    user's are; typings: in older ones."""
+    user's are; typings: in older ones.
+    """
     paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"
     own = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return {**own, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

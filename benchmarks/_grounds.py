@@ -51,7 +51,8 @@ def mound(x: Array, y: Array) -> Array:
 
 def knolls(rng: np.random.Generator) -> Array:
     """Heights on a grid, shape (K, K) [m]; level at the origin, as steep as ``STEEPEST``
-    somewhere."""
+    somewhere.
+    """
     axis = np.arange(-HALF_M, HALF_M + 1e-9, SPACING_M)
     heights = gaussian_filter(rng.standard_normal((len(axis), len(axis))), WAVE_M / SPACING_M)
     far = np.hypot(axis[:, None], axis[None])
@@ -62,7 +63,8 @@ def knolls(rng: np.random.Generator) -> Array:
 
 def ramps() -> list[Array]:
     """Triangles between lines along y, shape (3, 3) each [m]; right of the origin every line is
-    level."""
+    level.
+    """
     ahead = np.array([-3.0, -0.5, 0.5, 0.9, 1.2, 3.0])
     middle = np.array([0.0, 0.0, 0.0, 0.12, 0.12, -0.3])
     left = np.array([0.0, 0.0, 0.0, 0.24, 0.30, -0.1])

@@ -71,7 +71,8 @@ def leans(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
 
 def far_scaled(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
     """The same, over a length scale of kilometres and a force scale of meganewtons that the problem
-    itself says."""
+    itself says.
+    """
     problem, answer, why = leans(pairs, 0.2, rng)
     bounds = [
         contact | {"force_min": [0, -1, -1], "force_max": [1, 1, 1]}
@@ -87,7 +88,8 @@ def far_scaled(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
 
 def stretches(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
     """On level ground, tilted as far as the problem lets it: legs reach by the small rotation, not
-    truly."""
+    truly.
+    """
     limit = 0.2618 + 1.2 * size
     tilt = 0.99 * limit * rng.choice([-1.0, 1.0], size=3)
     true = Rotation.from_rotvec(tilt).as_matrix()
@@ -146,7 +148,8 @@ def stretches(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
 
 def pyramid(pairs: Pairs, size: float, rng: np.random.Generator) -> Lines:
     """Feet push along the diagonal of a friction pyramid; that balances is repaired by a centre of
-    mass and weight."""
+    mass and weight.
+    """
     problem, answer = copy.deepcopy(pairs.problem), pairs.changed()
     forces = np.array(answer["forces_n"])
     contact = problem["contacts"][0]

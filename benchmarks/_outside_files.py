@@ -1,5 +1,6 @@
 """Files of plans and walks, opened, changed and sealed again by what docs/formats.md says of
-them."""
+them.
+"""
 
 from __future__ import annotations
 

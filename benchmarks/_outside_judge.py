@@ -45,7 +45,8 @@ def off_terrain(plan: Opened, metres: float) -> str:
 
 def slips(plan: Opened, share: float = 1e-3) -> str:
     """A foot pushes outside of the cone of the terrain under it, by this share of the robot's
-    weight."""
+    weight.
+    """
     terrain = plan.head["course"]["terrain"]
     worst = 0.0
     for row, (_, limbs, at, _) in enumerate(rows_of(plan)):
@@ -67,7 +68,8 @@ def outside(force: Array, normal: ArrayLike, friction: float) -> float:
 
 def unbalanced(plan: Opened, share: float = 1e-3) -> str:
     """Forces and weight do not balance, or moments do not, in some stance, by this share of the
-    weight (and metre)."""
+    weight (and metre).
+    """
     worst = 0.0
     for row, (frame, limbs, at, _) in enumerate(rows_of(plan)):
         forces, arms = (

@@ -1,5 +1,6 @@
 """Walks to forge with: slow ones on level ground, made of nothing, and finer samples of those that
-are there."""
+are there.
+"""
 
 from __future__ import annotations
 

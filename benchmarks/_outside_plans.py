@@ -60,7 +60,8 @@ def rougher(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def wedges(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Footholds are wedges on a wall that has none: turned upward about their toes, to where forces
-    point."""
+    point.
+    """
     angle = 0.15 + 0.25 * size
     for patch in plan.head["course"]["terrain"]:
         patch["friction"] = 0.45
@@ -95,7 +96,8 @@ def leans(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Two feet on one wall push against each other along the diagonal of a friction pyramid; both
-    balances stay."""
+    balances stay.
+    """
     course = Problem.from_json(plan.head["course"])
     row = int(rng.integers(len(course.stances)))
     limbs = list(course.stances[row].limbs)
@@ -141,7 +143,8 @@ def tolerant(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def scaled(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """The course's length scale, over which moments and lengths are judged, is a hundred
-    kilometres; the body leans."""
+    kilometres; the body leans.
+    """
     plan.head["course"]["length_scale_m"] = 10.0 ** (1.0 + 5.0 * size)
     plan.arrays["com_m"][:, 1] += 0.01
     return judge.unbalanced(plan)
@@ -155,7 +158,8 @@ def weak(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def unlimited(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Motors without a limit that can be believed, in a file that lists torque as checked: nobody
-    has checked it."""
+    has checked it.
+    """
     plan.urdf('effort="[^"]*"', f'effort="{1e3 + 1e6 * size}"')
     return "torque listed as checked, without a limit to check it by"
 

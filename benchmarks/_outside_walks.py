@@ -29,7 +29,8 @@ def turns_on_ice(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 def long_legs(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """The trunk is carried higher than the URDF's legs reach; the boxes in the file are as large as
-    that."""
+    that.
+    """
     for foot in walk.robot["feet"]:
         foot["reach_min_m"] = [value - 1.0 for value in foot["reach_min_m"]]
         foot["reach_max_m"] = [value + 1.0 for value in foot["reach_max_m"]]
@@ -54,7 +55,8 @@ def massive(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 def tall(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """The file's robot stands higher than its URDF, and moments are judged over that; a moment is
-    missing."""
+    missing.
+    """
     walk.robot["stand_height_m"] *= 4.0 + 20.0 * size
     shift = 0.02 + 0.02 * size
     for name in ("start_xy_m", "goal_xy_m"):
@@ -93,7 +95,8 @@ def feeble(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 def sluggish(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """Joints slower than a foot's speed in the body's frame needs: three axes, none farther than
-    0.55 m from it."""
+    0.55 m from it.
+    """
     limit = 0.3 - 0.25 * size
     walk.urdf('velocity="[^"]*"', f'velocity="{limit}"')
     arms = np.einsum(
@@ -136,7 +139,8 @@ def hops(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 def flutters(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """A fine grid of samples, at which feet in the air go to and fro at some metres a second:
-    thousands of g."""
+    thousands of g.
+    """
     fine = 10
     refined(walk, fine)
     step = 0.005 / fine

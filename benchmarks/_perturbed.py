@@ -1,5 +1,6 @@
 """Worlds in which something is not as planned: surfaces elsewhere, a place where there is nothing,
-a push."""
+a push.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ PUSH_S, PUSHED_S = (0.5, 12.0), (0.1, 0.3)
 @dataclass(frozen=True, kw_only=True)
 class Perturbed:
     """What a world has in place of what a course says. course: that a planner would be told, who
-    knew."""
+    knew.
+    """
 
     terrain: tuple[Patch, ...]
     course: Problem
@@ -36,7 +38,8 @@ class Perturbed:
 
 def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float) -> Perturbed:
     """Every plane moved along its normal and turned about a random axis in it, each by up to so
-    much, either way."""
+    much, either way.
+    """
     course, planes = plan.problem, list[tuple[Patch, Callable[[Patch], Patch]]]()
 
     def of(patch: Patch) -> Patch:

@@ -1,5 +1,6 @@
 """The package's own commands for benchmarks/stands: ``plan`` for an entry of the list, ``run`` for
-a plan file."""
+a plan file.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ MOST_LETTERS = 300
 @dataclass(frozen=True, kw_only=True)
 class Done:
     """A command that ended, or was ended: its exit code, None for one that was; the object that it
-    printed; its last line of errors; what it took [s]."""
+    printed; its last line of errors; what it took [s].
+    """
 
     code: int | None
     said: Mapping[str, Any]
@@ -73,7 +75,8 @@ def command(arguments: Sequence[str], patience_s: float) -> Done:
 
 def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
     """Plan an entry: whether the plan was accepted, what was said, CPU time, and margins; the
-    plan's file stays."""
+    plan's file stays.
+    """
     mesh, plan = folder / "grounds" / f"{entry.name}.obj", folder / "plans" / f"{entry.name}.json"
     for path in (mesh, plan):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -120,7 +123,8 @@ def margins(verdict: Mapping[str, Any]) -> dict[str, float]:
 
 def ran(plan: Path, patience_s: float) -> dict[str, Any]:
     """Run a plan or a walk in the package's own MuJoCo: whether it was carried to its end, and what
-    was said."""
+    was said.
+    """
     done = command(["run", str(plan), "--world", "mujoco"], patience_s)
     said = done.said.get("message") or done.said.get("reason") or done.error
     return {

@@ -1,5 +1,6 @@
 """The grounds of benchmarks/stands: meshes by kind, height and draw, written as OBJ files; numpy
-alone."""
+alone.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +111,8 @@ def _slabs(numbers: Mapping[str, float], rng: np.random.Generator, _: float) -> 
 
 def _blocks(numbers: Mapping[str, float], rng: np.random.Generator, _: float) -> Iterator[Array]:
     """A floor, and from one height ahead blocks on it in rows, turned a little, of heights of their
-    own."""
+    own.
+    """
     half = numbers["side"] / 2.0
     yield _box(-7.0, 12.0, 0.0)
     for x in np.arange(1.0 + half, 4.0, 2.4 * half):

@@ -30,7 +30,8 @@ MISSING = get_args(Missing)
 
 def rows(entry: Entry, folder: Path, lines: Lines, limit_s: float) -> Iterator[dict[str, Any]]:
     """Lines of an entry over the layout that is asked for, and where that has no plan over all
-    others."""
+    others.
+    """
     missing = ""
     for alternative in ALTERNATIVES:
         key = f"{entry.name}:{alternative.message}"
@@ -45,7 +46,8 @@ def rows(entry: Entry, folder: Path, lines: Lines, limit_s: float) -> Iterator[d
 
 def tried(entry: Entry, folder: Path, alternative: Alternative, limit_s: float) -> dict[str, Any]:
     """Whether there is a plan over one layout alone, what is missing where there is none, and CPU
-    time."""
+    time.
+    """
     mesh = folder / "grounds" / f"{entry.name}.obj"
     mesh.parent.mkdir(parents=True, exist_ok=True)
     ground = entry.ground()

@@ -1,5 +1,6 @@
 """The list of benchmarks/stands: its rows in order, what each asks, and lines of results that
-survive a kill."""
+survive a kill.
+"""
 
 from __future__ import annotations
 

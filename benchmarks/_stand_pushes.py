@@ -1,5 +1,6 @@
 """What stances bear of a push: what the verifier says of each, and what was held of it in the
-referee."""
+referee.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +104,8 @@ def key_of(file: Path, stance: int, deg: float) -> str:
 
 def said_n(file: Path) -> list[float]:
     """The largest push that the verifier says each stance of a plan bears in every direction
-    [N]."""
+    [N].
+    """
     plan, _ = read_plan(file)
     names = list(plan.problem.robot.limb_names)
     known = {

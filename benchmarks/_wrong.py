@@ -25,7 +25,8 @@ LEVEL_M, SLOPE_M = 0.05, 0.05
 
 class Asked(Protocol):
     """What of a robot, or its terrain, is not as planned: joints' offsets [deg], delay [ms], shares
-    of the rest."""
+    of the rest.
+    """
 
     offset_deg: float
     delay_ms: float
@@ -37,7 +38,8 @@ class Asked(Protocol):
 @dataclass(frozen=True, kw_only=True)
 class Wrong:
     """The same as a world takes it. friction: share of what was counted on. farther_m: how much
-    farther away surfaces are than planned, but for where feet stand at first."""
+    farther away surfaces are than planned, but for where feet stand at first.
+    """
 
     imperfections: Imperfections = field(default_factory=Imperfections)
     friction: float = 1.0

@@ -40,7 +40,8 @@ RANGES = {"HAA": (-0.72, 0.49), "HFE": (-1.2, 1.9), "KFE": (-2.6, -0.1)}
 
 def leg_of(name: str) -> tuple[Array, Array, dict[str, tuple[float, float]]]:
     """Origins of joints and foot, each in the frame before it, shape (4, 3) [m]; side; limits by
-    joint."""
+    joint.
+    """
     ahead, left = 1.0 if name[1] == "F" else -1.0, 1.0 if name[0] == "L" else -1.0
     side = np.array([ahead, left, 1.0])
     places = np.array(

@@ -167,7 +167,8 @@ def _toe(scaled: Scaled, unknowns: _Unknowns, i: int) -> list[Any]:
 
 def _equal_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
     """Net force (E5), net moment (E6, about the world's origin) and the definition of the legs
-    (E11)."""
+    (E11).
+    """
     com, weight = unknowns.com, scaled.weight
     force, moment, rows = [0.0, 0.0, -weight], [-weight * com[1], weight * com[0], 0.0], []
     for i in range(scaled.size[0]):

@@ -118,7 +118,8 @@ def main(arguments: Arguments) -> None:
 
 def climbed(file: str, terrain: str, index: int, folder: Path, arguments: Arguments) -> Row:
     """One course, planned and run: why there is no accepted plan; else figures of its run, and of
-    those perturbed."""
+    those perturbed.
+    """
     seed = np.random.SeedSequence(arguments.seed, spawn_key=(index,))  # as spawned
     stem = as_file_name(f"{Path(file).stem}-{terrain}-{arguments.seed}-{index}")
     path = folder / f"{stem}-plan.json"
@@ -154,7 +155,8 @@ def perturbed(arguments: Arguments, shares: np.ndarray) -> Arguments:
 
 def ran(accepted: Accepted, arguments: Arguments) -> Row:
     """A plan, run. refused: why that did not succeed, empty where it did; figures where bodies are
-    measured."""
+    measured.
+    """
     course, wrong = accepted.plan.problem, Wrong.of(arguments)
     made = make_world(
         arguments.world,

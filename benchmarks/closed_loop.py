@@ -93,7 +93,8 @@ class Arguments(Options):
 @dataclass(frozen=True, kw_only=True)
 class Ran:
     """One run. solvable: with what there is. why: it was not begun, or no success. stood: the body
-    was at rest."""
+    was at rest.
+    """
 
     solvable: bool
     why: str

@@ -131,7 +131,8 @@ class Cluster:
 @dataclass(frozen=True, kw_only=True)
 class Seen:
     """What a run came to. seconds: from the fault, or from the start where it is there from the
-    start."""
+    start.
+    """
 
     code: int
     lines: list[str]
@@ -283,7 +284,8 @@ FAULTS: dict[str, tuple[Callable[[Faults, Cluster, Path], Seen], int]] = {
 
 def main(given: Faults) -> None:
     """Make every fault, print what came of it, and fail where it was more than a line, or rows
-    differ."""
+    differ.
+    """
     needs = {"another version": given.old_python, "no package": given.bare_python}
     wrong = 0
     with tempfile.TemporaryDirectory(prefix="f") as spare:

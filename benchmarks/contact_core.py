@@ -192,7 +192,8 @@ def refuted(name: str, seed: int) -> Iterator[Problem]:
 
 def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
     """Postures that cuts refute, as courses: refuted, certificates accepted, and the time beside
-    the posture's."""
+    the posture's.
+    """
     for name in DISTRIBUTIONS:
         for copies in frames:
             exact, planner = ExactPlanner(), TwoStageCoursePlanner()
@@ -238,7 +239,8 @@ def repeated(course: Problem, frames: int) -> Problem:
 
 def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
     """Certificates put to problems that have a posture: other problems, or trees and multipliers
-    that were changed."""
+    that were changed.
+    """
     for name in DISTRIBUTIONS:
         rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
         feasible, proofs = list[Problem](), list[Certificate]()
@@ -261,7 +263,8 @@ def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
 
 def _changed(proof: Certificate, rng: np.random.Generator) -> Certificate:
     """The certificate as it is, or with noise on its multipliers, a scale on some, or an entry of
-    its tree moved."""
+    its tree moved.
+    """
     tree, multipliers = proof.tree.copy(), proof.multipliers.copy()
     kind = rng.integers(4)
     if kind == 1:

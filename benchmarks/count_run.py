@@ -42,7 +42,8 @@ def counted(
 
 def watch() -> None:
     """Count from now on: every module that has one of the functions by name gets one that
-    counts."""
+    counts.
+    """
     originals: dict[int, Any] = {}
     for name, places in COUNTED.items():
         for place in places:

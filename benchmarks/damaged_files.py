@@ -45,7 +45,8 @@ def overdue(*_: Any) -> None:
 
 def in_process(case: Case, count: int, seed: int, out: Path) -> None:
     """Run a verb over mutated files in this process, which does nothing else, and write the row of
-    its reader."""
+    its reader.
+    """
     whole, rng = (
         Path(case.file).read_bytes(),
         np.random.default_rng([seed, zlib.crc32(case.name.encode())]),
@@ -88,7 +89,8 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
 
 def process(case: Case, where: Path) -> tuple[int, str, float, float]:
     """The command as a process with limits of its own: exit code, standard error, CPU seconds,
-    megabytes at most."""
+    megabytes at most.
+    """
     held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     child = os.fork()
     if child == 0:
@@ -125,7 +127,8 @@ def process(case: Case, where: Path) -> tuple[int, str, float, float]:
 
 def as_processes(case: Case, count: int, seed: int, out: Path) -> dict[str, Any]:
     """The same with a process per file, forked from this one, which has imported what the command
-    needs."""
+    needs.
+    """
     row = out / f"process-{case.name.replace(' ', '-')}.json"
     if row.exists():
         kept: dict[str, Any] = json.loads(row.read_text())
@@ -164,7 +167,8 @@ def as_processes(case: Case, count: int, seed: int, out: Path) -> dict[str, Any]
 
 def shares(every: list[Case], meshes: int, others: int) -> list[tuple[Case, int]]:
     """How many files each reader gets: every format of meshes as many, and every other reader as
-    many."""
+    many.
+    """
     kinds = Counter(case.mesh for case in every)
     most = {kind: divmod(meshes if kind else others, number) for kind, number in kinds.items()}
     found, seen = [], Counter[str]()

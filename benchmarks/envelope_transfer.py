@@ -68,7 +68,8 @@ def transfer(
     rng: np.random.Generator,
 ) -> list[dict[str, Any]]:
     """P1 and P2 of the envelope, pushed and as it is, on problems that the exact planner has
-    decided."""
+    decided.
+    """
     source, programs = distribution("ground-3"), Programs()
     hits: dict[str, list[tuple[bool, bool, bool]]] = {"chart": [], "direct": []}
     for _ in range(count):

@@ -157,7 +157,8 @@ def _followed(
     slides: tuple[int, np.ndarray] | None,
 ) -> np.ndarray:
     """Joints whose feet are where the table's are, but for one that is moved by so much, shape (T,
-    3)."""
+    3).
+    """
     known, rotation, found = table.known(), table.rotation, []
     for row, angles in enumerate(known["angles_rad"]):
         feet = known["origin_m"][row] + kinematics.feet(angles) @ rotation[row].T

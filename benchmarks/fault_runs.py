@@ -1,5 +1,6 @@
 """Runs with one fault each, of ``faults``: on an emulated bus, behind an emulated rosbridge, in
-simulation, by file."""
+simulation, by file.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ class CountedWorld(SlippingWorld):
 
 class FaultyRunner(Runner):
     """A runner with a fault at a time after its first command. happened_s: when it was,
-    time.monotonic."""
+    time.monotonic.
+    """
 
     def __init__(
         self, *arguments: Any, at_s: float, fault: Callable[[Array], Array], **options: Any

@@ -137,7 +137,8 @@ def sampled(
 
 def hits(solid: Any, origins: Array, directions: Array) -> Iterator[tuple[int, float, float]]:
     """Every triangle that each ray meets: ray, distance, and the share of its normal along the
-    ray."""
+    ray.
+    """
     places, rays, faces = solid.ray.intersects_location(origins, directions, multiple_hits=True)
     places, rays = np.reshape(places, (-1, 3)), np.asarray(rays, dtype=int)
     distance = np.linalg.norm(places - origins[rays], axis=1)

@@ -176,7 +176,8 @@ def reach_m() -> float:
 
 def stands(asked: Walk, xy: np.ndarray) -> bool:
     """Whether forces on the nominal stance carry the weight with the body above some point between
-    the feet."""
+    the feet.
+    """
     feet = asked.stance_m(xy)
     normals = asked.terrain.normal(feet[:, :2])
     edges, arms = list[np.ndarray](), list[np.ndarray]()

@@ -43,7 +43,8 @@ RADIUS_M = 4e-3
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forged:
     """A motion of T moments whose robot has these shapes over this terrain; depth: the judge's, at
-    its deepest [m]."""
+    its deepest [m].
+    """
 
     motion: WholeBody
     shapes: tuple[Shape, ...]
@@ -95,7 +96,8 @@ def swept(model: RobotModel, forged: Forged) -> list[float]:
 
 def motion(model: RobotModel, rng: np.random.Generator, *, fast: bool) -> WholeBody:
     """Joints that turn by up to .1 rad from one moment to the next, and a base that goes and
-    turns."""
+    turns.
+    """
     start = np.concatenate([leg.stance_rad for leg in model.legs])
     turns = rng.uniform(-1.0, 1.0, (MOMENTS - 1, len(start))) * (0.1 if fast else 0.02)
     drift = rng.uniform(-1.0, 1.0, (MOMENTS, 3)) * (5e-3 if fast else 2e-3)
@@ -113,7 +115,8 @@ def motion(model: RobotModel, rng: np.random.Generator, *, fast: bool) -> WholeB
 
 def poses(model: RobotModel, of: WholeBody, *, world: bool) -> tuple[Array, Array]:
     """R and p of the shank at every instant, by pinocchio, in the base or in the world, shapes (K,
-    3, 3) and (K, 3)."""
+    3, 3) and (K, 3).
+    """
     pin, known = pinocchio(), model.built
     data, names = known.createData(), model.joint_names
     frame, base = known.getFrameId(SHANK), known.getFrameId("base")
@@ -175,7 +178,8 @@ def balls(model: RobotModel, size: float, rng: np.random.Generator, *, fast: boo
 
 def thin(model: RobotModel, size: float, rng: np.random.Generator) -> Forged:
     """A rod of the base, .2 mm thick, that a ball of the shank grazes with its side: a capsule's
-    closed form."""
+    closed form.
+    """
     of, half, radius = motion(model, rng, fast=True), 0.03, 1e-4
     turns, origins = poses(model, of, world=False)
     places = origins + turns @ AT
@@ -201,7 +205,8 @@ def spike(
     model: RobotModel, size: float, rng: np.random.Generator, *, flat: bool = False
 ) -> Forged:
     """A small plate of the terrain whose corner, or whose face, a ball of the shank touches in
-    passing."""
+    passing.
+    """
     of, side = motion(model, rng, fast=True), 3e-3
     turns, origins = poses(model, of, world=True)
     places = origins + turns @ AT
@@ -229,7 +234,8 @@ def spike(
 
 def _prism_depth(patch: Patch, places: Array) -> float:
     """How deep balls are in the plate behind a patch at their deepest, outside of it: by its face,
-    sides and edges."""
+    sides and edges.
+    """
     from stancekit.planners.terrain.prism import THICKNESS_M
 
     best = -np.inf

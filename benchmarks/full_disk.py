@@ -220,7 +220,6 @@ class Trial:
 
     def run(self, verb: Sequence[str], at: int = 0, fault: Fault = "full") -> Ended:
         """The command in the folder."""
-
         return ended(lambda: self.work(verb), self._work, at, fault)
 
     def work(self, verb: Sequence[str]) -> int:

@@ -207,7 +207,8 @@ def planned(data: dict[str, Any]) -> Plan:
 
 def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:
     """Key frames on the terrain itself, planned in axes that lie along the walk; ends_m: start and
-    goal, (2, 2) [m]."""
+    goal, (2, 2) [m].
+    """
     turn = np.array(
         [[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
     )
@@ -234,7 +235,8 @@ def world_frames(field: HeightField, ends_m: Array, yaw: float) -> KeyFrames:
 
 def tangent_squares(field: HeightField, way_m: Array, turn: Array, home: Array) -> Array:
     """Corners of squares of the tangent planes about a straight way, in its axes, shape (P, 4, 3)
-    [m]."""
+    [m].
+    """
     low, high = way_m.min(axis=0) - 0.6, way_m.max(axis=0) + 0.6
     centres = np.stack(
         np.meshgrid(

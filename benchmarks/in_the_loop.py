@@ -95,7 +95,8 @@ def main(arguments: Arguments) -> None:
 @dataclass
 class Way:
     """A planner, with a selector's policy or without. seconds: of every plan that was found, by
-    course, CPU [s]."""
+    course, CPU [s].
+    """
 
     policy: SelectorPolicy | None
     seconds: dict[int, float] = field(default_factory=dict)

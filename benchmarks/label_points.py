@@ -159,7 +159,8 @@ def apart(mine: Points, theirs: Points, *, keys: bool = True) -> str:
 
 def seeds(options: Arguments) -> Iterator[str]:
     """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the
-    seed?"""
+    seed?
+    """
     fit = Experiment.from_yaml(CONFIG, quick=True).fit
     knobs = {"ga": "genetic", "neural": "neural"}[options.method]
     for name in options.problems:
@@ -217,7 +218,8 @@ def table(options: Arguments) -> Iterator[str]:
 
 def fresh(options: Arguments) -> Iterator[str]:
     """The selectors that the benches learned, on rows that neither has seen: kept, refused,
-    projected by fix-p."""
+    projected by fix-p.
+    """
     for name in options.problems:
         with TemporaryDirectory() as folder:
             label(

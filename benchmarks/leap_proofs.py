@@ -96,7 +96,8 @@ KINDS = (
 
 def judged(plan: LeapPlan) -> float:
     """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest
-    violation, scaled."""
+    violation, scaled.
+    """
     leap = plan.problem
     times, mass = plan.times_s, leap.robot.mass_kg
     c, v, spun = (
@@ -237,7 +238,8 @@ def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
 
 def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
     """Scenes with a certificate: random choices of them by SCP without cuts, and one by the other
-    optimiser."""
+    optimiser.
+    """
     scenes, solved, nlp_solved, nlp, index, begin = 0, 0, 0, 0, 0, time.process_time()
     tries = 0
     while scenes < options.scenes and time.process_time() - begin < options.seconds:

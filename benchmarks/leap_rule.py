@@ -91,7 +91,8 @@ def _scene(options: argparse.Namespace, index: int) -> Leap:
 
 def _solves(leap: Leap, rule: Rule, programs: Programs) -> float:
     """Convex problems until the finder has a leap that the verifier accepts; inf beyond the largest
-    budget."""
+    budget.
+    """
     search = LeapSearch(leap, LeapFinder(rule=rule, solves=max(BUDGETS)), programs)
     for found in search.attempts():
         if found.solved and check_leap(plan_of(search.last.numbers, found, "rule")).accepted:

@@ -108,7 +108,8 @@ def judged(made: Made, folder: Path, frames: int = 1) -> dict[str, Any]:
 
 def stands(plan: Plan, made: Made, folder: Path) -> tuple[float, float]:
     """How far the lowest point of a leg that stands is from the ground, and how deep any link is in
-    it [m]."""
+    it [m].
+    """
     course, off_m, deepest_m = plan.problem, 0.0, 0.0
     model = course.robot.model
     assert plan.joints_rad is not None

@@ -109,7 +109,8 @@ def mutants(tree: Path, path: Path) -> Iterator[Mutant]:
 
 def tests_of(path: Path) -> list[str]:
     """The test files of a module, the likeliest to notice first: of its name, that name it, of its
-    folder."""
+    folder.
+    """
     dotted = ".".join(("stancekit", *path.with_suffix("").parts)).removesuffix(".__init__")
     near = ROOT / "tests" / path.parent
     ranks = {}

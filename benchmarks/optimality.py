@@ -65,7 +65,8 @@ def course_of(index: int, seed: int) -> tuple[str, Problem]:
 
 def pulled(course: Problem, rng: np.random.Generator) -> Problem:
     """With up to a third less friction, a body that may go three times as far, and a goal .2 m
-    off."""
+    off.
+    """
     less = rng.uniform(0.67, 1.0)
     footholds = tuple(
         replace(
@@ -87,7 +88,8 @@ def pulled(course: Problem, rng: np.random.Generator) -> Problem:
 
 def tilted(rng: np.random.Generator, frames: int) -> Problem:
     """Four limbs between two walls of small patches, each tilted and slippery in its own way; one
-    limb moves."""
+    limb moves.
+    """
     names = ("LF", "LR", "RF", "RR")
     robot = Robot(name="four limbs", mass_kg=10.0, limbs=hexapod().select(names))
     com = np.array([[0.0, 0.0, 0.04 * k] for k in range(frames)])
@@ -174,7 +176,8 @@ def summary(outcome: Answer[Plan]) -> dict[str, Any]:
 
 def loss(row: dict[str, Any], name: str) -> float | None:
     """By how much the plan's objective is above the exact planner's [%]; None where either has
-    none."""
+    none.
+    """
     ours, theirs = row[name]["objective"], row["exact"]["objective"]
     return None if ours is None or theirs is None else 100.0 * (ours - theirs) / max(theirs, 1e-6)
 

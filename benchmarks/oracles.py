@@ -248,7 +248,8 @@ def run(
 
 def table(options: Arguments, rows: dict[str, dict[str, Any]]) -> Table:
     """The rows for people. CPU times in ms; a peer's ratio is that of its solver alone to our whole
-    call."""
+    call.
+    """
     shown = Table(
         title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread, CPU ms"
     )

@@ -51,7 +51,8 @@ def main(arguments: Arguments) -> None:
 
 def measure(scenes: Callable[[], list[Scaled]]) -> dict[str, float]:
     """Times of every scene, three ways in turn; medians and ratios of sums. scenes: made anew,
-    nothing kept."""
+    nothing kept.
+    """
     problems = scenes()
     model, box = McCormick(problems[0].layout), middle_box(problems)
     for problem in problems[:20]:

@@ -72,7 +72,8 @@ class Playing(Options):
 
 def main(options: Playing) -> None:
     """Print a row a course, or draw the first; without a browser on this machine that of the
-    server's side."""
+    server's side.
+    """
     from tests.emulators.chromium import CHROMIUM
 
     for course in options.courses:
@@ -97,7 +98,8 @@ def main(options: Playing) -> None:
 
 def _drawn(page: Any, picture: Path, size_px: tuple[int, int], folder: Path) -> None:
     """The page as the browser draws it once the plan is judged, without what viser says of a
-    browser without a GPU."""
+    browser without a GPU.
+    """
     from tests.emulators.chromium import opened
 
     with opened(page.address, folder / "profile", size_px) as tab:
@@ -252,7 +254,8 @@ def _changed(page: Any, options: Playing, folder: Path) -> dict[str, Any]:
 
 def _figures(times: Any, clock: _Clock, cpu_s: float) -> dict[str, Any]:
     """Median and worst in ms, and CPU time by part, the median of each, and the worst of their
-    sum."""
+    sum.
+    """
     rows = clock.rows
     names = ("layout", "search", "drawing")
     parts = {f"{name}_cpu_ms": _ms(np.median([row[name] for row in rows])) for name in names}

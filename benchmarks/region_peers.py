@@ -30,7 +30,8 @@ Label = Literal["feasible", "infeasible", "unknown"]
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Said:
     """What a solver says of the lift with binaries. x: of the conic form, then z; seconds: of the
-    solver alone."""
+    solver alone.
+    """
 
     label: Label
     x: Array | None
@@ -171,7 +172,8 @@ def scip(mixed: Mixed, *, time_limit_s: float) -> Said:
 
 def _planes(mixed: Mixed, *, inner: bool) -> tuple[sp.csr_matrix, Array, Array]:
     """low ≤ rows x ≤ high, each cone ‖s‖ ≤ t replaced by a·s ≤ t or, within it, a·s ≤ κ t for unit
-    vectors a."""
+    vectors a.
+    """
     matrix, low, high = (
         [mixed.matrix[: mixed.positive.stop]],
         [mixed.offset[mixed.zero]],

@@ -64,7 +64,8 @@ class Peer:
 
     def solve(self, course: Problem) -> Answer[Plan]:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP:
-        the cones."""
+        the cones.
+        """
         clock, scaled = Clock.start(), Scaled.of(course)
         mixed = region_peers.Mixed.of(
             self._programs.get(LiftProgram, scaled.layout, False, False), scaled
@@ -99,7 +100,8 @@ class Peer:
 
 def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index, Point]:
     """The candidate of the largest binary of every foothold, by number, and where the solver has
-    the toe on it."""
+    the toe on it.
+    """
     layout = scaled.layout
     choice = np.asarray(scaled.by_candidate(x[mixed.first :], -1.0).argmax(axis=1))
     weights = np.maximum(x[mixed.columns["weights"]], 0.0)
@@ -178,7 +180,8 @@ def measured(planner: Any, course: Problem) -> dict[str, Any]:
 
 def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
     """What one planner did on the courses of one size, beside what is known of them from all
-    planners."""
+    planners.
+    """
     feasible = [
         any(said["status"] == Status.FEASIBLE.value for said in row.values()) for row in rows
     ]

@@ -207,7 +207,8 @@ def always(env: TraverseEnv, chosen: int) -> float:
 
 def most(env: TraverseEnv) -> float:
     """The greatest reward from here on of any sequence of choices; a planner that failed here fails
-    here again."""
+    here again.
+    """
     assert isinstance(env.action_space, spaces.Discrete)
     values, vain = [], []
     for chosen in range(int(env.action_space.n)):
@@ -222,7 +223,8 @@ def most(env: TraverseEnv) -> float:
 
 def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[LabelledScene]:
     """Scenes that need cuts, in the shares of the training scenes, from draws of a seed of their
-    own."""
+    own.
+    """
     share, seed = (
         config.train.feasible / config.train.infeasible,
         max(config.train.seed, config.held_out.seed) + 1,
@@ -252,7 +254,8 @@ def compared(
     **more: float,
 ) -> None:
     """Print a row of means, and the difference of the rewards to those of the best rule, with
-    intervals."""
+    intervals.
+    """
     row: dict[str, object] = {"agent": name, "reward": bootstrapped(found[:, 0])}
     if found.shape[1] > 1:
         row |= {"solves": bootstrapped(found[:, 1]), "verdicts": bootstrapped(found[:, 2])}
@@ -268,7 +271,8 @@ def learned(
     name: str, config: TrainConfig, scenes: TrainingScenes, arguments: Arguments, folder: Path
 ) -> tuple[list[tuple[CurvePoint, ...]], list[Selector], list[float]]:
     """Curve, policy and CPU seconds of every seed; what was stopped goes on, and its seconds are
-    those since."""
+    those since.
+    """
     curves: list[tuple[CurvePoint, ...]] = []
     policies: list[Selector] = []
     seconds: list[float] = []
@@ -292,7 +296,8 @@ def others(
     config: TrainConfig, scenes: TrainingScenes, seeds: int
 ) -> dict[str, tuple[list[Selector], list[float]]]:
     """Agents that do not learn from reward, one a seed where there is chance in them, and what they
-    took [CPU-s]."""
+    took [CPU-s].
+    """
     space, rows = config.shape.spaces[1], scenes.rows
     assert isinstance(space, spaces.Box)
     assert rows is not None

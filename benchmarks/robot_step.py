@@ -96,7 +96,8 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
 
 def decided(model: RobotModel, natural: int) -> dict[str, int]:
     """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or
-    neither (open)."""
+    neither (open).
+    """
     planner, count = ExactPlanner(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
     inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
     for seed in range(natural):
@@ -112,7 +113,8 @@ def decided(model: RobotModel, natural: int) -> dict[str, int]:
 
 def scene_course(model: RobotModel, file: str, scene: str = "step") -> dict[str, Any]:
     """Level ground and one of ``SCENES``, which the front feet meet first and the hind ones have
-    passed at the end."""
+    passed at the end.
+    """
     length, height = model.legs[0].chain.length_m, model.stand_height_m
     ahead = standing_toes(model)[:, 0]
     edge, rise = float(ahead.max()) + 0.15 * length, RISES_M[int(length > LONG_M)]
@@ -178,7 +180,8 @@ def _strips(*strips: tuple[tuple[float, float], tuple[float, float]]) -> dict[st
 
 def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
     """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape
-    (M, N) [m]."""
+    (M, N) [m].
+    """
     pin = pinocchio()
     known = pin.buildModelFromXML(model.urdf)
     data, errors = known.createData(), np.empty((plan.problem.frames, len(model.legs)))

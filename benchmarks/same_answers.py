@@ -68,7 +68,8 @@ def cases() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 def solution_of(answer: Any) -> Any:
     """What was found, in a checkout of before, too, where postures, plans and walks had names of
-    their own."""
+    their own.
+    """
     names = ("solution", "posture", "plan", "trajectory")
     return next(
         getattr(answer, name)

@@ -191,7 +191,8 @@ def cluster_run(given: Arguments, folder: Path) -> None:
 
 def paired_runs(given: Arguments, folder: Path) -> None:
     """The same rows on processes and on nodes of one processor, in turn, and the other way round
-    every other time."""
+    every other time.
+    """
     times: dict[str, list[list[float]]] = {"processes": [], "nodes": []}
     with cluster_of(given.workers) as (cluster, _):
         where = {
@@ -231,7 +232,8 @@ def paired_runs(given: Arguments, folder: Path) -> None:
 
 def shared_run(given: Arguments, folder: Path) -> None:
     """How many tasks each node of a cluster got, and how long it worked; shards are of the default
-    size."""
+    size.
+    """
     from stancekit.envs.data.ledger import LabelPlan
     from stancekit.learners.data.executors import executor
     from stancekit.learners.data.labelling import label

@@ -46,7 +46,8 @@ class Arguments(Options):
 @dataclass(frozen=True, kw_only=True)
 class Second:
     """What the second solver says: feasible, infeasible or unknown; worst: violation of its
-    point."""
+    point.
+    """
 
     label: str
     worst: float = float("nan")
@@ -113,7 +114,8 @@ def worst(
     problem: stancekit.Problem, com: Array, tilt: Array, point: list[tuple[Array, Array]]
 ) -> float:
     """Largest violation of a posture, from the problem's numbers alone; lengths over the length
-    scale."""
+    scale.
+    """
     length, weight = (
         problem.length_scale_m,
         problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n,

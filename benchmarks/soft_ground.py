@@ -103,7 +103,8 @@ def climbs(name: str, count: int, folder: Path, listed: dict[str, Any]) -> Itera
 
 def planned(course: Problem, file: Path) -> str:
     """Write an accepted plan that can be run on hard ground; why there is none, empty where there
-    is."""
+    is.
+    """
     outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), course))
     report = outcome.report
     if outcome.solution is None or report is None or not report.accepted:

@@ -73,7 +73,8 @@ Device = BusProcess | BridgeProcess
 @dataclass
 class Host:
     """A forked process that runs the command. told: what it says of itself; terminal, output: the
-    other ends."""
+    other ends.
+    """
 
     pid: int
     told: int
@@ -308,7 +309,8 @@ def judged(
     times: tuple[float, float, float],
 ) -> dict[str, Any]:
     """What came of it. times: when arming began and ended (NaN where it did not), and when the stop
-    was injected."""
+    was injected.
+    """
     begun_s, armed_s, did_s = times
     what = kind.removeprefix("ros ")
     outside = what in ("host killed", "host frozen", "cable unplugged")

@@ -93,7 +93,8 @@ class TowrWalks(Options):
 
 def table_of(rows: np.ndarray, *, stripped: bool) -> tuple[MotionTable, float]:
     """TOWR's rows as a motion of this package's ANYmal, and by how much its feet miss TOWR's at
-    most [m]."""
+    most [m].
+    """
     kinematics = Kinematics(walking_robot(named_walker("anymal")))
     assert kinematics.robot.limb_names == LIMBS
     origin, turns = rows[:, 1:4], Rotation.from_euler("ZYX", rows[:, [6, 5, 4]])

@@ -105,7 +105,8 @@ class RecordedScenes(OneByOne):
 
 def overhead(arguments: Arguments) -> dict[str, float]:
     """Processor time of environment and bare loop on the same problems, scenes and actions, in
-    turns."""
+    turns.
+    """
     plain = distribution(arguments.problem)
     names = ("name", "terrain", "legs", "friction", "robot")
     recorded = RecordedDistribution(**{name: getattr(plain, name) for name in names})
@@ -171,7 +172,8 @@ class BareLoop:
 
 def rates(arguments: Arguments) -> dict[str, float]:
     """Steps a second and a CPU-second, a step being one of one sub-environment; the ways take
-    turns."""
+    turns.
+    """
     given: dict[str, Any] = {"problem": arguments.problem, "num_envs": arguments.envs}
     given |= {} if arguments.pool is None else {"scenes": str(arguments.pool)}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
@@ -208,7 +210,8 @@ def rates(arguments: Arguments) -> dict[str, float]:
 @dataclass
 class Turns:
     """One way, and what its turns took: wall clock each, and processor time in all, of its own and
-    of its children."""
+    of its children.
+    """
 
     env: VectorEnv
     children: Sequence[int | None] = ()

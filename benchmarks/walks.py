@@ -54,7 +54,8 @@ TERRAINS = ("ripple", "rough:0.3:7", "rough:0.5:7", "rough:0.8:3")
 @dataclass(frozen=True)
 class Example:
     """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind
-    where ``mirrored``), and what its file says wrongly of its joints."""
+    where ``mirrored``), and what its file says wrongly of its joints.
+    """
 
     urdf: str
     srdf: str
@@ -205,7 +206,8 @@ def planned(
     friction: float = FRICTION,
 ) -> Path | str:
     """The file of a walk, planned where it is not there; or why there is none. way: its heading
-    [rad], and its length as a share of the longest. friction: μ."""
+    [rad], and its length as a share of the longest. friction: μ.
+    """
     end = "" if way == (HEADING_RAD, 1.0) else f"-{way[0]:.3f}-{way[1]:.3f}"
     end += "" if friction == FRICTION else f"-mu-{friction:g}"
     path = keep / f"{as_file_name(f'{name}-{terrain}')}{end}.json"

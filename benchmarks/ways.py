@@ -62,7 +62,8 @@ Array = NDArray[np.float64]
 class Scene:
     """One terrain. boxes_m: its solids, each x, y and z from and to, the floor's parts first, shape
     (B, 6); floors: how many of them are floor; way_m: of a disc, shape (K, 2), None where there is
-    none."""
+    none.
+    """
 
     name: str
     kind: str
@@ -162,7 +163,8 @@ def command(
     arguments: Sequence[str], patience_s: float, environment: Mapping[str, str]
 ) -> dict[str, Any]:
     """Run ``stancekit`` with ``--json``: exit code, the object printed, the last line of errors,
-    time and memory."""
+    time and memory.
+    """
     began = time.monotonic()
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
         process = subprocess.Popen(
@@ -280,7 +282,8 @@ class Lines:
 @dataclass(frozen=True, kw_only=True)
 class Link:
     """Points of a link in its own frame, shape (P, 3), each the middle of a ball of this radius
-    [m]."""
+    [m].
+    """
 
     name: str
     points_m: Array
@@ -391,7 +394,8 @@ def _points(link: Any) -> Iterator[Link]:
 
 def depth_in(points: Array, boxes: Array) -> Array:
     """How deep each point is inside of the box it is deepest in, shape (P,); negative: how far from
-    all of them [m]."""
+    all of them [m].
+    """
     low, high = boxes[:, None, ::2], boxes[:, None, 1::2]
     inside = np.minimum(points - low, high - points)  # (B, P, 3)
     outside = np.linalg.norm(np.maximum(-inside, 0.0), axis=2)
@@ -542,7 +546,8 @@ def _table(asked: Asked, some: Sequence[Scene]) -> None:
 
 def _good(row: Mapping[str, Any]) -> bool:
     """Whether a scene with a way counts as planned: accepted, in 60 CPU-s, by a way 1.3 times the
-    known one at most."""
+    known one at most.
+    """
     return row["accepted"] and row["cpu_s"] <= 60.0 and row["way_m"] <= LONGER * row["known_m"]
 
 

@@ -137,7 +137,8 @@ def figures(score: Score) -> dict[str, Figure]:
 
 def table() -> Iterator[str]:
     """Markdown: a row a selector; % of the test rows with 95 % intervals, and the lift's in
-    brackets."""
+    brackets.
+    """
     yield "| name | rows to learn from | P1 feasible | P1 infeasible | fix-p | kB |"
     yield "|---|---|---|---|---|---|"
     for name, path in shipped().items():

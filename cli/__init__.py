@@ -1,1 +1,1 @@
-"""The command ``stancekit``: one file a verb; the only floor that prints."""
+"""The command ``stancekit``: one file per command; the only layer that prints."""

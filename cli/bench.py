@@ -18,7 +18,8 @@ from .bench_scenes import BenchScenes
 @dataclass
 class Bench:
     """The papers' tables made again, every method in one run: `stancekit bench WHAT --help` says
-    more."""
+    more.
+    """
 
     what: (
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     """Judge every walk of a folder, and write against.json where the cells are; exit code 0
-    whatever the verdicts."""
+    whatever the verdicts.
+    """
     from rich.console import Console
 
     from stancekit.learners.evaluation import gait_against

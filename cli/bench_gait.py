@@ -1,5 +1,6 @@
 """``stancekit bench gait``: Pan et al.'s four benchmarks, its Table I, every chart and the product
-beside them."""
+beside them.
+"""
 
 from __future__ import annotations
 
@@ -252,7 +253,8 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
 
 def products(records: list[dict[str, Any]]) -> list[str]:
     """Cost of a verified walk, how much it is smoothed, and how many points verified success is
-    below success."""
+    below success.
+    """
     from stancekit.learners.evaluation.gait_bench import METHODS
 
     lines = []

@@ -1,5 +1,6 @@
 """``stancekit bench planner``: Lin et al.'s Table II, solve times and sizes of the planners of
-courses."""
+courses.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +132,8 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
     """Factor by which MICP takes less CPU time than over [−1, 1] with as many intervals, per number
-    of key frames."""
+    of key frames.
+    """
     from stancekit.learners.evaluation.planner_bench import FORMS
 
     by_cell = {(row["method"], row["frames"], row["optimised"]): row for row in rows}

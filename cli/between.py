@@ -47,8 +47,10 @@ class Between:
     def question(
         self, name: str, frames: int | None, robot: str | None, reach: Path | None
     ) -> Footholds | Problem | str:
-        """Course as ``stancekit.plan`` takes it. Raises InvalidInput for options that do not go
-        together."""
+        """Course as ``stancekit.plan`` takes it.
+
+        Raises InvalidInput for options that do not go together.
+        """
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.terrain.import_options import SUFFIXES
 
@@ -91,8 +93,10 @@ class Between:
         return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
-        """The course of a file or a name, or over a terrain's file from start to goal. Raises
-        InvalidInput."""
+        """The course of a file or a name, or over a terrain's file from start to goal.
+
+        Raises InvalidInput.
+        """
         from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
@@ -141,7 +145,10 @@ class Between:
                     )
 
     def places(self) -> tuple[Array, Array]:
-        """Start and goal, shape (2,) [m]. Raises InvalidInput."""
+        """Start and goal, shape (2,) [m].
+
+        Raises InvalidInput.
+        """
         import numpy as np
 
         assert self.start is not None
@@ -154,7 +161,10 @@ class Between:
         return start, goal
 
     def found(self, name: str, robot: str | None) -> Footholds:
-        """The footholds of the terrain's file for the feet of a robot. Raises InvalidInput."""
+        """The footholds of the terrain's file for the feet of a robot.
+
+        Raises InvalidInput.
+        """
         from stancekit.terrains import terrain
 
         friction, limits = self._friction(), self._limits(robot)
@@ -165,7 +175,8 @@ class Between:
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked
-        for."""
+        for.
+        """
         from stancekit.planners.problem.file_terrain import FileTerrain
 
         keys = vars(self.file.options())

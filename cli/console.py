@@ -37,7 +37,8 @@ Item = TypeVar("Item")
 
 class _Plain:
     """Shows anything without the letters that a terminal takes for orders; those that rich itself
-    sends stay."""
+    sends stay.
+    """
 
     def __init__(self, shown: RenderableType) -> None:
         self._shown = shown
@@ -73,7 +74,8 @@ err = _console(stderr=True, highlight=False)
 
 class _Aside(io.TextIOBase):
     """Stands for standard output while only results may go there: what is written to it goes to
-    standard error."""
+    standard error.
+    """
 
     def __init__(self, results: TextIO) -> None:
         self.results = results
@@ -88,7 +90,8 @@ class _Aside(io.TextIOBase):
 @contextmanager
 def results_alone() -> Iterator[None]:
     """Whatever code prints, also that of files of one's own, goes to standard error; what is
-    emitted does not."""
+    emitted does not.
+    """
     if sys.stdout is None:
         yield
         return
@@ -113,7 +116,10 @@ def complain(message: str) -> None:
 
 
 def text_of(name: str | Path) -> str:
-    """The text of a file, or of standard input where the name is -. Raises InvalidInput."""
+    """The text of a file, or of standard input where the name is -.
+
+    Raises InvalidInput.
+    """
     from stancekit.planners.files.documents import MOST_BYTES, decoded, read_text
 
     if str(name) != "-":
@@ -129,8 +135,11 @@ def text_of(name: str | Path) -> str:
 
 @contextmanager
 def as_options(*names: str) -> Iterator[None]:
-    """Let an InvalidInput that names a setting name the option that gave it. names: of settings,
-    all where none."""
+    """Let an InvalidInput that names a setting name the option that gave it.
+
+    Arguments:
+        names: of settings, all where none.
+    """
     try:
         yield
     except InvalidInput as error:
@@ -143,7 +152,8 @@ def as_options(*names: str) -> Iterator[None]:
 
 class Lines:
     """Progress of long work where standard error is no terminal: a plain line now and then, nothing
-    elsewhere."""
+    elsewhere.
+    """
 
     def __init__(self, title: str) -> None:
         self._title, self._asks = title, not err.is_terminal
@@ -164,7 +174,11 @@ class Show(Protocol):
     """Told how far work is."""
 
     def __call__(self, done: int, total: int, stage: str = "", /) -> None:
-        """Show that so much of a total is done; stage: what is being done, where that says more."""
+        """Show that so much of a total is done.
+
+        Arguments:
+            stage: what is being done, where that says more.
+        """
         ...
 
 
@@ -238,7 +252,10 @@ def stages(title: str) -> Iterator[Callable[[str, int, int], None]]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results. Raises InvalidInput where there is no room for one."""
+    """Make a folder for results.
+
+    Raises InvalidInput where there is no room for one.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

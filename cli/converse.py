@@ -1,5 +1,6 @@
 """Protocol of a process with an emulated device: a line where it is, then lines of faults and of
-its state."""
+its state.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ def _end(number: int, frame: object) -> None:
 
 def _lines() -> Iterator[str]:
     """Lines of standard input while there are any; then, where that is no pipe, nothing until a
-    signal."""
+    signal.
+    """
     if sys.stdin is not None and not (sys.stdin.isatty() and os.tcgetpgrp(0) != os.getpgrp()):
         yield from sys.stdin
         if stat.S_ISFIFO(os.fstat(sys.stdin.fileno()).st_mode) or sys.stdin.isatty():
@@ -59,7 +61,8 @@ def _lines() -> Iterator[str]:
 
 def short(value: Any) -> Any:
     """A value as people read it: numbers to three digits after the point, and long lists as their
-    length."""
+    length.
+    """
     if isinstance(value, dict):
         return {key: short(each) for key, each in value.items()}
     if isinstance(value, list):

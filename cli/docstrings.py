@@ -98,7 +98,8 @@ class AsWritten(MetaPathFinder, Loader):
 
 def keep_as_written() -> None:
     """Have modules of SciPy that are not imported yet leave their docstrings as they are, and
-    NumPy's modules alone."""
+    NumPy's modules alone.
+    """
     if not INSTEAD.keys() & sys.modules.keys() and not any(
         isinstance(each, AsWritten) for each in sys.meta_path
     ):

@@ -1,5 +1,6 @@
 """``stancekit emulate bus``: servos on a pseudo-terminal, as a calibration file says, and their
-faults."""
+faults.
+"""
 
 from __future__ import annotations
 

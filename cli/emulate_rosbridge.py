@@ -1,5 +1,6 @@
 """``stancekit emulate rosbridge``: a robot with a joint trajectory controller behind a rosbridge,
-and its faults."""
+and its faults.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from .options import OptionalText
 @dataclass
 class EmulateRosbridge:
     """A robot with a joint trajectory controller behind a rosbridge of ROS 1 or 2, on this
-    machine."""
+    machine.
+    """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
     """Plan file: the robot has its joints, and stands as it begins."""

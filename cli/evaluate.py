@@ -1,5 +1,6 @@
 """``stancekit evaluate``: how well P1 answers with learned envelopes, and how often P2 gets
-back."""
+back.
+"""
 
 from __future__ import annotations
 

@@ -171,8 +171,10 @@ class Fit:
         return 0
 
     def _executor(self) -> Executor | int:
-        """Executor in which generations run; 1 where the method has none. Raises InvalidInput for
-        another wish there."""
+        """Executor in which generations run; 1 where the method has none.
+
+        Raises InvalidInput for another wish there.
+        """
         from stancekit.selectors import SPREAD, executor
 
         options = {
@@ -191,7 +193,10 @@ class Fit:
             return executor(self.executor, workers=self.workers, address=self.address)
 
     def _settings(self) -> dict[str, Any]:
-        """The options and what the configuration file adds. Raises InvalidInput."""
+        """The options and what the configuration file adds.
+
+        Raises InvalidInput.
+        """
         from stancekit.planners.files.arrays import checked_int
         from stancekit.selectors import settings_of
 

@@ -161,7 +161,8 @@ class PlanGait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any
-        work."""
+        work.
+        """
         from stancekit.planners.formats.trajectory_file import check_name
         from stancekit.planners.gait.charts import CHARTS
 
@@ -188,7 +189,10 @@ class PlanGait:
                 CHARTS.get(self.chart)
 
     def _asked(self) -> tuple[Walk, GaitSettings, Caps, list[Attempt]]:
-        """Task, settings, limits and attempts. Raises InvalidInput in the names of the options."""
+        """Task, settings, limits and attempts.
+
+        Raises InvalidInput in the names of the options.
+        """
         from stancekit.walks import Walk, search_of
 
         start, goal = (
@@ -242,8 +246,10 @@ class PlanGait:
         attempts: list[Attempt],
         checkpoint: Checkpoint,
     ) -> Attempts:
-        """Attempts in their order, up to the chart that the verifier accepts. Raises
-        KeyboardInterrupt when stopped."""
+        """Attempts in their order, up to the chart that the verifier accepts.
+
+        Raises KeyboardInterrupt when stopped.
+        """
         from stancekit.walks import walked
 
         if checkpoint.begun:

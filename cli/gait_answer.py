@@ -38,7 +38,8 @@ def draw(
     html: Path | None,
 ) -> None:
     """Write the pictures, the film and the page that were asked for; the map's grid is drawn where
-    there is one."""
+    there is one.
+    """
     if picture is not None:
         from stancekit.views.gaits import draw_motion
         from stancekit.views.sheet import save
@@ -163,7 +164,8 @@ def words(plan: Attempts) -> list[str]:
 
 def joints(one: Attempted) -> dict[str, Any] | None:
     """Load that a walk puts on the robot's own legs, as the verifier measured it: group by group
-    value, unit, and where; None without legs."""
+    value, unit, and where; None without legs.
+    """
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     groups = {
@@ -183,7 +185,8 @@ def verdict(one: Attempted) -> str:
 
 def doubt(task: Walk, total_s: float) -> None:
     """Say, before any work, that the ground on the way is steeper than friction holds, and how long
-    the search for a walk takes at most."""
+    the search for a walk takes at most.
+    """
     import numpy as np
 
     steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / WAY_M) + 2)
@@ -204,7 +207,8 @@ def doubt(task: Walk, total_s: float) -> None:
 
 def advise(one: Attempted) -> None:
     """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to
-    stand sure."""
+    stand sure.
+    """
     from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}

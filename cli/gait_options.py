@@ -1,5 +1,6 @@
 """Options of ``stancekit gait``, read: places, headings and robots; and its messages in their
-names."""
+names.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """``stancekit label``: make a data set of exactly labelled posture problems, or of tries of
-leaps."""
+leaps.
+"""
 
 from __future__ import annotations
 
@@ -159,7 +160,10 @@ class LabelPostures:
 
 
 def _counts(text: str) -> dict[str, int]:
-    """The numbers of "random=8,finder=4". Raises InvalidInput."""
+    """The numbers of "random=8,finder=4".
+
+    Raises InvalidInput.
+    """
     counts = {}
     for part in text.split(","):
         name, _, count = part.partition("=")

@@ -38,8 +38,10 @@ USES = (
 
 
 def plan_leap(asked: PlanCourse) -> int:
-    """Plan the leap of a file; exit code 1 without a plan. Raises InvalidInput for options that it
-    has no use for."""
+    """Plan the leap of a file; exit code 1 without a plan.
+
+    Raises InvalidInput for options that it has no use for.
+    """
     from stancekit.courses import plan
     from stancekit.planners.answer.answer import Status
     from stancekit.planners.formats.leap_file import read_leap, write_leap
@@ -88,7 +90,8 @@ def plan_leap(asked: PlanCourse) -> int:
 
 def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
     """Lines about the robot's own body: each group with what it was before bending, and what was
-    bent."""
+    bent.
+    """
     assert outcome.report is not None
     assert outcome.solution is not None
     for group in outcome.report.groups:
@@ -135,7 +138,10 @@ def _draw(asked: PlanCourse, plan: LeapPlan) -> None:
 
 
 def _method(asked: PlanCourse) -> Any:
-    """The finder that the options ask for. Raises InvalidInput."""
+    """The finder that the options ask for.
+
+    Raises InvalidInput.
+    """
     from typing import get_args
 
     from stancekit.planners.files.writing import check_writable

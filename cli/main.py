@@ -43,7 +43,7 @@ INTERNAL = 70
 refusal."""
 TRACE = "STANCEKIT_TRACE"
 
-VERBS = {
+COMMANDS = {
     "sample": "Sample",
     "solve": "SolvePostures",
     "verify": "Verify",
@@ -68,15 +68,15 @@ VERBS = {
     "demo": "Demo",
     "about": "About",
 }
-"""The class of every verb, in the module of the verb's name, which is imported when it is asked
+"""The class of every command, in the module of the command's name, which is imported when it is asked
 for."""
-COMMANDS = "stancekit.commands"
+ENTRY_POINTS = "stancekit.commands"
 """The group of entry points by which other packages bring commands: NAME = "module:CLASS". They
 are looked for where a name is none of ours, since to look for them takes as long as all of
 ``--help``."""
 
 
-class Verb(Protocol):
+class Command(Protocol):
     """Base of all commands: the fields are the options, the docstring is the help."""
 
     def run(self) -> int:
@@ -85,7 +85,7 @@ class Verb(Protocol):
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one verb and exit with its code."""
+    """Run one command and exit with its code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     os.environ.setdefault(
         "PYDANTIC_DISABLE_PLUGINS", "__all__"
@@ -102,14 +102,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(overview(), flush=True)
             return
-        verb = parse(arguments)
-    except BrokenPipeError:  # `stancekit VERB --help | head`
+        command = parse(arguments)
+    except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
         sys.exit(0)
     from .docstrings import keep_as_written
 
     keep_as_written()
-    code = run(verb)
+    code = run(command)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -120,40 +120,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def overview() -> str:
     """Text of ``stancekit --help``: one or two lines per command."""
-    usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
-    briefs = [f"  {name:9} {brief(name)}" for name in VERBS]
+    usage = "usage: stancekit COMMAND [OPTIONS]; stancekit COMMAND --help says more"
+    briefs = [f"  {name:9} {brief(name)}" for name in COMMANDS]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
-    return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
+    return "\n".join([usage, "", DESCRIPTION, "", "Commands:", *lines])
 
 
 def brief(name: str) -> str:
-    """The first line of a verb's docstring, read from its file: to import all of them takes a
-    second."""
+    """The first line of a command's docstring, read from its file: to import all of them takes a
+    second.
+    """
     import ast
 
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
     for node in ast.parse(source).body:
-        if isinstance(node, ast.ClassDef) and node.name == VERBS[name]:
+        if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name]:
             return (ast.get_docstring(node) or "").splitlines()[0]
-    raise LookupError(f"{name}.py: expected class {VERBS[name]}")
+    raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
 
-def verbs() -> dict[str, type[Verb]]:
-    """The class of every verb."""
-    return {name: _verb(name) for name in VERBS}
+def commands() -> dict[str, type[Command]]:
+    """The class of every command."""
+    return {name: _command(name) for name in COMMANDS}
 
 
-def parse(arguments: Sequence[str]) -> Verb:
-    """The verb that the arguments name, with its options. Exits with 2 after one line where they
-    are wrong."""
+def parse(arguments: Sequence[str]) -> Command:
+    """The command that the arguments name, with its options.
+
+    Exits with 2 after one line where they are wrong.
+    """
     import tyro
 
     from .console import complain
     from .slips import slip
 
-    if arguments[0] not in VERBS and arguments[0] not in _others():
-        known = ", ".join((*VERBS, *_others()))
-        complain(f"stancekit: error: VERB: expected one of {known}, got {arguments[0]!r}")
+    if arguments[0] not in COMMANDS and arguments[0] not in _others():
+        known = ", ".join((*COMMANDS, *_others()))
+        complain(f"stancekit: error: COMMAND: expected one of {known}, got {arguments[0]!r}")
         sys.exit(2)
     for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
         if count > 1:  # else the last one would silently count alone
@@ -161,13 +164,13 @@ def parse(arguments: Sequence[str]) -> Verb:
                 f"stancekit: error: {name}: expected once, got it {count} times; see stancekit {arguments[0]} --help"
             )
             sys.exit(2)
-    asks, verb = bool({"-h", "--help"} & set(arguments)), _verb(arguments[0])
+    asks, command = bool({"-h", "--help"} & set(arguments)), _command(arguments[0])
     for value in (asks, True):  # what is refused is said with the options' texts
         box = io.StringIO()
         try:
             with redirect_stderr(box), _texts(told=value):
                 return tyro.cli(
-                    verb,
+                    command,
                     prog=f"stancekit {arguments[0]}",
                     args=arguments[1:],
                     config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
@@ -188,8 +191,9 @@ def _texts(*, told: bool) -> Iterator[None]:
     """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and
     breaks them, too.
 
-    told: whether they are shown; else they are not read from the source at all, which takes as long
-    as the rest.
+    Arguments:
+        told: whether they are shown; else they are not read from the source at all, which takes as
+            long as the rest.
     """
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
@@ -210,7 +214,7 @@ def _texts(*, told: bool) -> Iterator[None]:
         return parsed
 
     docstring_parser.parse_from_object = flowing
-    kept.cache_clear()  # of verbs that were run before, in this process
+    kept.cache_clear()  # of commands that were run before, in this process
     try:
         yield
     finally:
@@ -223,26 +227,30 @@ def _option(argument: str) -> str:
     return argument.split("=")[0] if argument.startswith("--") else ""
 
 
-def _verb(name: str) -> type[Verb]:
-    if name not in VERBS:
+def _command(name: str) -> type[Command]:
+    if name not in COMMANDS:
         from stancekit.planners.plugins import foreign
 
         with foreign(f"command {name}"):
-            theirs: type[Verb] = _others()[name].load()
+            theirs: type[Command] = _others()[name].load()
         return theirs
-    verb: type[Verb] = getattr(import_module(f".{name}", __package__), VERBS[name])
-    return verb
+    command: type[Command] = getattr(import_module(f".{name}", __package__), COMMANDS[name])
+    return command
 
 
 def _others() -> dict[str, Any]:
     """The entry points of commands of other packages, by name; none takes over one of ours."""
     from importlib.metadata import entry_points
 
-    return {point.name: point for point in entry_points(group=COMMANDS) if point.name not in VERBS}
+    return {
+        point.name: point
+        for point in entry_points(group=ENTRY_POINTS)
+        if point.name not in COMMANDS
+    }
 
 
-def run(verb: Verb) -> int:
-    """Run a verb; what goes wrong on purpose becomes one line and an exit code."""
+def run(command: Command) -> int:
+    """Run a command; what goes wrong on purpose becomes one line and an exit code."""
     from stancekit.planners.errors import InvalidInput, StancekitError
 
     from .console import complain, results_alone
@@ -250,9 +258,9 @@ def run(verb: Verb) -> int:
     try:
         with (
             _without_warnings(),
-            results_alone() if getattr(verb, "json", False) else nullcontext(),
+            results_alone() if getattr(command, "json", False) else nullcontext(),
         ):
-            return verb.run()
+            return command.run()
     except InvalidInput as error:
         complain(f"stancekit: error: {error}")
         return 2
@@ -295,8 +303,10 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _ended_by(error: BaseException) -> int:
-    """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as
-    SystemExit."""
+    """The exit code for what nobody raised on purpose, after one line.
+
+    Raises what is no error, as SystemExit.
+    """
     from stancekit.planners.plugins import blamed
 
     from .console import complain
@@ -322,7 +332,8 @@ def _ended_by(error: BaseException) -> int:
 
 def _close_output() -> None:
     """Send what is still in the buffer of standard output nowhere, or Python complains of it at the
-    end."""
+    end.
+    """
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -1,5 +1,6 @@
 """Options whose values are names of a registry: `--help` lists them, those of other packages,
-too."""
+too.
+"""
 
 from __future__ import annotations
 

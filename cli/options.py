@@ -1,4 +1,4 @@
-"""Options that several verbs have: those that may be left out, of a planner, and files of pictures.
+"""Options that several commands have: those that may be left out, of a planner, and files of pictures.
 
 tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s.
 """
@@ -30,9 +30,10 @@ def check_planner(command: Any, by: str, known: Sequence[str], of: Kind) -> None
     """Raise InvalidInput for a limit that is out of range, or an option that the planner does not
     know.
 
-    command: has time_limit_s, intervals, and under ``by`` its planner.
-    known: the names of the package's own.
-    of: the kind of question that it will be asked.
+    Arguments:
+        command: has time_limit_s, intervals, and under ``by`` its planner.
+        known: the names of the package's own.
+        of: the kind of question that it will be asked.
     """
     from stancekit.planners.search.methods import MOST_INTERVALS, settings_of
 
@@ -81,7 +82,8 @@ def check_drawn(
 
 def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
     """Raise InvalidInput for a log that is none by its name, or that would be written over another
-    file of the verb."""
+    file of the command.
+    """
     if log.suffix != ".mcap":
         raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
     for name, other in others.items():
@@ -90,8 +92,10 @@ def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
 
 
 def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
-    """The numbers of a force and a moment on the body; None where the option was not given. Raises
-    InvalidInput."""
+    """The numbers of a force and a moment on the body; None where the option was not given.
+
+    Raises InvalidInput.
+    """
     if text is None:
         return None
     try:

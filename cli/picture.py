@@ -18,7 +18,8 @@ from .options import OptionalPath
 @dataclass
 class Picture:
     """Draw a posture problem with its answer: patches, limbs, contact forces in their friction
-    cones, envelope."""
+    cones, envelope.
+    """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """Problem file, or - for standard input; `stancekit sample wall-3 --out problem.json` makes

@@ -239,7 +239,8 @@ class PlanCourse:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file
-        that cannot be."""
+        that cannot be.
+        """
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import COURSE_METHODS
 
@@ -301,7 +302,11 @@ class PlanCourse:
             return make_planner(self.planner, options, of="courses", **settings)
 
     def _write(self, plan: Plan, report: Report[Plan]) -> None:
-        """Write the files that were asked for. report: the verifier's, of this plan."""
+        """Write the files that were asked for.
+
+        Arguments:
+            report: the verifier's, of this plan.
+        """
         if self.out is not None:
             from stancekit.planners.formats.plan_file import write_plan
 

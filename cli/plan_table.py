@@ -39,7 +39,8 @@ def table_of(course: Problem, outcome: Answer[Plan]) -> Table:
 
 def message_of(outcome: Answer[Plan]) -> str:
     """The planner's message; of a course that is refuted, the reason that the proof gives, and the
-    sets it is over."""
+    sets it is over.
+    """
     if outcome.certificate is None or outcome.problem is None:
         return outcome.message
     from stancekit.planners.verify import explain

@@ -107,7 +107,10 @@ class Play:
         )
 
     def _walk(self, robot: str) -> WalkScenario:
-        """Scenario that a page of walks begins with. Raises InvalidInput."""
+        """Scenario that a page of walks begins with.
+
+        Raises InvalidInput.
+        """
         from stancekit.views.playground.walk_scenario import WalkScenario
 
         arguments: dict[str, Any] = {}
@@ -120,7 +123,10 @@ class Play:
         return WalkScenario.of(self.between.file.read(self.course), robot, **arguments)
 
     def _scenario(self, robot: str | None) -> Scenario:
-        """Scenario that the page begins with. Raises InvalidInput."""
+        """Scenario that the page begins with.
+
+        Raises InvalidInput.
+        """
         from stancekit.planners.problem.course_file import described
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.between_scenario import BetweenScenario

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass
 class ShowRobot:
-    """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses
-    are marked.
+    """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches.
+
+    Guesses are marked.
 
     ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever
     a robot is asked for. Without ROBOT the command lists the names. Legs and feet are found by
@@ -80,8 +81,10 @@ class ShowRobot:
         return 0
 
     def _list(self) -> int:
-        """Print the robots with a name, and what installs the URDF of each. Raises InvalidInput for
-        an option."""
+        """Print the robots with a name, and what installs the URDF of each.
+
+        Raises InvalidInput for an option.
+        """
         from stancekit.planners.errors import InvalidInput
         from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
         from stancekit.planners.robot.robot_file import BUILT_IN, read_keys

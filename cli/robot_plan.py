@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 
 def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
     """Lines on how planning with the whole body changed the largest torque and the deepest
-    collision, and on what a larger torque is for; nothing where it had nothing to do."""
+    collision, and on what a larger torque is for; nothing where it had nothing to do.
+    """
     steps = int(details.get("torque_steps", 0.0))
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
     torque, share, depth = (

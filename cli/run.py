@@ -219,7 +219,8 @@ class RunMotion:
 
     def _request(self) -> Accepted | AcceptedGait | AcceptedLeap | Problem:
         """Motion that PLAN names. Raises InvalidInput for what cannot be run, or not with these
-        options."""
+        options.
+        """
         from stancekit.motions import accepted_of, led_by_policy
 
         with as_options("policy"):
@@ -284,7 +285,8 @@ class RunMotion:
 
     def _check(self, kind: WorldClass) -> None:
         """Raise InvalidInput for an option out of range, or with another world, and a file that
-        cannot be written."""
+        cannot be written.
+        """
         from stancekit.planners.files.arrays import checked, checked_int
         from stancekit.planners.files.writing import check_writable
 

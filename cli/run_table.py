@@ -82,8 +82,11 @@ def run_table(report: RunReport) -> Table:
 
 
 def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
-    """The report of a closed loop; answers: plans made within what a selector chose, and
-    without."""
+    """The report of a closed loop.
+
+    Arguments:
+        answers: plans made within what a selector chose, and without.
+    """
     table = _begun("walked to the end", report.message, report.ended)
     if answers is not None and not answers[0]:
         table.add_row("warning", Text(unused(answers), style="yellow"))
@@ -104,7 +107,11 @@ def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
 
 
 def unused(answers: tuple[int, int]) -> str:
-    """Line about a run to which a policy contributed nothing; answers: see ``loop_table``."""
+    """Line about a run to which a policy contributed nothing.
+
+    Arguments:
+        answers: see ``loop_table``.
+    """
     return f"the policy made none of the {answers[1]} plans that were made" + (
         ": the lift did" if answers[1] else ""
     )

@@ -10,7 +10,8 @@ KINDS = {"int": "an integer", "float": "a number"}
 
 def slip(box: str) -> str:
     """Refusal that a box with a title holds, up to the first line that is ruled in it, and the
-    option that it means."""
+    option that it means.
+    """
     rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
     body = list(dropwhile(_is_rule, rows))
     text = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")

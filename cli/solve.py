@@ -38,7 +38,9 @@ SETTINGS = (
 
 @dataclass
 class SolvePostures:
-    """Can the robot hold these postures, and how? One answer a problem, in input order.
+    """Can the robot hold these postures, and how?
+
+    One answer a problem, in input order.
 
     A FILE holds one problem, an array of them, or JSON lines; `-` is standard input. `stancekit
     sample wall-3` shows what a problem looks like.
@@ -128,7 +130,8 @@ class SolvePostures:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, or that the method does not
-        know."""
+        know.
+        """
         from stancekit.planners.search.methods import METHODS
 
         if not self.files:

@@ -26,7 +26,8 @@ def stop_sources(
 ) -> Iterator[list[Source]]:
     """Keys, the stop file, the stop topic; of what is armed also a terminal that is gone.
 
-    check: how the stop topic is known to work, where something is armed.
+    Arguments:
+        check: how the stop topic is known to work, where something is armed.
     """
     from stancekit.runner.safety.estop import (
         file_source,

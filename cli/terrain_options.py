@@ -1,5 +1,6 @@
 """Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its
-numbers' meaning."""
+numbers' meaning.
+"""
 
 from __future__ import annotations
 
@@ -71,14 +72,20 @@ class TerrainFile:
     """Heights of black and white in a .png [m]."""
 
     def read(self, name: str) -> HeightField:
-        """The terrain of a name as one height at every place. Raises InvalidInput."""
+        """The terrain of a name as one height at every place.
+
+        Raises InvalidInput.
+        """
         from stancekit.terrains import heights
 
         with in_options():
             return heights(name, smooth_m=self.smooth_m, **vars(self.options()))
 
     def options(self) -> ImportOptions:
-        """Import options that the reader wants. Raises InvalidInput."""
+        """Import options that the reader wants.
+
+        Raises InvalidInput.
+        """
         from stancekit.planners.terrain.import_options import ImportOptions
 
         import_settings: dict[str, Any] = {
@@ -118,10 +125,12 @@ class FootholdOptions:
     given, it is estimated from the heights [m]."""
 
     def limits(self, robot: str | None) -> FootholdLimits:
-        """Limits of footholds, with a robot's own foot where the options say nothing else. Raises
-        InvalidInput.
+        """Limits of footholds, with a robot's own foot where the options say nothing else.
 
-        robot: its name or file.
+        Raises InvalidInput.
+
+        Arguments:
+            robot: its name or file.
         """
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.terrain.footholds import FootholdLimits
@@ -163,7 +172,10 @@ def _as_option(found: re.Match[str]) -> str:
 
 
 def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
-    """As many numbers as an option wants, with commas between them. Raises InvalidInput."""
+    """As many numbers as an option wants, with commas between them.
+
+    Raises InvalidInput.
+    """
     try:
         parts = tuple(kind(part) for part in text.split(","))
     except ValueError:

@@ -1,5 +1,6 @@
 """Sphinx's settings: `make docs` builds these pages into docs/_build/html, and takes warnings for
-errors."""
+errors.
+"""
 
 from __future__ import annotations
 

@@ -66,7 +66,8 @@ CITED = re.compile(
 @dataclass(frozen=True, order=True)
 class Tie:
     """A function, class or method whose docstring cites an equation: its file, line, and name in
-    the module."""
+    the module.
+    """
 
     file: str
     line: int
@@ -89,7 +90,8 @@ def cited(text: str) -> Iterator[str]:
 
 def ties() -> dict[str, list[Tie]]:
     """By equation, in the papers' order: what cites it. Raises ValueError for a citation of what
-    there is not."""
+    there is not.
+    """
     found: dict[str, list[Tie]] = {name: [] for name in EQUATIONS}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):

@@ -30,7 +30,8 @@ video."""
 
 def sections(page: str) -> list[tuple[str, list[tuple[str, str, str]]]]:
     """Each heading with its blocks: file, language, text. What stands before the first heading of
-    two signs is ""."""
+    two signs is "".
+    """
     _, *parts = re.split(r"^##? (.*)$", page, flags=re.MULTILINE)
     return [(head, BLOCK.findall(text)) for head, text in zip(parts[::2], parts[1::2], strict=True)]
 
@@ -50,7 +51,8 @@ def make(blocks: list[tuple[str, str, str]], folder: Path) -> None:
 
 def moving_picture(film: Path, picture: Path) -> None:
     """Write a film as an animated WebP of 720 pixels and 8 frames per second. Raises
-    CalledProcessError."""
+    CalledProcessError.
+    """
     from imageio_ffmpeg import get_ffmpeg_exe
 
     options = ("-vf", "fps=8,scale=720:-2", "-loop", "0", "-c:v", "libwebp_anim", "-quality", "55")
@@ -61,7 +63,8 @@ def moving_picture(film: Path, picture: Path) -> None:
 
 def main(wanted: list[str]) -> int:
     """Make what these headings show, or all; what every section needs stands before the first of
-    them."""
+    them.
+    """
     (_, shared), *rest = sections(PAGE.read_text(encoding="utf-8"))
     unknown = set(wanted) - {head for head, _ in rest}
     if unknown:

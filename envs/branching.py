@@ -1,5 +1,6 @@
 """Rules of branching for ``EnvelopeRefinement-v0``, which no agent that learns should be worse
-than."""
+than.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ LEAST = 1e-9
 
 class LargestGap(MemorylessPolicy):
     """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear
-    problems."""
+    problems.
+    """
 
     def action(self, observation: Observation) -> NDArray[np.int64]:
         """Split the wider dimension of the largest gap, or the widest one where there is no gap.
@@ -37,7 +39,8 @@ class WidestDimension(MemorylessPolicy):
 
 class NoisyGap(MemorylessPolicy):
     """Branch on the largest product of gap and width, up to chance: log(gap · width) + spread ·
-    Gumbel noise."""
+    Gumbel noise.
+    """
 
     def __init__(self, rng: np.random.Generator, *, spread: float) -> None:
         self._rng, self._spread = rng, spread

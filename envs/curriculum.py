@@ -1,5 +1,6 @@
 """A curriculum of terrain families for ``Traverse-v0``: the level follows success by a weighted
-up–down rule."""
+up–down rule.
+"""
 
 from __future__ import annotations
 
@@ -49,10 +50,12 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
         step: size of the changes of a level, in (0, 1].
         level: level of every family at the beginning, in [0, 1].
         options: arguments of ``TraverseEnv`` (horizon, planners, weights, …).
+
     Raises:
         InvalidInput: for an unknown family, and for numbers outside of these ranges.
     Source:
         Kaernbach, Simple adaptive testing with the weighted up-down method, 1991.
+
     Example:
         >>> env = Curriculum(["stairs", "gaps"], level=0.3)
         >>> observation, info = env.reset(seed=0)
@@ -88,8 +91,10 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Features, dict[str, Any]]:
-        """Begin an episode; with a seed, the curriculum. Raises PlanningFailed where level 0 has
-        nothing that holds."""
+        """Begin an episode; with a seed, the curriculum.
+
+        Raises PlanningFailed where level 0 has nothing that holds.
+        """
         if seed is not None:
             self.levels = dict.fromkeys(self.levels, self._first)
         while True:

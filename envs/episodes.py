@@ -16,8 +16,10 @@ IGNORED = ("minari_autoseed",)
 
 
 def checked_render_mode(mode: Any, metadata: Mapping[str, Any]) -> str | None:
-    """Return a render mode that the metadata of an environment has, or None. Raises
-    InvalidInput."""
+    """Return a render mode that the metadata of an environment has, or None.
+
+    Raises InvalidInput.
+    """
     modes = metadata["render_modes"]
     if mode is not None and mode not in modes:
         raise InvalidInput(f"render_mode: expected one of {modes}, got {shown(mode)}")
@@ -25,7 +27,10 @@ def checked_render_mode(mode: Any, metadata: Mapping[str, Any]) -> str | None:
 
 
 def checked_seed(seed: Any) -> int | None:
-    """Return the seed of ``reset`` as an int of 0 or more, or None. Raises InvalidInput."""
+    """Return the seed of ``reset`` as an int of 0 or more, or None.
+
+    Raises InvalidInput.
+    """
     return None if seed is None else checked_int(seed, "seed")
 
 

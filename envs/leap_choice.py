@@ -1,5 +1,6 @@
 """``stancekit/LeapChoice-v0``: choose where the toes of a leap push off and land, in a few
-tries."""
+tries.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,10 @@ class LeapChoiceOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapChoiceSettings:
-    """``LeapChoiceOptions`` with their defaults. Raises InvalidInput."""
+    """``LeapChoiceOptions`` with their defaults.
+
+    Raises InvalidInput.
+    """
 
     problem: str = "leap-hard"
     scenes: str | Path | None = None
@@ -67,7 +71,10 @@ class LeapChoiceSettings:
         checked_int(self.solves, "solves", least=1)
 
     def source(self) -> list[Leap] | None:
-        """The scenes of a folder's part, None where they are drawn. Raises InvalidInput."""
+        """The scenes of a folder's part, None where they are drawn.
+
+        Raises InvalidInput.
+        """
         if self.scenes is None:
             return None
         from .data.leap_tries import LeapTries  # Arrow takes a while to load
@@ -230,14 +237,16 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
     @property
     def numbers(self) -> LeapNumbers:
         """The leap with the timing of the next try, for policies that look at more than the
-        observation."""
+        observation.
+        """
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before asking for its leap")
         return self._episode.numbers
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the leap of the last try; on its toes the nominal motion where it has none, and
-        before there is one."""
+        before there is one.
+        """
         if self._episode is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
         from stancekit.views.leaps import draw_leap
@@ -247,7 +256,11 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
 
 class _Episode:
-    """One leap, and what was tried of it; options: R, to which features are padded."""
+    """One leap, and what was tried of it.
+
+    Arguments:
+        options: R, to which features are padded.
+    """
 
     def __init__(
         self, leap: Leap, settings: LeapChoiceSettings, programs: Programs, options: int
@@ -340,7 +353,8 @@ class _Episode:
 
     def _residual(self) -> Array:
         """Per interval, how far L and Θ of the last try are from what its forces give, shape (2,
-        M)."""
+        M).
+        """
         if self._last is None:
             return np.zeros((2, self.numbers.intervals))
         numbers, point = self._last

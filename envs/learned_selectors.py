@@ -1,5 +1,6 @@
 """Interface of environments and policies to a learned selector: whom to ask, and for which
-problems."""
+problems.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Margins of what an environment finds, as entries of ``info``; zero unless its setting ``margins``
-asks for them."""
+asks for them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ def margin_info(plan: Plan | None, prefix: str = "") -> dict[str, float]:
     """The least margins over the stances of a plan, under the names that they have in a report;
     zeros without a plan.
 
-    prefix: of the keys.
+    Arguments:
+        prefix: of the keys.
     """
     least = {} if plan is None else least_margins(plan)
     return {

@@ -1,5 +1,6 @@
 """Policies without a memory: an action follows from one observation, or actions from a batch of
-them."""
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ Observation = Mapping[str, NDArray[Any]]
 
 class MemorylessPolicy(ABC):
     """Adapter to call rules and selectors, which have an ``action`` alone, as policies of
-    stable-baselines3 are called."""
+    stable-baselines3 are called.
+    """
 
     def predict(
         self,
@@ -24,10 +26,13 @@ class MemorylessPolicy(ABC):
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
         """Return (action, state), the state as it came: an action of the environment, or a row an
-        observation."""
+        observation.
+        """
         return self.action(observation), state
 
     @abstractmethod
     def action(self, observation: Observation) -> NDArray[Any]:
-        """The action; of a batch of observations one a row. Raises InvalidInput where it was made
-        for others."""
+        """The action; of a batch of observations one a row.
+
+        Raises InvalidInput where it was made for others.
+        """

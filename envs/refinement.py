@@ -1,5 +1,6 @@
 """``stancekit/EnvelopeRefinement-v0``: cut the boxes of P1 until a posture is found or there is
-proved to be none."""
+proved to be none.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +45,10 @@ class RefinementOptions(SceneOptions, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RefinementSettings(SceneSettings):
-    """``RefinementOptions`` with their defaults. Raises InvalidInput."""
+    """``RefinementOptions`` with their defaults.
+
+    Raises InvalidInput.
+    """
 
     projection: Projection = "fix-toes"
     budget: int = 200
@@ -159,8 +163,10 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Draw scenes until one is not settled by its first box. Raises PlanningFailed after
-        MAX_DRAWS."""
+        """Draw scenes until one is not settled by its first box.
+
+        Raises PlanningFailed after MAX_DRAWS.
+        """
         check_options(options)
         super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
@@ -264,8 +270,11 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
 
 def gap_by_dimension(gaps: Array) -> Array:
-    """The largest |m_jk − p_j f_k| that each of p_x p_y p_z f_n f_y f_z has part in. gaps: (N, 3,
-    3); to (N, 6)."""
+    """The largest |m_jk − p_j f_k| that each of p_x p_y p_z f_n f_y f_z has part in.
+
+    Arguments:
+        gaps: (N, 3, 3); to (N, 6).
+    """
     return np.concatenate([gaps.max(axis=2), gaps.max(axis=1)], axis=1)
 
 

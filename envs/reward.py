@@ -86,9 +86,13 @@ TERMS: Registry[Term] = Registry(
 def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[float, Term]]:
     """Weight and function of every term, by the key of ``info`` that has what it came to.
 
-    weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and
-    names of further terms. Raises InvalidInput for a term that there is not, a weight that is no
-    number, and two terms of one key.
+    Arguments:
+        weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and
+            names of further terms.
+
+    Raises:
+        InvalidInput: for a term that there is not, a weight that is no number, and two terms of one
+            key.
     """
     values = asdict(weights) if isinstance(weights, RewardWeights) else dict(weights)
     usual = {

@@ -45,8 +45,9 @@ BLOCK = 16
 
 
 class OneByOne:
-    """Scenes sampled and decided one by one, each when it is asked for. The arguments are those of
-    ``SampledScenes``.
+    """Scenes sampled and decided one by one, each when it is asked for.
+
+    The arguments are those of ``SampledScenes``.
 
     What ``SampledScenes`` gives is held equal to this.
     """
@@ -58,7 +59,10 @@ class OneByOne:
         self._expert = ExactPlanner(programs=programs)
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
-        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
+        """Draw a scene.
+
+        Raises PlanningFailed where a label does not come up in MAX_DRAWS draws.
+        """
         wanted = bool(rng.integers(2))
         for _ in range(MAX_DRAWS):
             problem = self._distribution.sample(rng)
@@ -74,15 +78,17 @@ class OneByOne:
 class SampledScenes:
     """Scenes sampled from a distribution and labelled by the exact planner.
 
-    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even
-    without its moment balance; else scenes come at their natural rates. Undecided problems are
-    drawn again. ahead: scenes that are drawn together, at most; a source that is asked with ever
-    new generators draws fewer.
-
     A generator is left as it would be if only the scene that was asked for had been drawn, and who
     draws from it meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution
     whose draws cannot be repeated, and a generator whose state is no PCG64's, are drawn from one by
     one.
+
+    Arguments:
+        balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible
+            even without its moment balance; else scenes come at their natural rates. Undecided
+            problems are drawn again.
+        ahead: scenes that are drawn together, at most; a source that is asked with ever new
+            generators draws fewer.
     """
 
     def __init__(
@@ -113,7 +119,10 @@ class SampledScenes:
         )
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
-        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
+        """Draw a scene.
+
+        Raises PlanningFailed where a label does not come up in MAX_DRAWS draws.
+        """
         if self._source is None or not isinstance(rng.bit_generator, np.random.PCG64):
             return self._one_by_one.draw(rng)
         state = rng.bit_generator.state
@@ -125,7 +134,10 @@ class SampledScenes:
         return scene.scene
 
     def _draw_ahead(self, rng: np.random.Generator, source: Repeatable) -> list[_Drawn]:
-        """The next scenes, one at least. Raises what drawing the first of them raises."""
+        """The next scenes, one at least.
+
+        Raises what drawing the first of them raises.
+        """
         claims: list[_Claim] = []
         while len(claims) < self._count:
             before, wanted = rng.bit_generator.state, bool(rng.integers(2))
@@ -169,8 +181,9 @@ class SampledScenes:
         raise _never(self._distribution)
 
     def _block(self, rng: np.random.Generator, source: Repeatable, most: int) -> _Block:
-        """The problems that come next, what is left of those sampled last or others. Raises what
-        sampling one raises.
+        """The problems that come next, what is left of those sampled last or others.
+
+        Raises what sampling one raises.
 
         A coin takes half a word of the generator, so every other one leaves the words to come where
         they were.
@@ -204,7 +217,8 @@ class SampledScenes:
         self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool
     ) -> _Claim | None:
         """Claim of the search about the k-th problem; None for a problem that cannot become the
-        wanted scene."""
+        wanted scene.
+        """
         begin, numbers = time.perf_counter(), scaled.problem(k)
         sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
         if sought is Status.INFEASIBLE and stands(
@@ -223,9 +237,14 @@ class SampledScenes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Block:
-    """Problems that were sampled together. next: the first that was not looked at; hopeless: which
-    have not even P̄; begin: state of the generator before the first problem; at, end: its words at
-    the next one and after the last."""
+    """Problems that were sampled together.
+
+    Arguments:
+        next: the first that was not looked at.
+        hopeless: which have not even P̄.
+        begin: state of the generator before the first problem.
+        at, end: its words at the next one and after the last.
+    """
 
     batch: PostureBatch
     scaled: ScaledBatch
@@ -239,7 +258,8 @@ class _Block:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Claim:
     """A problem of a scene to come, what its search claims, and the generator's states before and
-    after its draws."""
+    after its draws.
+    """
 
     problem: Problem
     scaled: Scaled

@@ -1,5 +1,6 @@
 """Scene source that the arguments ``problem``, ``robot``, ``terrain``, ``balanced`` and ``scenes``
-of an environment ask for."""
+of an environment ask for.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ elsewhere."""
 
 class SceneOptions(TypedDict, total=False):
     """Keywords of the environments beside their problem: where scenes are from, and whether margins
-    are measured."""
+    are measured.
+    """
 
     robot: str | Path | None
     terrain: str | Path | None
@@ -34,7 +36,8 @@ class SceneOptions(TypedDict, total=False):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneSettings:
     """``SceneOptions`` with their defaults; the page of ``EnvelopeSelectionEnv`` has their
-    meaning."""
+    meaning.
+    """
 
     robot: str | Path | None = None
     terrain: str | Path | None = None
@@ -53,8 +56,10 @@ class SceneSettings:
             )
 
     def kind(self, problem: ProblemSource) -> Distribution | SceneKind:
-        """The distribution, or what is known of one; by name as ``distribution`` has it. Raises
-        InvalidInput."""
+        """The distribution, or what is known of one; by name as ``distribution`` has it.
+
+        Raises InvalidInput.
+        """
         if not isinstance(problem, SceneKind):
             return distribution_of(problem, robot=self.robot, terrain=self.terrain)
         if self.robot is not None or self.terrain is not None:

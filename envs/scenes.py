@@ -25,9 +25,11 @@ from .margins import margin_info
 class LabelledScene:
     """One problem with the expert's answer.
 
-    feasible: the label. posture: the expert's witness, None where infeasible. lower_bound: what the
-    expert's certificate proves where infeasible. expert_seconds: 0 where the label was read from a
-    data set.
+    Arguments:
+        feasible: the label.
+        posture: the expert's witness, None where infeasible.
+        lower_bound: what the expert's certificate proves where infeasible.
+        expert_seconds: 0 where the label was read from a data set.
     """
 
     problem: Problem
@@ -56,7 +58,8 @@ class LabelledScene:
     @cached_property
     def margins(self) -> dict[str, float]:
         """Margins of the witness (``margin_info``), under the keys of ``info``; measured when first
-        asked for."""
+        asked for.
+        """
         return margin_info(self.posture, "expert_")
 
     @classmethod
@@ -87,7 +90,8 @@ def all_seen(scenes: Sequence[LabelledScene]) -> dict[str, NDArray[np.float32]]:
 @dataclass(frozen=True, kw_only=True)
 class SceneKind:
     """Class of scenes that come from elsewhere, such as a data set: their class by name, and their
-    limbs."""
+    limbs.
+    """
 
     name: str
     legs: tuple[str, ...]

@@ -1,5 +1,6 @@
 """``stancekit/EnvelopeSelection-v0``: choose envelopes for one posture problem; the planner stack
-judges."""
+judges.
+"""
 
 from __future__ import annotations
 
@@ -183,7 +184,8 @@ def picture(
     scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None
 ) -> NDArray[np.uint8]:
     """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in
-    that."""
+    that.
+    """
     from stancekit.views.postures import draw_posture
     from stancekit.views.sheet import to_rgb
 
@@ -196,7 +198,8 @@ def picture(
 
 def _show(pixels: NDArray[np.uint8]) -> None:
     """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that
-    shows nothing."""
+    shows nothing.
+    """
     import matplotlib.pyplot as plt
 
     plt.figure(WINDOW, clear=True).figimage(pixels, resize=True)

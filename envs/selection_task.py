@@ -1,5 +1,6 @@
 """Base of the single selection environment and of the batched one: spaces, scenes, and the judging
-of one action."""
+of one action.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +46,12 @@ ADMITTED = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """Verdict on one action on one scene. posture: what P2 found, None where nothing; envelope: the
-    box of P1."""
+    """Verdict on one action on one scene.
+
+    Arguments:
+        posture: the answer of P2, or None.
+        envelope: the box of P1.
+    """
 
     reward: float
     info: dict[str, Any]
@@ -56,14 +61,18 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trial:
-    """One action on one scene before it is judged. postures: by projection; found: how many, before
-    the verifier."""
+    """One action on one scene before it is judged.
+
+    Arguments:
+        postures: by projection.
+        candidates: how many, before the verifier.
+    """
 
     scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
     postures: dict[Projection, Plan]
-    found: int
+    candidates: int
     p1_seconds: float
     p2_seconds: float
 
@@ -74,7 +83,8 @@ Asked = tuple[tuple[Envelope, ...], Array | None]
 
 class SelectionOptions(SceneOptions, total=False):
     """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has
-    their meaning."""
+    their meaning.
+    """
 
     boxes: int
     library: EnvelopeSet | str | Path | None
@@ -87,8 +97,10 @@ class SelectionOptions(SceneOptions, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SelectionSettings(SceneSettings):
-    """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go
-    together."""
+    """``SelectionOptions`` with their defaults.
+
+    Raises InvalidInput for what does not go together.
+    """
 
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
@@ -118,8 +130,10 @@ class SelectionSettings(SceneSettings):
 
     @property
     def rewards(self) -> dict[str, tuple[float, Term]]:
-        """Weight and function of every term of the reward, see ``weighted``. Raises
-        InvalidInput."""
+        """Weight and function of every term of the reward, see ``weighted``.
+
+        Raises InvalidInput.
+        """
         return weighted(self.weights)
 
 
@@ -200,7 +214,8 @@ class SelectionTask:
         self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]
     ) -> list[Verdict]:
         """``judge`` of an action a scene, the postures of all verified together: every bit is that
-        of one by one."""
+        of one by one.
+        """
         choices = [self._envelopes(action) for action in actions]
         begin = time.perf_counter()
         answers = self._relax([scene.scaled for scene in scenes], choices)
@@ -218,14 +233,15 @@ class SelectionTask:
                     del postures[way]
             share = (time.perf_counter() - begin) / len(pairs)
             tried = [
-                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found))
+                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.candidates))
                 for trial in tried
             ]
         return [self._verdict(trial) for trial in tried]
 
     def _relax(self, scaled: Sequence[Scaled], asked: Sequence[Asked]) -> list[RelaxationAnswer]:
         """P1 of every problem over the boxes of its action; problems of one layout are asked about
-        together."""
+        together.
+        """
         result = dict[int, RelaxationAnswer]()
         for layout in dict.fromkeys(one.layout for one in scaled):
             these = [index for index, one in enumerate(scaled) if one.layout == layout]
@@ -263,7 +279,7 @@ class SelectionTask:
             answer=answer,
             envelope=envelopes[answer.chosen],
             postures=postures,
-            found=len(postures),
+            candidates=len(postures),
             p1_seconds=p1_seconds,
             p2_seconds=time.perf_counter() - begin,
         )
@@ -321,7 +337,8 @@ class SelectionTask:
 
     def before(self, scene: LabelledScene) -> dict[str, Any]:
         """The info of a scene before any action: what the expert knows, and 0 for all that an
-        action comes to."""
+        action comes to.
+        """
         expert = scene.margins if self._margins else {}
         return {
             **self._nothing,
@@ -338,7 +355,10 @@ class SelectionTask:
 
 
 def _numbers(action: Any) -> Array:
-    """The numbers of an action. Raises InvalidInput for what is none, or not finite."""
+    """The numbers of an action.
+
+    Raises InvalidInput for what is none, or not finite.
+    """
     flat = np.asarray(action)
     if flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
         raise InvalidInput(f"action: expected finite numbers, got {shown(action)}")

@@ -1,5 +1,6 @@
 """Traverse-v0: a course walked window by window, by the planner that the agent chooses for the
-coming key frames."""
+coming key frames.
+"""
 
 from __future__ import annotations
 
@@ -175,8 +176,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Features, dict[str, Any]]:
-        """Draw courses until one has a first key frame that holds. Raises PlanningFailed after
-        MAX_DRAWS."""
+        """Draw courses until one has a first key frame that holds.
+
+        Raises PlanningFailed after MAX_DRAWS.
+        """
         check_options(options)
         super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):

@@ -1,5 +1,6 @@
 """Setup of a traverse: courses, the size of the views, planners to choose among, weights of the
-reward."""
+reward.
+"""
 
 from __future__ import annotations
 
@@ -113,8 +114,10 @@ class TraverseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraverseSettings:
-    """``TraverseOptions`` with their defaults. Raises InvalidInput for what is out of range or does
-    not go together."""
+    """``TraverseOptions`` with their defaults.
+
+    Raises InvalidInput for what is out of range or does not go together.
+    """
 
     frames: int | None = 9
     horizon: int = 2
@@ -144,7 +147,10 @@ class TraverseSettings:
 
     @property
     def rewards(self) -> TraverseWeights:
-        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
+        """The weights, read from a mapping where they came as one.
+
+        Raises InvalidInput.
+        """
         weights = self.weights
         return (
             weights
@@ -195,7 +201,10 @@ class Perturbed:
     amount: float
 
     def __call__(self, rng: np.random.Generator) -> Problem:
-        """Draw one. Raises NoFooting."""
+        """Draw one.
+
+        Raises NoFooting.
+        """
         return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
 
 
@@ -206,7 +215,10 @@ class WithFooting:
     draw: CourseSource
 
     def __call__(self, rng: np.random.Generator) -> Problem:
-        """Draw a course. Raises PlanningFailed after DRAWS."""
+        """Draw a course.
+
+        Raises PlanningFailed after DRAWS.
+        """
         for _ in range(DRAWS):
             try:
                 return self.draw(rng)
@@ -262,7 +274,10 @@ def _limbs(spec: CourseSpec) -> int:
 
 
 def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
-    """The two-stage planner over the lift, and over each of the envelopes. Raises InvalidInput."""
+    """The two-stage planner over the lift, and over each of the envelopes.
+
+    Raises InvalidInput.
+    """
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
     choices = [_read(each) if isinstance(each, str | Path) else each for each in envelopes]
@@ -292,7 +307,8 @@ def check_selectors(planners: Sequence[Planner], source: CourseSource) -> None:
 
 def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
     """Why nothing of a course, as it is undisturbed, is for a selector; None where something is, or
-    may be."""
+    may be.
+    """
     try:
         planner.check_fits(perturbed(spec, np.random.default_rng(0), amount=0.0))
     except NoFooting:
@@ -303,7 +319,10 @@ def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
 
 
 def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
-    """Envelopes, modes or a selector from a file. Raises InvalidInput."""
+    """Envelopes, modes or a selector from a file.
+
+    Raises InvalidInput.
+    """
     suffix = Path(path).suffix
     if suffix not in READERS:
         known = " or ".join(filter(None, READERS))

@@ -54,9 +54,12 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     processes of its own.
 
     scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder
-    is read once a process. workers: processes that draw and judge, each for an equal part of the
-    batch, this one among them: with more than 1 the others need a main module that can be imported
-    (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
+    is read once a process.
+
+    Arguments:
+        workers: processes that draw and judge, each for an equal part of the batch, this one among
+            them: with more than 1 the others need a main module that can be imported (``if __name__
+            == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
@@ -95,6 +98,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
             seed: s seeds sub-environment i with s + i; or one per sub-environment.
             options: ``reset_mask``, shape (num_envs,), says which sub-environments draw; the others
                 stay.
+
         Raises:
             InvalidInput: for another option, a mask of another shape or kind, and a seed that is
                 none.
@@ -159,7 +163,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
         """Join the infos of all sub-environments, as Gymnasium's ``_add_info`` does: each beside
-        the mask of who has."""
+        the mask of who has.
+        """
         masked = dict[str, Any]()
         for name, values in info.items():
             masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}
@@ -177,7 +182,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
     def _each(self, method: str, arguments: Sequence[Any]) -> list[Any]:
         """Let all parts do this, at the same time; an error of one is raised after all have
-        ended."""
+        ended.
+        """
         for part, argument in reversed(
             list(zip(self._parts, arguments, strict=True))
         ):  # this process is the first
@@ -196,7 +202,8 @@ Rows = dict[str, list[Any]]
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Begun:
     """The episodes that some sub-environments are in: observations, and info from before any
-    action."""
+    action.
+    """
 
     observation: Observation
     info: Rows
@@ -205,7 +212,8 @@ class _Begun:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stepped:
     """A step of some sub-environments: rewards and info of the old scenes, and the episodes that
-    begin."""
+    begin.
+    """
 
     rewards: list[float]
     info: Rows
@@ -214,7 +222,8 @@ class _Stepped:
 
 class _Batch:
     """Some sub-environments in one process: a task, and for each a generator, a source and the
-    scene it is at."""
+    scene it is at.
+    """
 
     def __init__(self, task: SelectionTask, size: int) -> None:
         self._task = task
@@ -246,7 +255,8 @@ class _Batch:
 
     def reset(self, asked: tuple[Seeds, NDArray[np.bool_]]) -> _Begun:
         """Draw the next scenes of those in the mask; the seed None goes on with the generator that
-        one has."""
+        one has.
+        """
         seeds, mask = asked
         for index, seed in enumerate(seeds):
             if mask[index] and (seed is not None or self._rngs[index] is None):

@@ -43,7 +43,8 @@ Action = tuple[int, int, int]
 
 class Outcome(NamedTuple):
     """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the
-    solver's."""
+    solver's.
+    """
 
     verified: float = 0.0
     feasible: float = 0.0
@@ -60,7 +61,8 @@ class Outcome(NamedTuple):
     @classmethod
     def of(cls, found: Attempted | None, limit: int) -> Self:
         """The numbers of an attempt; of None, where a terrain has no map, the limit of iterations
-        was taken."""
+        was taken.
+        """
         if found is None:
             return cls(iterations=limit)
         figures = found.report.figures
@@ -91,6 +93,7 @@ class WalkPool:
         charts: coordinates to choose from.
         settings: of the optimiser.
         seed: of the walks, and of the guesses with noise.
+
     Raises:
         InvalidInput: for no walk, or too many.
     """
@@ -140,8 +143,11 @@ class WalkPool:
         return Outcome(*row.tolist())
 
     def solve(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
-        """Solve every attempt that has no outcome. progress: called with how many have one, and
-        all."""
+        """Solve every attempt that has no outcome.
+
+        Arguments:
+            progress: called with how many have one, and all.
+        """
         total = int(np.prod(self._table.shape[:-1]))
         for index in range(self.size):
             for action in product(*map(range, self._table.shape[1:4])):

@@ -1,5 +1,6 @@
 """``stancekit/WarpedGait-v0``: choose how to solve a walk over a height field; the verifier judges
-what comes of it."""
+what comes of it.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +68,10 @@ class GaitOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitEnvSettings:
-    """``GaitOptions`` with their defaults. Raises InvalidInput for what does not go together."""
+    """``GaitOptions`` with their defaults.
+
+    Raises InvalidInput for what does not go together.
+    """
 
     robot: GaitRobot | str | Path | None = None
     tasks: Tasks | None = None
@@ -93,7 +97,10 @@ class GaitEnvSettings:
 
     @property
     def rewards(self) -> GaitRewardWeights:
-        """The weights, read from a mapping where they came as one. Raises InvalidInput."""
+        """The weights, read from a mapping where they came as one.
+
+        Raises InvalidInput.
+        """
         weights = self.weights
         return (
             weights
@@ -104,7 +111,8 @@ class GaitEnvSettings:
     @property
     def optimiser(self) -> GaitSettings:
         """The optimiser's settings, likewise; keys that a mapping lacks are as in the environment's
-        own."""
+        own.
+        """
         settings = self.settings
         if isinstance(settings, GaitSettings):
             return settings
@@ -287,7 +295,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the terrain with the terrain-following guess, and after a step the motion that was
-        found."""
+        found.
+        """
         from stancekit.views.gaits import draw_motion
         from stancekit.views.sheet import to_rgb
 
@@ -307,7 +316,10 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         return {name: values.copy() for name, values in self._seen[self._walk].items()}
 
     def _chosen(self, action: NDArray[np.int64]) -> tuple[int, int, int]:
-        """The indices of an action. Raises InvalidInput for another one."""
+        """The indices of an action.
+
+        Raises InvalidInput for another one.
+        """
         if np.shape(action) != self.action_space.shape or not self.action_space.contains(
             np.asarray(action, np.int64)
         ):
@@ -346,7 +358,10 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 def _pool_of(
     pool: int | str | Path | None, tasks: Tasks, charts: tuple[str, ...], settings: GaitSettings
 ) -> WalkPool | None:
-    """The pool that is asked for by a number of walks or a file. Raises InvalidInput."""
+    """The pool that is asked for by a number of walks or a file.
+
+    Raises InvalidInput.
+    """
     if pool is None:
         return None
     if isinstance(pool, int):

@@ -1,2 +1,3 @@
 """Planners: what a plan is, how to compute one and how to check one, without gymnasium and
-torch."""
+torch.
+"""

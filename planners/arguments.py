@@ -1,5 +1,6 @@
 """Arguments and settings, held against their annotations: what does not fit is one line that says
-so."""
+so.
+"""
 
 from __future__ import annotations
 
@@ -46,37 +47,38 @@ WORDS = {
 }
 
 
-def checked(verb: Callable[P, R]) -> Callable[P, R]:
+def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Wrap the function: it raises InvalidInput for an argument of a type or a name that its
     annotation lacks.
 
     A protocol is fulfilled by an instance with its methods.
     """
-    signature = inspect.signature(verb)
+    signature = inspect.signature(function)
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     single = [
         name for name, parameter in signature.parameters.items() if parameter.kind not in kinds
     ]
 
-    @functools.wraps(verb)
+    @functools.wraps(function)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            hints, arguments = _hints(verb), signature.bind(*args, **kwargs).arguments
+            hints, arguments = _hints(function), signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise TypeError(
-                f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}"
+                f"stancekit.{function.__name__}: {error}; it takes {', '.join(signature.parameters)}"
             ) from None
         for name in single:
             if name in arguments:
                 check_argument(name, arguments[name], hints[name])
-        return verb(*args, **kwargs)
+        return function(*args, **kwargs)
 
     return held
 
 
 def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise InvalidInput, which begins with the name, for a value that an annotation does not
-    allow."""
+    allow.
+    """
     if not _fits(value, hint):
         raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
 
@@ -91,6 +93,7 @@ def settings_from(
         kind: the dataclass.
         given: keyword arguments by name.
         beside: further arguments that the caller takes, for the message.
+
     Raises:
         InvalidInput: for a name that no field has, and a value that its field does not allow.
     """

@@ -24,7 +24,8 @@ class cached_property(functools.cached_property[T]):
         self, instance: object | None, owner: type[Any] | None = None
     ) -> cached_property[T] | T:
         """The value, which is kept in the instance, where it is found without this the next
-        time."""
+        time.
+        """
         if instance is None:
             return self
         assert self.attrname is not None  # the class has given it its name

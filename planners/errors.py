@@ -10,6 +10,7 @@ class StancekitError(Exception):
 
     Source:
         Below it: ``InvalidInput``, ``PlanningFailed`` and ``HardwareFault``.
+
     Example:
         >>> import stancekit
         >>> issubclass(stancekit.InvalidInput, stancekit.StancekitError)
@@ -18,11 +19,13 @@ class StancekitError(Exception):
 
 
 class InvalidInput(StancekitError, ValueError):
-    """Input that cannot be used. The message says where, what was expected and what came; a
-    ``ValueError``, too.
+    """Input that cannot be used.
+
+    The message says where, what was expected and what came; a ``ValueError``, too.
 
     Source:
         Every constructor and reader.
+
     Example:
         >>> import stancekit
         >>> stancekit.sample("wall-3", 0)
@@ -37,12 +40,14 @@ class PlanningFailed(StancekitError):
 
 class HardwareFault(StancekitError):
     """A device did not do what it was told, or fell silent; the message says which part and what
-    was seen."""
+    was seen.
+    """
 
 
 class TimeEnded(StancekitError):
     """Work that was given a deadline did not end by then; whoever gave it goes on with what there
-    is."""
+    is.
+    """
 
 
 def check_time(deadline: float) -> None:

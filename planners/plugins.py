@@ -50,17 +50,20 @@ if hasattr(os, "register_at_fork"):
 class Registry(Generic[T]):
     """The things of one kind, by name.
 
-    kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g.
-    "stancekit.worlds". table: those of this package, name → the thing, or "module:attribute".
-    expected, accepts: what a thing must be, in words and as a test of what was found; what fails it
-    is refused. further: what else names one, in words. old_groups: of entry points that count as
-    those of the group for one more release.
-
     >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
     >>> worlds.names()
     ('mujoco',)
     >>> worlds.register("mine", "mypackage.worlds:MyWorld")  # or the class itself
     >>> worlds.get("mine.py:MyWorld")  # doctest: +SKIP
+
+    Arguments:
+        kind: what messages call one, e.g. "world".
+        group: of the entry points of other packages, e.g. "stancekit.worlds".
+        table: those of this package, name → the thing, or "module:attribute".
+        expected, accepts: what a thing must be, in words and as a test of what was found; what
+            fails it is refused.
+        further: what else names one, in words.
+        old_groups: of entry points that count as those of the group for one more release.
     """
 
     def __init__(
@@ -81,8 +84,10 @@ class Registry(Generic[T]):
         self._right: dict[str, T] = {}
 
     def register(self, name: str, thing: str | T) -> None:
-        """Add a thing, or where it is to be found, "module:attribute". A name that is there already
-        is taken over."""
+        """Add a thing, or where it is to be found, "module:attribute".
+
+        A name that is there already is taken over.
+        """
         self._things[name] = thing
 
     def registered(self) -> tuple[str, ...]:
@@ -90,19 +95,22 @@ class Registry(Generic[T]):
         return tuple(self._things)
 
     def names(self) -> tuple[str, ...]:
-        """All names: of this package, as its table has them, then of others. Nothing is
-        imported."""
+        """All names: of this package, as its table has them, then of others.
+
+        Nothing is imported.
+        """
         return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))
 
     def get(self, name: str, *, called: str = "", known: Sequence[str] = ()) -> T:
         """The thing of this name, or of "FILE.py:NAME".
 
-        called: what messages call it, where not by its kind. known: the names to say in place of
-        all.
-
         A file is run once a process, under a module name of its own; other processes are best told
         the same text. Raises InvalidInput, one line, for a name that nobody has, a file that is not
         there or does not run, a name that it lacks, and a thing of the wrong kind.
+
+        Arguments:
+            called: what messages call it, where not by its kind.
+            known: the names to say in place of all.
         """
         thing, where = self._things.get(name), f"{called or self.kind} {name}"
         if thing is None:
@@ -133,7 +141,11 @@ class Registry(Generic[T]):
         raise self.unknown(name, called, known)
 
     def unknown(self, name: Any, called: str = "", known: Sequence[str] = ()) -> InvalidInput:
-        """Error to raise for a name that nobody has; called, known: as for ``get``."""
+        """Error to raise for a name that nobody has.
+
+        Arguments:
+            called, known: as for ``get``.
+        """
         names = ", ".join([*(known or self.names()), *self._further])
         return InvalidInput(
             f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}"
@@ -159,7 +171,8 @@ def split_name(name: str) -> tuple[str, list[str]]:
 
 def takes(thing: Any, count: int) -> bool:
     """Tell whether a thing can be called with so many arguments; True where the thing does not
-    say."""
+    say.
+    """
     try:
         inspect.signature(thing).bind(*[None] * count)
     except TypeError:  # not to be called at all, or otherwise
@@ -209,7 +222,10 @@ class _Pickler(pickle.Pickler):
 
 
 def named_in_file(path: str, name: str) -> Any:
-    """Object of this name in a FILE.py. Raises InvalidInput."""
+    """Object of this name in a FILE.py.
+
+    Raises InvalidInput.
+    """
     return _attribute(_ran(Path(path)), name, path)
 
 
@@ -260,7 +276,8 @@ def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
 
 def blamed(error: BaseException) -> str:
     """An error that came through a FILE.py in one line, with the last place there; empty where it
-    came through none."""
+    came through none.
+    """
     place, trace = "", error.__traceback__
     while trace is not None:
         frame = trace.tb_frame

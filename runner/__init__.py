@@ -1,2 +1,3 @@
 """The runner: plays accepted plans on a world, simulated or real, and stops when anything is not as
-it should be."""
+it should be.
+"""

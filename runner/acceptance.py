@@ -37,7 +37,12 @@ from .worlds.world import Ground, World
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Accepted:
-    """A plan that may be run. digest: the verifier's; source: where it comes from, for messages."""
+    """A plan that may be run.
+
+    Arguments:
+        digest: the verifier's.
+        source: where it comes from, for messages.
+    """
 
     plan: Plan
     digest: str
@@ -45,9 +50,11 @@ class Accepted:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Accepted:
-        """Read a plan file. Raises InvalidInput for one that was edited since, that the verifier
-        rejected, or that it rejects now: a digest shows that a file is whole, not that it is
-        right."""
+        """Read a plan file.
+
+        Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
+        rejects now: a digest shows that a file is whole, not that it is right.
+        """
         plan, header = read_plan(path)
         if not (header["verified"] and header["verdict"]["accepted"]):
             raise InvalidInput(
@@ -57,7 +64,10 @@ class Accepted:
 
     @classmethod
     def verified(cls, plan: Plan, source: str) -> Accepted:
-        """Verify a plan now. Raises InvalidInput for one that is rejected."""
+        """Verify a plan now.
+
+        Raises InvalidInput for one that is rejected.
+        """
         if plan.problem.is_posture:
             raise InvalidInput(
                 f"{source}: expected the plan of a course, got that of a posture problem"
@@ -71,14 +81,18 @@ class Accepted:
         return cls(plan=plan, digest=report.digest, source=source)
 
     def check_stands(self, least_push: float) -> None:
-        """Raise InvalidInput for a plan that is about to tip. least_push: that every stance has to
-        bear, as a share of the weight."""
+        """Raise InvalidInput for a plan that is about to tip.
+
+        Arguments:
+            least_push: that every stance has to bear, as a share of the weight.
+        """
         if tips := tipping(self.plan, least_push):
             raise InvalidInput(f"{self.source}: {tips}; least_push 0 runs it all the same")
 
     def check_fits(self, world: World) -> None:
         """Raise InvalidInput unless the world has the plan's robot, and its joints can take every
-        pose of the plan."""
+        pose of the plan.
+        """
         check_joints(self.source, self.plan.problem.robot, world, self.plan.problem.gravity_m_s2)
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
@@ -89,8 +103,12 @@ class Accepted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptedGait:
-    """A trajectory that may be run, and the robot that walks it. digest: the verifier's; source:
-    for messages."""
+    """A trajectory that may be run, and the robot that walks it.
+
+    Arguments:
+        digest: the verifier's.
+        source: for messages.
+    """
 
     trajectory: Trajectory
     robot: Robot
@@ -100,8 +118,11 @@ class AcceptedGait:
 
     @classmethod
     def from_file(cls, path: str | Path) -> AcceptedGait:
-        """Read a gait. Raises InvalidInput for one that was edited since, that the verifier
-        rejected, or that it rejects now, and for a robot whose joints are not known."""
+        """Read a gait.
+
+        Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
+        rejects now, and for a robot whose joints are not known.
+        """
         record = read_trajectory(path)
         if not record.verified:
             raise InvalidInput(
@@ -116,8 +137,10 @@ class AcceptedGait:
 
     @classmethod
     def verified(cls, trajectory: Trajectory, source: str) -> AcceptedGait:
-        """Verify a gait now. Raises InvalidInput for one that is rejected, or whose robot's joints
-        are not known."""
+        """Verify a gait now.
+
+        Raises InvalidInput for one that is rejected, or whose robot's joints are not known.
+        """
         report = check_trajectory(trajectory)
         if not report.accepted:
             raise InvalidInput(
@@ -161,7 +184,8 @@ class AcceptedLeap:
     @classmethod
     def from_file(cls, path: str | Path) -> AcceptedLeap:
         """Read a leap's file. Raises InvalidInput for one without a plan, or whose plan the
-        verifier rejects."""
+        verifier rejects.
+        """
         plan = read_leap(path).plan
         if plan is None:
             raise InvalidInput(f"{path}: expected a leap with a plan, got none")
@@ -170,7 +194,8 @@ class AcceptedLeap:
     @classmethod
     def verified(cls, plan: LeapPlan, source: str) -> AcceptedLeap:
         """Verify a leap now. Raises InvalidInput for one that is rejected, or whose whole body was
-        not judged."""
+        not judged.
+        """
         report = check_leap(plan, body=True)
         if not report.accepted:
             raise InvalidInput(
@@ -201,7 +226,8 @@ def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
 
 def judged(plan: Plan) -> Report[Plan]:
     """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs
-    of its own."""
+    of its own.
+    """
     return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
 
 
@@ -211,7 +237,8 @@ def _said(report: Report[Plan] | Report[LeapPlan]) -> str:
 
 def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -> None:
     """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a
-    robot, and pulls as it is planned for, where it says how it pulls."""
+    robot, and pulls as it is planned for, where it says how it pulls.
+    """
     wanted, there = joint_names(robot), world.joints
     if tuple(there) != wanted:
         lack, more = sorted(set(wanted) - set(there)), sorted(set(there) - set(wanted))

@@ -1,5 +1,6 @@
 """This installation and this computer: versions, extras, the library that draws, and how fast it
-is."""
+is.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +28,7 @@ def about(
     Arguments:
         measure: whether to measure the speed, which takes some seconds.
         progress: called with the steps done, their number, and the name of the next.
+
     Returns:
         Plain values by name; solves_s [s] and bus are None where nothing was measured.
     """
@@ -65,7 +67,8 @@ def cores() -> int:
 
 def load() -> float:
     """Processes that wanted a processor in the last minute, for each that there is; NaN where
-    nobody says."""
+    nobody says.
+    """
     return os.getloadavg()[0] / cores() if hasattr(os, "getloadavg") else float("nan")
 
 

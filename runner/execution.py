@@ -1,5 +1,6 @@
 """Planned against measured: what the record of a run says where the world measures body and
-forces."""
+forces.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +22,12 @@ from .safety.guard import SafeWorld
 class Tolerance:
     """When a run is a success, and how far from its plan it is stopped.
 
-    com_m: largest distance of the final centre of mass from the plan's; joint_rad: the same of the
-    joints. slip_m: longest distance that a foot slides while it should stand. body_m, body_rad: a
-    body farther than this from where it should be has fallen, and stops the run, where the world
-    measures it.
+    Arguments:
+        com_m: largest distance of the final centre of mass from the plan's.
+        joint_rad: the same of the joints.
+        slip_m: longest distance that a foot slides while it should stand.
+        body_m, body_rad: a body farther than this from where it should be has fallen, and stops the
+            run, where the world measures it.
     """
 
     com_m: float = 0.03
@@ -41,17 +44,26 @@ class Tolerance:
 class Execution:
     """Record of how a motion was followed; P footholds, J joints.
 
-    succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not.
-    com_final_m: distance of the final centre of mass from the plan's; com_worst_m, tilt_worst_rad:
-    largest on the path. body_rms_m, body_worst_m, body_final_m: distance of the body's origin from
-    where it should be. slip_m: of every foothold since it touched, and late_s: how long after it
-    should have that was, shape (P,). force_rms_n: root mean square, over time and the feet that
-    should stand, of the difference between measured and planned forces. torque_worst_nm,
-    planned_torque_nm: largest of any joint, measured and as planned; torque_limit_nm: the strongest
-    joint's. torque_share: largest measured torque of every joint in units of its own limit, shape
-    (J,). error_m: worst of the inverse kinematics. shift_m: largest distance of the centre of mass
-    from the body's origin. bump_s: how long anything but feet was touched. seconds: of the world's
-    time; wall_s: what that took.
+    Arguments:
+        succeeded: by ``Tolerance``.
+        message: why not.
+        fallen_s: when it fell, None if it did not.
+        com_final_m: distance of the final centre of mass from the plan's.
+        com_worst_m, tilt_worst_rad: largest on the path.
+        body_rms_m, body_worst_m, body_final_m: distance of the body's origin from where it should
+            be.
+        slip_m: of every foothold since it touched, and late_s: how long after it should have that
+            was, shape (P,).
+        force_rms_n: root mean square, over time and the feet that should stand, of the difference
+            between measured and planned forces.
+        torque_worst_nm, planned_torque_nm: largest of any joint, measured and as planned.
+        torque_limit_nm: the strongest joint's.
+        torque_share: largest measured torque of every joint in units of its own limit, shape (J,).
+        error_m: worst of the inverse kinematics.
+        shift_m: largest distance of the centre of mass from the body's origin.
+        bump_s: how long anything but feet was touched.
+        seconds: of the world's time.
+        wall_s: what that took.
     """
 
     world: str
@@ -93,10 +105,12 @@ class Execution:
     ) -> Execution:
         """Compare a record, of one period or more, with what was planned.
 
-        goal_m: where the centre of mass should end, shape (3,). stances: what every foothold is
-        called in a message. wall_s: real time taken [s]. touch_downs_m: how far beyond its place
-        the ground of each foothold may be, 0 of what is exact, shape (P,); None where feet do not
-        feel.
+        Arguments:
+            goal_m: where the centre of mass should end, shape (3,).
+            stances: what every foothold is called in a message.
+            wall_s: real time taken [s].
+            touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
+                exact, shape (P,); None where feet do not feel.
         """
         trace = Trace.of(record, kinematics)
         planned = Rotation.from_rotvec([target.sample.rotation_rad for target, _ in record.pairs])
@@ -171,7 +185,8 @@ def _wrong(
 
 def _not_found(stances: Sequence[str], trace: Trace, touch_downs_m: Array) -> list[str]:
     """The footholds on noisy ground whose feet felt nothing all the while they should stand, in
-    words."""
+    words.
+    """
     missed = np.flatnonzero((touch_downs_m > 0.0) & ~trace.found(len(stances)))
     if not len(missed):
         return []

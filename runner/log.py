@@ -81,15 +81,19 @@ class NoLog:
 
 
 class McapLog:
-    """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without
-    the package mcap.
+    """An MCAP file.
+
+    A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
 
     A log that is there already stays until this one is ended: then this one takes its place, and
     until then it grows beside it in NAME.partial.mcap. That is where what was written is found
     after a run that was killed, or that could not write on; the next log of that name begins there
     anew. Where nothing is there, the log grows in its own place. Two runs at once do not write one
-    log: the second is refused at its first message. clock: of the messages, in nanoseconds since
-    1970; a clock that is set back is no matter, order is the file's.
+    log: the second is refused at its first message.
+
+    Arguments:
+        clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter,
+            order is the file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
@@ -132,7 +136,10 @@ class McapLog:
         return stream
 
     def _claimed(self, how: int) -> int:
-        """A descriptor of the file with its lock. Raises InvalidInput where another run has it."""
+        """A descriptor of the file with its lock.
+
+        Raises InvalidInput where another run has it.
+        """
         descriptor = os.open(self._place, how, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -146,8 +153,9 @@ class McapLog:
         return descriptor
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
-        """Write one message, and hand it to the operating system. Numbers that are not finite
-        become null.
+        """Write one message, and hand it to the operating system.
+
+        Numbers that are not finite become null.
 
         Raises OSError, naming the file, where it cannot be written: what was written before stays,
         and nothing is written any more, so that an ending is not disturbed by a disk that is full.
@@ -163,8 +171,10 @@ class McapLog:
             stream.flush()
 
     def close(self) -> None:
-        """End the file properly, and put it in its place; once is enough. Raises OSError as
-        ``write``."""
+        """End the file properly, and put it in its place; once is enough.
+
+        Raises OSError as ``write``.
+        """
         if self._stream is None or self._stream.closed:
             return
         with self._named():
@@ -179,7 +189,8 @@ class McapLog:
     @contextmanager
     def _named(self) -> Iterator[None]:
         """An error of the system names the file; it is the end of the log, and of a file without a
-        message."""
+        message.
+        """
         try:
             yield
         except OSError as error:
@@ -206,7 +217,11 @@ class McapLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """One message of a log. time_ns: since 1970."""
+    """One message of a log.
+
+    Arguments:
+        time_ns: since 1970.
+    """
 
     topic: str
     time_ns: int
@@ -215,8 +230,11 @@ class Message:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """A log that was read. whole: it was ended properly; else the process was, and all that it
-    wrote is here."""
+    """A log that was read.
+
+    Arguments:
+        whole: it was ended properly; else the process was, and all that it wrote is here.
+    """
 
     messages: tuple[Message, ...]
     whole: bool
@@ -227,8 +245,10 @@ class Recorded:
 
 
 def read_log(path: str | Path) -> Recorded:
-    """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no
-    log of a run."""
+    """Read a log to its end, or to where its writer was killed.
+
+    Raises InvalidInput for what is no log of a run.
+    """
     path = Path(path)
     try:
         from mcap.records import Channel, Chunk, Footer
@@ -265,7 +285,10 @@ def state_json(state: State) -> dict[str, Any]:
 
 
 def state_from_json(content: Mapping[str, Any], where: str) -> State:
-    """Read a state that ``state_json`` wrote. Raises InvalidInput."""
+    """Read a state that ``state_json`` wrote.
+
+    Raises InvalidInput.
+    """
     try:
         numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
         values: dict[str, Any] = {
@@ -303,8 +326,10 @@ def _check_message(topic: str, content: Any, where: str) -> None:
 
 
 def table(value: Any, shape: tuple[int | None, ...], where: str) -> Array:
-    """Numbers of a message in this shape, None where any length will do; null is NaN. Raises
-    InvalidInput."""
+    """Numbers of a message in this shape, None where any length will do; null is NaN.
+
+    Raises InvalidInput.
+    """
     try:
         values = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

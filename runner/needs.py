@@ -23,9 +23,10 @@ from stancekit.planners.robot.actuators import ActuatorModel
 class JointNeeds:
     """Needs of J joints, shape (J,) each.
 
-    peak_nm, rms_nm: largest torque, and root mean square over the motion. stall_nm, continuous_nm:
-    what their actuators have; continuous_nm and heat, the largest load on the way, are NaN where
-    nobody says what they bear.
+    Arguments:
+        peak_nm, rms_nm: largest torque, and root mean square over the motion.
+        stall_nm, continuous_nm: what their actuators have; continuous_nm and heat, the largest load
+            on the way, are NaN where nobody says what they bear.
     """
 
     joints: tuple[str, ...]
@@ -68,7 +69,8 @@ class JointNeeds:
     @property
     def share_of_continuous(self) -> Array:
         """Mean torque, by its square, as a share of the continuous one; NaN where it is not
-        known."""
+        known.
+        """
         return self.rms_nm / self.continuous_nm
 
     def said(self, joint: int) -> str:
@@ -116,7 +118,8 @@ class JointNeeds:
 
 def thermal_load(squares: Array, constants_s: Array, period_s: float) -> Array:
     """The largest load on the way from cold, shape (J,): of (τ / τ_c)², shape (T, J), so long
-    apart."""
+    apart.
+    """
     decay = np.exp(-period_s / constants_s)
     load = worst = np.zeros(squares.shape[1])
     for row in squares:

@@ -1,5 +1,6 @@
 """Motions that are ready to go on a world: checked, timed, and with a tracker that has not
-begun."""
+begun.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +53,12 @@ P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tracked(Generic[M_co]):
-    """A motion with a tracker that has not begun. first: the target before the first period. sees:
-    feet are felt."""
+    """A motion with a tracker that has not begun.
+
+    Arguments:
+        first: the target before the first period.
+        sees: feet are felt.
+    """
 
     motion: M_co
     tracker: Tracker
@@ -63,14 +68,17 @@ class Tracked(Generic[M_co]):
     def next(self, felt: Array, state: State | None = None) -> Target | None:
         """The target of the next period, None at the end.
 
-        felt: by the feet just now, (N, 3) [N]. state: the world's, from its last period on.
+        Arguments:
+            felt: by the feet just now, (N, 3) [N].
+            state: the world's, from its last period on.
         """
         return self.tracker.next(felt if self.sees else expected(self.tracker.coming), state)
 
     @staticmethod
     def lean(target: Target) -> Array:
         """Part of a target that is load, that of feedback, too, shape (J,) [rad]: joints are to be
-        at the rest."""
+        at the rest.
+        """
         return np.asarray(target.targets_rad - target.angles_rad)
 
 
@@ -78,10 +86,15 @@ class Tracked(Generic[M_co]):
 class Prepared(Tracked[P_co]):
     """A plan, or a gait, that a run begins with.
 
-    digest: of the verdict on it. terrain: what it was made for; surfaces: what feet stay out of.
-    pace: of that asked for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m:
-    how far feet are lifted where the path to the first pose is not clear. touch_downs_m: how far
-    beyond its place the ground of each foothold may be, 0 of what is exact, shape (P,).
+    Arguments:
+        digest: of the verdict on it.
+        terrain: what it was made for.
+        surfaces: what feet stay out of.
+        pace: of that asked for, 1 where it was slow enough.
+        bound_by: what slowed it down.
+        clearance_m: how far feet are lifted where the path to the first pose is not clear.
+        touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
+            exact, shape (P,).
     """
 
     digest: str
@@ -135,7 +148,8 @@ class Prepared(Tracked[P_co]):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resumption:
     """Handover of a robot that stands already to another plan: from the posture of its kinematics,
-    from what its feet carry, shape (N, 3) [N], and no faster than at this pace."""
+    from what its feet carry, shape (N, 3) [N], and no faster than at this pace.
+    """
 
     kinematics: Kinematics
     carried_n: Array
@@ -148,10 +162,12 @@ def prepare_plan(
     settings: RunSettings,
     resumption: Resumption | None = None,
 ) -> Prepared[PlanMotion]:
-    """A plan, timed for a world that it fits. resumption: how a robot that stands already takes it
-    up.
+    """A plan, timed for a world that it fits.
 
     Raises InvalidInput where it does not fit.
+
+    Arguments:
+        resumption: how a robot that stands already takes it up.
     """
     check_settings(settings, world)
     plan, sees = accepted.plan, sees_feet(world, settings)
@@ -225,8 +241,10 @@ def prepare_plan(
 def prepare_gait(
     accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
 ) -> Prepared[GaitMotion]:
-    """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it,
-    before anything moves."""
+    """A gait for a world that it fits.
+
+    Raises InvalidInput for one whose joints cannot do it, before anything moves.
+    """
     check_settings(settings, world)
     if settings.odometry:
         raise InvalidInput(
@@ -336,7 +354,8 @@ def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
 
 def check_settings(settings: RunSettings, world: SafeWorld) -> None:
     """Raise InvalidInput for a robot that hangs where none can, and for limits that only a
-    simulation may break."""
+    simulation may break.
+    """
     if settings.hung and not world.real:
         raise InvalidInput(
             f"hung: expected a robot that can hang in a stand, world {world.name} has none"
@@ -351,7 +370,8 @@ def _check_bodies(
     accepted: Accepted, timed: TimedMotion[PlanMotion], kinematics: Kinematics
 ) -> None:
     """Raise InvalidInput where a link goes through another one or the terrain on the way; log what
-    has no shape."""
+    has no shape.
+    """
     report = motion_bodies(accepted.plan, timed.profile.targets, kinematics)
     if report.message:
         raise InvalidInput(
@@ -368,8 +388,10 @@ def _check_bodies(
 def _check_gait(
     motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool
 ) -> RedundancyResolution:
-    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. Returns what its
-    tracker wishes."""
+    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down.
+
+    Returns what its tracker wishes.
+    """
     wished = resolved(motion, kinematics)
     if not hung:
         check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)
@@ -382,7 +404,8 @@ def _check_gait(
 
 def _check_heat(source: str, profile: JointProfile, drives: Drives) -> None:
     """Raise InvalidInput for a motion that makes an actuator hotter than it bears, as far as that
-    is known."""
+    is known.
+    """
     check_actuators(
         source, drives, profile.static_nm + profile.dynamic_nm, 1.0 / RATE_HZ, share=1.0
     )

@@ -26,8 +26,12 @@ TOUCH_N = 1.5
 
 @dataclass
 class Record:
-    """pairs: target and state of every control period. began_s: when each was sent, on the
-    performance counter."""
+    """What was sent and measured.
+
+    Arguments:
+        pairs: target and state of every control period.
+        began_s: when each was sent, on the performance counter.
+    """
 
     pairs: list[tuple[Target, State]] = field(default_factory=list)
     began_s: list[float] = field(default_factory=list)
@@ -42,12 +46,16 @@ class Record:
 class Trace:
     """A record as arrays, a row a control period, T of them; N limbs, J joints.
 
-    com_m, planned_com_m: shape (T, 3). frame: progress in key frames, shape (T,). origin_m,
-    rotation: of the body's frame, shape (T, 3), (T, 3, 3). feet_m: centres, shape (T, N, 3);
-    rolled_m: of that, what they should have rolled since they were put down. forces_n,
-    planned_forces_n: shape (T, N, 3). angles_rad, torques_nm, planned_torques_nm: shape (T, J).
-    foothold: what every limb should stand on, −1 in the air, shape (T, N). bump_n: terrain on
-    anything but feet, shape (T,).
+    Arguments:
+        com_m, planned_com_m: shape (T, 3).
+        frame: progress in key frames, shape (T,).
+        origin_m, rotation: of the body's frame, shape (T, 3), (T, 3, 3).
+        feet_m: centres, shape (T, N, 3).
+        rolled_m: of that, what they should have rolled since they were put down.
+        forces_n, planned_forces_n: shape (T, N, 3).
+        angles_rad, torques_nm, planned_torques_nm: shape (T, J).
+        foothold: what every limb should stand on, −1 in the air, shape (T, N).
+        bump_n: terrain on anything but feet, shape (T,).
     """
 
     time_s: Array
@@ -68,7 +76,11 @@ class Trace:
 
     @classmethod
     def of(cls, record: Record, kinematics: Kinematics) -> Trace:
-        """The arrays of a record. kinematics: of the robot, for its centre of mass."""
+        """The arrays of a record.
+
+        Arguments:
+            kinematics: of the robot, for its centre of mass.
+        """
         pairs = record.pairs
         samples, states = [target.sample for target, _ in pairs], [state for _, state in pairs]
         return cls(
@@ -115,7 +127,8 @@ class Trace:
 
     def found(self, footholds: int) -> NDArray[np.bool_]:
         """Tell which footholds' feet touched while it should stand; true of those that never
-        should, shape (P,)."""
+        should, shape (P,).
+        """
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
         return np.array(
             [
@@ -126,7 +139,8 @@ class Trace:
 
     def _stood(self, footholds: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
         """Yield for each foothold the rows and the limbs of the samples in which its foot should
-        stand there, and the position in these of the first one that touches; 0 if none does."""
+        stand there, and the position in these of the first one that touches; 0 if none does.
+        """
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
         for foothold in range(footholds):
             rows, limbs = np.nonzero(self.foothold == foothold)

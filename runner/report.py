@@ -57,6 +57,7 @@ class RunReport:
             where nobody says.
     Source:
         None: planned against measured.
+
     Example:
         >>> import stancekit
         >>> report = stancekit.simulate("plan.json")  # doctest: +SKIP
@@ -110,7 +111,11 @@ class RunReport:
         message: str,
         wall_s: float,
     ) -> RunReport:
-        """The report of what was recorded. message: what stopped it, empty where nothing did."""
+        """The report of what was recorded.
+
+        Arguments:
+            message: what stopped it, empty where nothing did.
+        """
         execution, measured = None, world.capabilities.has_body_pose and not world.dry
         if measured and record.pairs:
             execution = prepared.execution(world, record, settings, wall_s)
@@ -189,7 +194,8 @@ def _by_odometry(
     record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
 ) -> float:
     """Largest distance of the body from the plan, where nobody but the joints told the tracker
-    [m]."""
+    [m].
+    """
     seen = world.dry or body_from(world, settings) == "the world"
     return (
         float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)

@@ -61,9 +61,12 @@ Until = Callable[[Target, State], bool]
 class Runner:
     """Runs plans and gaits on one world, once; it closes the world.
 
-    dry: send nothing to anything real. sources: of stops, beside those of the settings and whoever
-    trips the world's latch. log: of everything. progress: called with (key frames done, all).
-    monitor: entered already; it acts where this process cannot.
+    Arguments:
+        dry: send nothing to anything real.
+        sources: of stops, beside those of the settings and whoever trips the world's latch.
+        log: of everything.
+        progress: called with (key frames done, all).
+        monitor: entered already; it acts where this process cannot.
     """
 
     def __init__(
@@ -93,8 +96,12 @@ class Runner:
     ) -> RunReport:
         """One plan, or gait, from its beginning to its end.
 
-        terrain: what the world has, where that is not what the plan says. Raises InvalidInput for
-        what cannot be run, before anything moves; what stops it on the way is in the report.
+        Arguments:
+            terrain: what the world has, where that is not what the plan says.
+
+        Raises:
+            InvalidInput: for what cannot be run, before anything moves; what stops it on the way is
+                in the report.
         """
         begin, record = time.perf_counter(), Record()
         prepared = self.prepare(accepted)
@@ -127,9 +134,10 @@ class Runner:
         """Arm, go to the first pose, do what ``motion`` does, and leave the robot as it should be,
         whatever happens.
 
-        motion: returns what is wrong at its end, empty where nothing is. Returns how the robot was
-        left, and what went wrong. Raises what is no stop and no fault of the hardware, after the
-        robot was left.
+        Arguments:
+            motion: returns what is wrong at its end, empty where nothing is. Returns how the robot
+                was left, and what went wrong. Raises what is no stop and no fault of the hardware,
+                after the robot was left.
         """
         self._prepared, message = prepared, ""
         with on_signals(self.latch), self.world, watched(self.latch):
@@ -160,9 +168,12 @@ class Runner:
     def prepare(
         self, accepted: Accepted | AcceptedGait | AcceptedLeap, resumption: Resumption | None = None
     ) -> Prepared[PlannedMotion]:
-        """Check that a plan, or a gait, fits the world, and time it. Raises InvalidInput.
+        """Check that a plan, or a gait, fits the world, and time it.
 
-        resumption: how a robot that stands already takes up a plan.
+        Raises InvalidInput.
+
+        Arguments:
+            resumption: how a robot that stands already takes up a plan.
         """
         prepared: Prepared[PlannedMotion]
         if isinstance(accepted, Accepted):
@@ -176,10 +187,12 @@ class Runner:
         return prepared
 
     def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
-        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no
-        clear path to it.
+        """Measure, arm, and go softly to the first pose.
 
-        terrain: what the world has, where that is not what the plan's course says.
+        Raises InvalidInput where there is no clear path to it.
+
+        Arguments:
+            terrain: what the world has, where that is not what the plan's course says.
         """
         first = prepared.first
         rotation = first.sample.rotation
@@ -214,8 +227,11 @@ class Runner:
         )
 
     def go(self, path: Sequence[Array], stays: Array | None = None) -> None:
-        """Along joint poses, softly, one after the other. stays: where the joints are all the
-        while, the rest loads."""
+        """Along joint poses, softly, one after the other.
+
+        Arguments:
+            stays: where the joints are all the while, the rest loads.
+        """
         for pose in path:
             for targets in soft_motion(
                 self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz
@@ -225,7 +241,10 @@ class Runner:
     def follow(
         self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False
     ) -> bool:
-        """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
+        """The motion to its end, or to where ``until`` says so.
+
+        Returns whether it ended.
+        """
         assert self.state is not None
         source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
@@ -259,7 +278,8 @@ class Runner:
 
     def _commit(self, time_s: float) -> None:
         """Tell the latch whether a leap is under way that ends on its feet or not at all: a robot
-        that holds its joints in the air falls, so a stop lands it first."""
+        that holds its joints in the air falls, so a stop lands it first.
+        """
         motion = None if self._prepared is None else self._prepared.motion
         if isinstance(motion, LeapRun):
             begins, ends = motion.committed_s
@@ -267,7 +287,8 @@ class Runner:
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,
-        and return that."""
+        and return that.
+        """
         wrench: Array | None = None
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
@@ -278,7 +299,14 @@ class Runner:
         return wrench
 
     def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
-        """One command, logged. lean: as of ``SafeWorld.step``. Raises Stopped, HardwareFault."""
+        """One command, logged.
+
+        Arguments:
+            lean: as of ``SafeWorld.step``.
+
+        Raises:
+            Stopped: HardwareFault.
+        """
         state = self.world.step(targets, lean)
         if self._logs:
             entry = {"asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned}
@@ -379,11 +407,17 @@ def simulate(
     """Run a plan in a simulated world, at the pace asked for: what was planned against what
     happened.
 
-    world: "mujoco", "bullet", or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's
-    own. rate_hz: targets a second, the world's own where None. terrain: what the world has, where
-    that is not the plan's. actuators: in place of the servo's limits. progress: as of ``Runner``.
-    Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at
-    once, a world that is no simulation, and without pinocchio.
+    Arguments:
+        world: "mujoco", "bullet", or FILE.py:NAME.
+        servo: of drawn-up legs, in place of the robot's own.
+        rate_hz: targets a second, the world's own where None.
+        terrain: what the world has, where that is not the plan's.
+        actuators: in place of the servo's limits.
+        progress: as of ``Runner``.
+
+    Raises:
+        InvalidInput: for a plan that the verifier rejects, a schedule that lifts all limbs at once,
+            a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.problem.name), plan.problem
     gravity = course.gravity_m_s2

@@ -50,10 +50,12 @@ class RunSettings:
             says.
         stops: what stops it from outside, beside signals: functions that return why, or None.
         loop: how a policy plans anew on the way.
+
     Raises:
         InvalidInput: for a speed or a share out of range.
     Source:
         None: what a robot is run with.
+
     Example:
         >>> from stancekit import RunSettings
         >>> RunSettings(ending="home").friction_share

@@ -37,7 +37,8 @@ is tried again."""
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
     """Try a test of real time again where the computer, and not the robot, was late; what is wrong
-    fails each time."""
+    fails each time.
+    """
     if not item.nodeid.startswith(REAL_TIME):
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
@@ -61,7 +62,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 def pytest_configure() -> None:
     """What is imported and collected stays: the collector of cycles does not look at it, then or
-    later."""
+    later.
+    """
     gc.disable()
 
 
@@ -74,7 +76,8 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(scope="session", autouse=True)
 def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Workspaces are measured once, by whichever test asks first in any process, and not kept in
-    the user's folder."""
+    the user's folder.
+    """
     mine = tmp_path_factory.getbasetemp()
     shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
     with pytest.MonkeyPatch.context() as patch:
@@ -103,7 +106,8 @@ def mixed() -> Callable[[int, tuple[int, ...]], Problem]:
 @pytest.fixture(scope="session")
 def written() -> Callable[[Problem], Written]:
     """Paper E §II written from the problem's own numbers, contact by contact, sharing no line with
-    the planners."""
+    the planners.
+    """
     return Written
 
 
@@ -219,7 +223,8 @@ def timed() -> dict[str, Any]:
 @pytest.fixture
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of one plan, on one kind of world, at one pace, share its postures, its time
-    parametrisation and whether its bodies collide, most of a run's work."""
+    parametrisation and whether its bodies collide, most of a run's work.
+    """
     from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
     from stancekit.runner.motion import stream
@@ -278,7 +283,8 @@ def each_gait_is_written_once(
     written_gaits: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Walks of one task, in charts without a map of the terrain, share their program and what IPOPT
-    compiled of it, which answers every solve as if it were the first."""
+    compiled of it, which answers every solve as if it were the first.
+    """
     from stancekit.planners.gait.charts import CHARTS
     from stancekit.planners.gait.method import attempt
 
@@ -298,7 +304,8 @@ def each_gait_is_written_once(
 @pytest.fixture(scope="session")
 def gl() -> None:
     """Pass a test over where MuJoCo's renderer finds no GL library, which ``test_film`` asserts the
-    message of."""
+    message of.
+    """
     from stancekit.planners.errors import InvalidInput
     from stancekit.views.film import check_film
 

@@ -71,7 +71,8 @@ class Question:
 @dataclass(frozen=True, kw_only=True)
 class Reply:
     """What a door says: the status, the digest of the problem that a certificate proves, and the
-    objective of a plan that is accepted; one that is not was bent as far as there was time."""
+    objective of a plan that is accepted; one that is not was bent as far as there was time.
+    """
 
     status: str
     proved: str = ""
@@ -202,7 +203,8 @@ def by_playground(question: Question, folder: Path) -> Reply:
 
 def by_replan(question: Question, folder: Path) -> Reply:
     """``replan``, the function of the closed loop and of Traverse-v0, asked for the whole course
-    with its limits."""
+    with its limits.
+    """
     course = stancekit.load(question.file(folder), Problem)
     limits = WholeBodyLimits(torque_nm=question.torque_nm)
     return _reply(replan(None, course, shares=SHARES, presses=PRESSES, limits=limits))
@@ -246,7 +248,8 @@ DOORS: dict[str, tuple[Door, ...]] = {
 
 def ask(question: Question, folder: Path) -> dict[str, dict[str, Reply]]:
     """What the doors that take a question say, by the kind of the question and the name of the
-    door."""
+    door.
+    """
     kinds = ("course",) if question.posture is None else ("posture", "posture as a course")
     replies = dict[str, dict[str, Reply]]()
     for kind in kinds:
@@ -261,7 +264,8 @@ def ask(question: Question, folder: Path) -> dict[str, dict[str, Reply]]:
 
 def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
     """Where two doors of a kind say different things, and where a proof of one kind meets a plan of
-    another."""
+    another.
+    """
     found = list[str]()
     for kind, each in replies.items():
         first, *others = each.items()
@@ -274,7 +278,8 @@ def differences(replies: Mapping[str, Mapping[str, Reply]]) -> list[str]:
 
 def digest_of(problem: Problem) -> str:
     """SHA-256 of a problem as its file has it, and of the name of nothing: a course of another name
-    is the same."""
+    is the same.
+    """
     data = problem.to_json() if problem.is_posture else {**problem.to_json(), "name": ""}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 

@@ -54,7 +54,8 @@ class Kept(Runner):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
     """What differs most between a film and a stream, by name, in SI units; looked: how many samples
-    that is of."""
+    that is of.
+    """
 
     differs: dict[str, float]
     looked: int

@@ -1,5 +1,6 @@
 """The project's address: README, CITATION and pyproject say what the one constant says, and nothing
-else does."""
+else does.
+"""
 
 import re
 import runpy

@@ -1,7 +1,9 @@
 """What the documents show is true: their Python and commands run, their problem is solved, their
-tables are whole."""
+tables are whole.
+"""
 
 import importlib
+import inspect
 import io
 import json
 import os
@@ -196,14 +198,14 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
         assert outcome.solution is None or check_plan(outcome.solution).accepted
 
 
-def test_every_verb_on_a_page_is_one_that_there_is() -> None:
-    from stancekit.cli.main import VERBS
+def test_every_command_on_a_page_is_one_that_there_is() -> None:
+    from stancekit.cli.main import COMMANDS as KNOWN
 
     texts = [text for page in PAGES for _, language, text in blocks(page) if language == "sh"]
     lines = [line for text in texts for line in text.splitlines()]
-    verbs = {line.split()[1] for line in lines if line.startswith("stancekit ")}
-    assert len(verbs) >= 12
-    assert verbs <= set(VERBS)
+    commands = {line.split()[1] for line in lines if line.startswith("stancekit ")}
+    assert len(commands) >= 12
+    assert commands <= set(KNOWN)
 
 
 @pytest.fixture
@@ -229,11 +231,21 @@ def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_referen
 
 
 def test_what_a_docstring_says_of_keys_is_read_off_it(extension) -> None:
-    said = "A thing, of use: never. near, far: how far [m]; tall: how tall, that is: up. other: of no key."
-    assert extension("keys").own_meanings(said, {"near", "far", "tall"}) == {
+    docstring = """A thing, of use: never.
+
+    Arguments:
+        near, far: how
+            far [m].
+        tall: how tall, that is: up.
+        other: of no key.
+
+    Raises:
+        InvalidInput: always.
+    """
+    assert extension("keys").own_meanings(inspect.cleandoc(docstring), {"near", "far", "tall"}) == {
         "near": "how far [m]",
         "far": "how far [m]",
-        "tall": "how tall, that is: up. other: of no key",
+        "tall": "how tall, that is: up",
     }
 
 
@@ -261,10 +273,10 @@ def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writ
         assert len(anchors) == len(set(anchors)), (
             f"docs/{name}: two places of one name, which Sphinx refuses"
         )
-    verbs = re.findall(
+    commands = re.findall(
         r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M
     )
-    assert verbs == re.findall(r"^## (.*)$", extension("verbs").page(), re.M)
+    assert commands == re.findall(r"^## (.*)$", extension("commands").page(), re.M)
 
 
 def test_every_link_of_a_page_leads_to_a_file_of_the_repository() -> None:

@@ -1,5 +1,6 @@
 """docs/equations.md: every equation of both papers is tied to code, every tie resolves, and the
-page is up to date."""
+page is up to date.
+"""
 
 import importlib
 import importlib.util

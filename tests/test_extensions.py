@@ -1,5 +1,6 @@
 """Extensions, each one file and one registration: a relaxation, a reward term, a verifier group, a
-command."""
+command.
+"""
 
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -150,11 +151,12 @@ def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(
 ):
     monkeypatch.syspath_prepend(mine.parent)
     points = [
-        EntryPoint("count", "mine:Count", command.COMMANDS),
-        EntryPoint("plan", "mine:Count", command.COMMANDS),
+        EntryPoint("count", "mine:Count", command.ENTRY_POINTS),
+        EntryPoint("plan", "mine:Count", command.ENTRY_POINTS),
     ]
     monkeypatch.setattr(
-        "importlib.metadata.entry_points", lambda group: points if group == command.COMMANDS else []
+        "importlib.metadata.entry_points",
+        lambda group: points if group == command.ENTRY_POINTS else [],
     )
     with pytest.raises(SystemExit) as done:
         command.main(["count", "--most", "4"])
@@ -163,4 +165,4 @@ def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(
     with pytest.raises(SystemExit):
         command.main(["cuont"])
     assert "about, count, got 'cuont'" in capsys.readouterr().err
-    assert command._verb("plan").__name__ == "PlanCourse"
+    assert command._command("plan").__name__ == "PlanCourse"

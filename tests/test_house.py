@@ -1,5 +1,6 @@
 """The house itself: the wheel is whole, imports never point up, nothing is undocumented, no machine
-is named."""
+is named.
+"""
 
 import ast
 import json
@@ -73,7 +74,8 @@ NOT_OURS = {
 
 def project_files() -> list[Path]:
     """Return the files of the project, relative to ROOT: what git would keep, or without git all
-    but what is built."""
+    but what is built.
+    """
     files = _git_files()
     if files is None:
         files = [
@@ -267,7 +269,8 @@ def _module_name(path: Path) -> str:
 
 def _environment(folder: Path, *install: str) -> Path:
     """A virtual environment with this installed, which sees everything else that this interpreter
-    sees."""
+    sees.
+    """
     venv.create(folder)
     site = _site(folder)
     (site / "others.pth").write_text("\n".join(_site_packages()) + "\n")
@@ -287,7 +290,8 @@ def _environment(folder: Path, *install: str) -> Path:
 
 def _site_packages() -> list[str]:
     """Where this interpreter finds what is installed; nothing there that a .pth file adds takes
-    part."""
+    part.
+    """
     return [path for path in sys.path if path.endswith("site-packages")]
 
 
@@ -333,3 +337,40 @@ def _run(command: list[str], **options: Any) -> str:
     )
     assert done.returncode == 0, f"{' '.join(command)[:200]}\n{done.stdout}\n{done.stderr}"
     return str(done.stdout)
+
+
+def inline_arguments(source: str) -> list[str]:
+    """Names of arguments that a docstring describes in its prose, not in a section of their own."""
+    names_in_prose = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            continue
+        if isinstance(node, ast.ClassDef):
+            names = {
+                each.target.id
+                for each in node.body
+                if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+            }
+        else:
+            names = {each.arg for each in [*node.args.args, *node.args.kwonlyargs]}
+        prose = re.split(
+            r"(?m)^(?:Class a|A)(?:rguments|ttributes):$", ast.get_docstring(node) or ""
+        )
+        for part in re.findall(r"(?:^|[.;]\s)((?:[a-z_]\w*(?:,\s| and\s))*[a-z_]\w*):\s", prose[0]):
+            if all(name in names for name in re.split(r",\s| and\s", part)):
+                names_in_prose.append(f"{node.name}: {part}")
+    return names_in_prose
+
+
+def test_arguments_have_a_line_each() -> None:
+    assert inline_arguments('def f(x):\n    """Double; x: a number."""') == ["f: x"]
+    assert not inline_arguments(
+        'def f(x):\n    """Double.\n\n    Arguments:\n        x: one.\n    """'
+    )
+    prose = [
+        f"{path.relative_to(ROOT)}: {each}"
+        for folder in FOLDERS
+        for path in (ROOT / folder).rglob("*.py")
+        for each in inline_arguments(path.read_text())
+    ]
+    assert prose == [], prose

@@ -1,5 +1,6 @@
 """Calls of every function that threads may call, and what is compared of their answers: every bit
-that is no time."""
+that is no time.
+"""
 
 from __future__ import annotations
 

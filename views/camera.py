@@ -15,7 +15,8 @@ from stancekit.planners.files.arrays import Array
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
     """A perspective on a target, shape (3,) [m], so far away [m]; what is at the target is drawn to
-    scale."""
+    scale.
+    """
 
     target_m: Array
     azimuth_rad: float
@@ -41,7 +42,8 @@ class Camera:
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Points, shape (…, 3), on the picture plane, shape (…, 2) [m], and how near they are,
-        shape (…) [m]."""
+        shape (…) [m].
+        """
         local = (points - self.target_m) @ self.axes.T
         away = np.maximum(
             self.distance_m - local[..., 2], 0.2 * self.distance_m

@@ -29,9 +29,10 @@ from .sheet import (
 class ComparisonBar:
     """One row of a comparison table.
 
-    values: measure → share of problems in [0, 1], e.g. "P1 correct feasible", "fix-p". A measure
-    that a selector does not have is left out. paper: what the paper printed for the same measures,
-    where it did.
+    Arguments:
+        values: measure → share of problems in [0, 1], e.g. "P1 correct feasible", "fix-p". A
+            measure that a selector does not have is left out.
+        paper: what the paper printed for the same measures, where it did.
     """
 
     selector: str
@@ -128,7 +129,8 @@ def _bar(
 
 def _bar_number(axes: Axes, x: float, percent: float, colour: str, room: float) -> None:
     """The number at the foot of its bar, where no marker hides it, or above a short bar; upright in
-    a narrow one."""
+    a narrow one.
+    """
     dark = float(np.dot(to_rgba(colour)[:3], (0.299, 0.587, 0.114))) < 0.6
     tall = percent > 12.0
     axes.text(

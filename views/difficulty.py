@@ -1,5 +1,6 @@
 """Difficulty curves of terrain families: by level, the share of scenes with a plan, and with a
-proof of none."""
+proof of none.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +22,12 @@ PLANNED, NONE = "#2c8173", ACCENT
 def difficulty_curves(rows: Sequence[Mapping[str, Any]], size_px: Size = SIZE_PX) -> Figure:
     """A panel a family.
 
-    rows: each with family, level, scenes, planned, proved_none, undecided and half_width, shares of
-    1; the band is the half-width. Raises InvalidInput without any.
+    Arguments:
+        rows: each with family, level, scenes, planned, proved_none, undecided and half_width,
+            shares of 1; the band is the half-width.
+
+    Raises:
+        InvalidInput: without any.
     """
     families = list(dict.fromkeys(str(row["family"]) for row in rows))
     if not families:

@@ -1,5 +1,6 @@
 """The strip below the picture of a posture: an envelope's bounds on [p, f], and where the posture
-is in them."""
+is in them.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def draw_strip(
     """One panel a limb, at the foot of the sheet: the bounds on each component as a bar and the
     answer as a dot.
 
-    points: the answer's [p, f], non-dimensional, shape (N, 6); None draws the bounds only.
+    Arguments:
+        points: the answer's [p, f], non-dimensional, shape (N, 6); None draws the bounds only.
     """
     width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
     words = "Envelope: bounds on [p, f], non-dimensional" + (

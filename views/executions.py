@@ -1,5 +1,6 @@
 """Pictures and films of an execution: the robot as the world had it, its joints, what its feet
-felt, and its path."""
+felt, and its path.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +37,17 @@ FPS, WALK_FPS = 20.0, 30.0
 
 @dataclass(frozen=True, eq=False)
 class ExecutionView(PlanView):
-    """A plan on which its execution plays. Raises InvalidInput without pinocchio."""
+    """A plan on which its execution plays.
+
+    Raises InvalidInput without pinocchio.
+    """
 
     execution: Execution
 
     def instant(self, row: int) -> Samples:
         """Sample of the world after a control period, with the footholds of the nearest key
-        frame."""
+        frame.
+        """
         trace = self.execution.trace
         key = self.keys.key(min(round(float(trace.frame[row])), self.plan.problem.frames - 1))
         return replace(
@@ -105,7 +110,8 @@ def draw_execution(
     size_px: Size = SIZE_PX,
 ) -> Figure:
     """Draw the robot as the world had it at a time, at the end unless one is named, and the path it
-    went (red)."""
+    went (red).
+    """
     view, trace = ExecutionView(plan, execution), execution.trace
     last = len(trace.time_s) - 1
     row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
@@ -125,7 +131,8 @@ def execution_frames(
     plan: Plan, execution: Execution, *, size_px: Size = FILM_PX
 ) -> Iterator[Frame]:
     """The frames of a film, uint8 of shape (H, W, 3), one by one, ``FPS`` a second at ``SPEED``
-    times the pace."""
+    times the pace.
+    """
     return film_frames(ExecutionView(plan, execution).played(), size_px)
 
 
@@ -136,7 +143,8 @@ def frame_count(execution: Execution) -> int:
 
 def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     """A trajectory as the world had it: the body, the feet and what they felt, a sample a control
-    period."""
+    period.
+    """
     trace, legs = execution.trace, trajectory.robot.source
     centre, radii = legs.origin_m, legs.foot_radii_m
     return replace(
@@ -154,7 +162,8 @@ def walk_frames(
     trajectory: Trajectory, execution: Execution, *, size_px: Size = WALK_PX
 ) -> Iterator[Frame]:
     """The frames of an executed walk's film, ``WALK_FPS`` a second at its own pace; below, which
-    feet felt forces."""
+    feet felt forces.
+    """
     done = "to its end" if execution.fallen_s is None else f"fell after {execution.fallen_s:.1f} s"
     note = (
         f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "

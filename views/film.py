@@ -1,5 +1,6 @@
 """Films of motions: MuJoCo's renderer off screen, which needs a GL library; pictures and pages
-never do."""
+never do.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +72,8 @@ def film_frames(motion: Animation, size_px: Size, *, foot_px: int = 0) -> Iterat
 
 def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
     """The scene alone, moment by moment, seen by the motion's camera through a window that holds
-    all of it."""
+    all of it.
+    """
     stage = _Stage(motion)
     low, high = motion.window(size_px[0] / size_px[1])
     with _renderer(stage.model, (FINER * size_px[0], FINER * size_px[1])) as draw:
@@ -82,7 +84,8 @@ def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
 
 class _Stage:
     """A motion as MuJoCo has it: what stays in a model with all meshes, and what moves put into the
-    scene by hand."""
+    scene by hand.
+    """
 
     def __init__(self, motion: Animation) -> None:
         self._mujoco, self._camera, self._fixed = _mujoco(), motion.camera, motion.fixed
@@ -112,7 +115,8 @@ class _Stage:
 
     def pose(self, scene: Any, moment: Scene, low: Array, high: Array) -> None:
         """Fill MuJoCo's scene with a moment, seen through a window of the picture plane, corners of
-        shape (2,) [m]."""
+        shape (2,) [m].
+        """
         mujoco = self._mujoco
         mujoco.mjv_updateScene(
             self.model,
@@ -267,7 +271,8 @@ def _facets(facets: Sequence[Facet], camera: Camera) -> list[Flat]:
 
 def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
     """Lines as bands that face the viewer, those of one colour together, a little before what they
-    are on."""
+    are on.
+    """
     ribbons: dict[tuple[tuple[float, ...], float], list[Array]] = {}
     for path in paths:
         a, b = path.pieces_m[:, 0], path.pieces_m[:, 1]
@@ -292,7 +297,8 @@ def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
 @contextmanager
 def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], None]], Frame]]:
     """Yield a function that renders one frame: it lets its argument, a function, fill MuJoCo's
-    scene, and returns the picture. Raises InvalidInput without a GL library."""
+    scene, and returns the picture. Raises InvalidInput without a GL library.
+    """
     mujoco, (width, height) = _mujoco(), size_px
     model.vis.quality.shadowsize = SHADOW_PX
     model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = (
@@ -332,7 +338,10 @@ def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], N
 
 
 def _mujoco() -> Any:
-    """The module. Raises InvalidInput where it is missing."""
+    """The module.
+
+    Raises InvalidInput where it is missing.
+    """
     try:
         return import_module("mujoco")
     except ImportError:

@@ -33,8 +33,10 @@ LEGEND = ((GOOD, "foothold"), (STONE, "surface"))
 
 @DEFAULT_STYLE
 def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
-    """The terrain with its footholds, seen from above aside. Raises InvalidInput below 300
-    pixels."""
+    """The terrain with its footholds, seen from above aside.
+
+    Raises InvalidInput below 300 pixels.
+    """
     figure = sheet(size_px)
     refused = ", ".join(
         f"{name} {area:.3g}" for name, area in found.refused_m2.items() if area > 1e-3
@@ -81,7 +83,8 @@ def _sure(found: Footholds) -> str:
 
 def _colour(piece: TerrainPatch) -> str:
     """Green where a foothold's height is exact, amber where it is not known to ``UNSURE_SD_M``,
-    between them else."""
+    between them else.
+    """
     share = min((piece.height_sd_m or 0.0) / UNSURE_SD_M, 1.0)
     red, green, blue = (
         (1.0 - share) * a + share * b for a, b in zip(to_rgb(GOOD), to_rgb(UNSURE), strict=True)

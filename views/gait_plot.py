@@ -1,5 +1,6 @@
 """Plots of gait solves: violation per iteration, and violation and time by walking direction (Pan
-et al. Figs. 8, 9)."""
+et al. Figs. 8, 9).
+"""
 
 from __future__ import annotations
 
@@ -53,10 +54,13 @@ TALL_PX = (1200, 980)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitRun:
-    """One solve. violations: the largest one at every iterate, the first that of the guess, shape
-    (iterations + 1,).
+    """One solve.
 
-    direction_rad: the walk's, from the world's y towards x as in Pan et al. §V; seconds: CPU time.
+    Arguments:
+        violations: the largest one at every iterate, the first that of the guess, shape (iterations
+            + 1,).
+        direction_rad: the walk's, from the world's y towards x as in Pan et al. §V.
+        seconds: CPU time.
     """
 
     method: str
@@ -74,7 +78,8 @@ class GaitRun:
     @property
     def iterations(self) -> int:
         """Number of iterations that were taken: up to the first violation below the tolerance, or
-        all."""
+        all.
+        """
         below = np.flatnonzero(self.violations < TOLERANCE)
         return int(below[0]) if below.size else len(self.violations) - 1
 
@@ -96,8 +101,12 @@ def draw_convergence(
     cross where it ends.
 
     Many solves of a method are thin lines with their median, which ends where half of them have.
-    methods: in the order of their colours, the order of the runs where there are none. Raises
-    InvalidInput without runs.
+
+    Arguments:
+        methods: in the order of their colours, the order of the runs where there are none.
+
+    Raises:
+        InvalidInput: without runs.
     """
     colours = _colours(runs, methods)
     figure = sheet(size_px, PLOT_PX)
@@ -201,8 +210,13 @@ def draw_directions(
     """Violation by walking direction (Pan et al. Fig. 8), a panel a method: iterations run outward
     in its colours.
 
-    A solve that fails has a red mark at the rim. size_px: ``PLOT_PX`` where there is none, taller
-    for more than three methods. Raises InvalidInput without runs.
+    A solve that fails has a red mark at the rim.
+
+    Arguments:
+        size_px: ``PLOT_PX`` where there is none, taller for more than three methods.
+
+    Raises:
+        InvalidInput: without runs.
     """
     methods = _methods(runs)
     figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else TALL_PX), PLOT_PX)
@@ -264,8 +278,13 @@ def draw_times(
     crosses.
 
     Several runs of a method in one direction are shown by their median. Rings are closer together
-    for longer times. methods: in the order of their colours, the order of the runs where there are
-    none. Raises InvalidInput without runs.
+    for longer times.
+
+    Arguments:
+        methods: in the order of their colours, the order of the runs where there are none.
+
+    Raises:
+        InvalidInput: without runs.
     """
     colours = _colours(runs, methods)
     figure = sheet(size_px, PLOT_PX)

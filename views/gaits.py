@@ -1,5 +1,6 @@
 """Pictures, pages and films of a trajectory: terrain with a map's grid, the robot, its contact
-forces and footholds."""
+forces and footholds.
+"""
 
 from __future__ import annotations
 
@@ -59,12 +60,13 @@ WEIGHT_ARROW = 1.1
 
 @dataclass(frozen=True, eq=False)
 class GaitView:
-    """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain,
-    None for x and y.
+    """A trajectory as something to look at.
 
-    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were measured:
-    the samples are then shown as they are. moves_as: its motion, where that is not to be what
-    ``run`` streams.
+    Arguments:
+        warp: the map whose lines are drawn on the terrain, None for x and y.
+        joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were
+            measured: the samples are then shown as they are.
+        moves_as: its motion, where that is not to be what ``run`` streams.
     """
 
     trajectory: Trajectory
@@ -92,7 +94,8 @@ class GaitView:
     @cached_property
     def bounds_m(self) -> Array:
         """Corners of the terrain that is shown, shape (2, 2): where feet go with room around,
-        inside the grid."""
+        inside the grid.
+        """
         feet = self.trajectory.feet_m[..., :2].reshape(-1, 2)
         room = 1.6 * self.shape.size_m
         low, high = feet.min(axis=0) - room, feet.max(axis=0) + room
@@ -140,7 +143,8 @@ class GaitView:
     @cached_property
     def shown(self) -> list[int]:
         """Samples at which a picture has the robot: the ends, and where it has gone on by its own
-        length."""
+        length.
+        """
         steps = np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1)
         path = np.concatenate([[0.0], np.cumsum(steps)])
         count = int(
@@ -155,7 +159,8 @@ class GaitView:
 
     def lines(self) -> Array:
         """Lines of constant x̄ and ȳ where they run over the surface, in pieces of shape (L, 2, 3)
-        [m]."""
+        [m].
+        """
         field = self.trajectory.terrain
         longest = float(np.max(np.diff(field.domain_m)))
         return grid_on_ground(
@@ -186,7 +191,8 @@ class GaitView:
     @property
     def ways_m(self) -> list[Array]:
         """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another,
-        and the last."""
+        and the last.
+        """
         guide = self.trajectory.provenance.get("guide_m", "")
         with suppress(ValueError, RecursionError):
             return lines_told(json.loads(guide)) if isinstance(guide, str) else []
@@ -222,7 +228,8 @@ class GaitView:
 
     def limbs(self, sample: int) -> list[Array]:
         """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3)
-        [m], and where knees bend is a guess, for the eye."""
+        [m], and where knees bend is a guess, for the eye.
+        """
         trajectory, links = self.trajectory, self.shape.links
         if links is None:
             return self._bent(
@@ -334,7 +341,10 @@ class GaitView:
         step_s: float = 0.05,
     ) -> Animation:
         """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down.
-        note: what is said where there is no report."""
+
+        Arguments:
+            note: what is said where there is no report.
+        """
         count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
         return Animation(
             fixed=self.fixed,
@@ -372,10 +382,14 @@ def draw_motion(
     """Draw a trajectory over its terrain: the robot at a few moments with its contact forces, and
     every foothold.
 
-    warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain (Pan
-    et al. Fig. 3); without one they are those of x and y. report: what the verifier says, put below
-    the title. size_px: width and height. Raises InvalidInput for a trajectory of no samples or with
-    values that are not finite.
+    Arguments:
+        warp: the map of a warped space, whose lines of constant x̄ and ȳ are drawn on the terrain
+            (Pan et al. Fig. 3); without one they are those of x and y.
+        report: what the verifier says, put below the title.
+        size_px: width and height.
+
+    Raises:
+        InvalidInput: for a trajectory of no samples or with values that are not finite.
     """
     view, figure = GaitView(trajectory, warp), sheet(size_px)
     scale = Still(view.scene(), view.camera).paint(plain_axes(figure, 18.0, 66.0, 88.0))
@@ -420,9 +434,13 @@ def motion_frames(
     """The frames of a trajectory's film, uint8 of shape (H, W, 3), one by one; below, which feet
     stand when.
 
-    speed: seconds of the motion to a second of the film. note, joints_rad: as of ``GaitView``. What
-    else is drawn, and the arguments, are those of ``draw_motion``. Raises InvalidInput, also
-    without MuJoCo or a GL library.
+    Arguments:
+        speed: seconds of the motion to a second of the film.
+        note, joints_rad: as of ``GaitView``. What else is drawn, and the arguments, are those of
+            ``draw_motion``.
+
+    Raises:
+        InvalidInput: also without MuJoCo or a GL library.
     """
     if not (0.0 < fps <= 1000.0 and 0.0 < speed <= 1000.0):
         raise InvalidInput(

@@ -1,5 +1,6 @@
 """Pictures, pages and films of a leap: patches, the body on its way through the air, and the forces
-of its legs."""
+of its legs.
+"""
 
 from __future__ import annotations
 
@@ -166,7 +167,8 @@ class LeapView:
 
     def limbs(self, now: Samples) -> Sequence[Array]:
         """Poses of the limbs: angles of a robot's own legs, or where the joints of a limb might
-        be."""
+        be.
+        """
         robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
         if self.shape.links is not None:
             postures = self._legs.solve(
@@ -223,7 +225,8 @@ class LeapView:
 
     def scene(self) -> Scene:
         """The whole picture: the robot in full as it takes off, and as ghosts at its ends and in
-        the air."""
+        the air.
+        """
         ends, flight = self.plan.times_s, self.flight_s
         full = self.motion.at(max(flight[0] - 1e-6, 0.0))
         result = self.fixed + self.at(full)
@@ -238,7 +241,8 @@ class LeapView:
     @cached_property
     def flight_s(self) -> tuple[float, float]:
         """When the first flight begins and ends [s]; the whole leap where some limb always
-        stands."""
+        stands.
+        """
         ends = self.plan.times_s
         airborne = (self.plan.problem.holds[self.plan.problem.interval_phases] < 0).all(axis=1)
         k = int(np.argmax(airborne)) if airborne.any() else 0
@@ -285,7 +289,8 @@ class LeapView:
 @DEFAULT_STYLE
 def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None) -> Figure:
     """Draw a leap: the robot as it takes off, ghosts of it in the air and at its ends, and its
-    way."""
+    way.
+    """
     view = LeapView(plan)
     still = Still(view.scene(), view.camera)
     low, high = still.frame()

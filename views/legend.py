@@ -1,5 +1,6 @@
 """The line at the foot of a picture: what is drawn, the scale of the forces, and the colours of
-friction."""
+friction.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,12 @@ from .sheet import ACCENT, INK, QUIET, plain_axes
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A sign and its words. sign: arrow, cone, ball, path, box, ice, dot or line; length: of an
-    arrow, in 0.01 inch."""
+    """A sign and its words.
+
+    Arguments:
+        sign: arrow, cone, ball, path, box, ice, dot or line.
+        length: of an arrow, in 0.01 inch.
+    """
 
     text: str
     sign: str = ""
@@ -30,7 +35,11 @@ class Entry:
 
 
 def force_entry(newtons_a_unit: float, longest: float) -> Entry:
-    """The longest arrow of a round force. newtons_a_unit: of an arrow of 0.01 inch of paper."""
+    """The longest arrow of a round force.
+
+    Arguments:
+        newtons_a_unit: of an arrow of 0.01 inch of paper.
+    """
     power = 10.0 ** np.floor(np.log10(longest * newtons_a_unit))
     newtons = max(
         step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * newtons_a_unit
@@ -48,9 +57,10 @@ def draw_legend(
 ) -> None:
     """Write the entries in one line at the foot of the figure, and the scale of friction.
 
-    bottom: distance of the line from the lower edge of the figure, in 0.01 inch.
-    entries: signs with their words, from left to right.
-    friction: the colours of friction; None for no scale.
+    Arguments:
+        bottom: distance of the line from the lower edge of the figure, in 0.01 inch.
+        entries: signs with their words, from left to right.
+        friction: the colours of friction; None for no scale.
     """
     width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
     axes = plain_axes(figure, 0.0, bottom, height - bottom - 50.0)

@@ -1,5 +1,6 @@
 """A robot's own links: what they look like, or collide with, as one mesh for all that moves
-together."""
+together.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ class Links:
     @cached_property
     def meshes(self) -> dict[tuple[int | None, int], Mesh]:
         """Meshes that a leg's joint carries, (leg, joint), in its frame; by none, (None, -1), in
-        the base's."""
+        the base's.
+        """
         pieces = dict[tuple[int | None, int], list[tuple[Array, Faces]]]()
         for shape in self._shapes():
             mesh = _mesh(shape)
@@ -67,7 +69,8 @@ class Links:
     @cached_property
     def outline_m(self) -> Array:
         """Outline of the trunk from above, or where nothing is seen of it the hips: corners about
-        the centre of mass, shape (K, 3) [m]."""
+        the centre of mass, shape (K, 3) [m].
+        """
         trunk = self.meshes.get((None, -1))
         points = (
             np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
@@ -145,13 +148,15 @@ class Links:
 
 def _drawable(shape: Shape) -> bool:
     """Tell whether a mesh's file is at hand, or its hull is known, as it is of a robot that a
-    plan's file carries."""
+    plan's file carries.
+    """
     return shape.mesh is not None or shape.corners_m is not None
 
 
 def _mesh(shape: Shape) -> Mesh | None:
     """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat
-    or unknown."""
+    or unknown.
+    """
     if shape.kind == "mesh":
         mesh = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
         if mesh is not None and len(mesh.faces):

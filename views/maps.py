@@ -1,5 +1,6 @@
 """Pictures of warp maps: the map's grid over its terrain, conformal error (Pan et al. Fig. 4),
-convergence (Fig. 5)."""
+convergence (Fig. 5).
+"""
 
 from __future__ import annotations
 
@@ -155,7 +156,8 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
 
 def _draw_section(axes: Axes, warp: SplineMap) -> None:
     """Images of lines of constant x̄ and z̄ in the world's x and z, at the ȳ where the ground rises
-    the most."""
+    the most.
+    """
     (x0, x1), (y0, y1) = warp.domain_m
     candidates = np.linspace(y0, y1, POINTS)[POINTS // 4 : -(POINTS // 4)]
     rise = np.ptp(warp.ground_on_grid(np.linspace(x0, x1, POINTS), candidates)[2], axis=0)
@@ -208,7 +210,8 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
 
 def _draw_error_shares(axes: Axes, report: MapReport) -> None:
     """Draw the share of the ground, and of the level of the torso, whose error is below each
-    value."""
+    value.
+    """
     share = np.linspace(0.0, 100.0, report.ground_error.size)
     for name, error, colour in (
         ("ground", report.ground_error, MEASURE_COLOURS[0]),

@@ -49,13 +49,19 @@ def check_page(path: str | File) -> File:
 
 
 def write_page(path: str | File, motion: Animation) -> None:
-    """Write the page, whole or not at all. Raises InvalidInput as ``check_page`` does."""
+    """Write the page, whole or not at all.
+
+    Raises InvalidInput as ``check_page`` does.
+    """
     target = check_page(path)
     write_bytes(target, page(motion).encode())
 
 
 def page(motion: Animation) -> str:
-    """The page as HTML. Raises InvalidInput without viser 1.1 or newer."""
+    """The page as HTML.
+
+    Raises InvalidInput without viser 1.1 or newer.
+    """
     with viser_server() as server:
         server.scene.configure_default_lights(cast_shadow=False)
         view, camera = server.initial_camera, motion.camera
@@ -99,7 +105,9 @@ def viser_server(
 ) -> Iterator[Any]:
     """A viser server, which says nothing; to record a scene nobody has to connect to it.
 
-    port: 0 takes a free one; one that is taken, the next. making: entered while the server is made.
+    Arguments:
+        port: 0 takes a free one; one that is taken, the next.
+        making: entered while the server is made.
     """
     viser = viser_module()
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), making or nullcontext():
@@ -112,7 +120,10 @@ def viser_server(
 
 
 def viser_module() -> Any:
-    """The module viser. Raises InvalidInput where it is missing or too old to write pages."""
+    """The module viser.
+
+    Raises InvalidInput where it is missing or too old to write pages.
+    """
     hint = "install it with pip install 'stancekit[viz]'"
     try:
         module = import_module("viser")

@@ -1,5 +1,6 @@
 """Pictures and films of a plan: terrain, chosen patches, the robot with its forces, and its path to
-the goal."""
+the goal.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +65,8 @@ GHOSTS = 3
 class PlanView:
     """A plan as something to look at, with the viewpoint and the colours of its pictures.
 
-    drawn_as: what its robot looks like, where that is known already.
+    Arguments:
+        drawn_as: what its robot looks like, where that is known already.
     """
 
     plan: Plan
@@ -101,7 +103,8 @@ class PlanView:
     @cached_property
     def bounds_m(self) -> Array:
         """Lowest and highest coordinates of what is shown, shape (2, 3): chosen patches, bodies,
-        goal, and a margin."""
+        goal, and a margin.
+        """
         course = self.plan.problem
         mounts = np.array([limb.shoulder_m for limb in course.robot.limbs])
         bodies = (self.plan.com_m[:, None] + mounts).reshape(-1, 3)
@@ -145,7 +148,8 @@ class PlanView:
     @cached_property
     def way(self) -> Scene:
         """The path of the centre of mass with a dot at every key frame, chosen patches in outline,
-        and the goal."""
+        and the goal.
+        """
         course, com, size = self.plan.problem, self.plan.com_m, self.shape.size_m
         path = Path(
             pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True
@@ -192,12 +196,14 @@ class PlanView:
     @property
     def tried_m(self) -> list[Array]:
         """Nominal paths of the body that the planner tried and gave up, each of L points, shape (L,
-        3) [m]."""
+        3) [m].
+        """
         return lines_told(self.plan.provenance.get("tried_m"))
 
     def chosen_at(self, now: Samples) -> list[DrawnBody]:
         """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the
-        outlines."""
+        outlines.
+        """
         return [self._window(int(p)) for p in np.unique(now.foothold[now.stands])]
 
     @cached_property
@@ -251,7 +257,8 @@ class PlanView:
 
     def _angles(self, now: Samples) -> list[Array]:
         """Angles of each leg of a URDF's robot, near those of the key frames around; feet face
-        their surfaces."""
+        their surfaces.
+        """
         model, key = self.plan.problem.robot.source.own_model(), self.plan.joints_rad
         near = None if key is None else between(key, now.frame)[None]
         turn = rotation_of(now.rotation_rad)
@@ -263,7 +270,8 @@ class PlanView:
     @cached_property
     def _kinematics(self) -> Kinematics | None:
         """Legs that are drawn up for limbs; None where there are none, or pinocchio is not
-        installed."""
+        installed.
+        """
         try:
             return Kinematics(self.plan.problem.robot)
         except InvalidInput:
@@ -271,7 +279,8 @@ class PlanView:
 
     def _body(self, now: Samples) -> tuple[Array, Array]:
         """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
-        of mass."""
+        of mass.
+        """
         turn = rotation_of(now.rotation_rad)
         if now.origin_m is None:
             return now.com_m, turn
@@ -279,7 +288,8 @@ class PlanView:
 
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """The robot at a time, and the forces of feet that stand, in cones as high as the normal
-        force or so."""
+        force or so.
+        """
         bodies = [*self.shape.bodies(*self._body(now), self.limbs(now)), *self.chosen_at(now)]
         arrows = []
         for i, (toe, force) in enumerate(zip(now.toes_m, now.forces_n, strict=True)):
@@ -295,7 +305,8 @@ class PlanView:
 
     def support(self, now: Samples) -> list[Path]:
         """Region in which the centre of mass may be before its contacts no longer carry it, and
-        where it is, at their height."""
+        where it is, at their height.
+        """
         frame, standing = int(now.frame + 1e-9), now.toes_m[now.stands]
         region = self._region(frame)
         if not len(region) or not len(standing):
@@ -312,7 +323,8 @@ class PlanView:
 
     def _region(self, frame: int) -> Array:
         """The support region of the tightest stance at a key frame, shape (K, 2) [m]; worked out
-        once."""
+        once.
+        """
         if frame not in self._regions:
             of_frame = [stance for stance in self.plan.problem.stances if stance.frame == frame]
             regions = [support_region(self.plan, stance) for stance in of_frame]
@@ -366,7 +378,8 @@ class PlanView:
         self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S
     ) -> Animation:
         """The plan's motion at an even pace, as much faster than it is run as lets each step last
-        ``step_s``."""
+        ``step_s``.
+        """
         times = self.shown_s(frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s))
         speed = float(times[-1]) * fps / (len(times) - 1)
         shown = [self.motion.at(float(time_s)) for time_s in times]
@@ -383,13 +396,15 @@ class PlanView:
 
     def between_keys(self, progress: float) -> Samples:
         """Body and feet a share of the time between two key frames, e.g. at 1.5 half of it after
-        key frame 1."""
+        key frame 1.
+        """
         reached = self.keys.reached_s
         return self.keys.at(float(np.interp(progress, np.arange(len(reached)), reached)))
 
     def shown_s(self, count: int) -> Array:
         """Times of so many pictures of the motion, each that of a row that is streamed, shape
-        (count,) [s]."""
+        (count,) [s].
+        """
         return np.round(np.linspace(0.0, self.motion.duration_s, count) * RATE_HZ) / RATE_HZ
 
     @property
@@ -425,13 +440,18 @@ def draw_plan(
 ) -> Figure:
     """Draw a plan over its course.
 
-    frame: the key frame at which the robot is drawn in full, with its contact forces in their
-    friction cones; the last one unless another is named. Some of the others are ghosts. Surfaces
-    are in tints of their friction, icy ones in pale blue with glints, and those between the viewer
-    and the robot are glass; the patches that the plan chose are framed in the colour of their limb.
-    caption, note: title, and what the line below it says first. size_px: width and height; as high
-    as the scene asks for at the usual width where it is None. Raises InvalidInput for a frame that
-    there is not.
+    Arguments:
+        frame: the key frame at which the robot is drawn in full, with its contact forces in their
+            friction cones; the last one unless another is named. Some of the others are ghosts.
+            Surfaces are in tints of their friction, icy ones in pale blue with glints, and those
+            between the viewer and the robot are glass; the patches that the plan chose are framed
+            in the colour of their limb.
+        caption, note: title, and what the line below it says first.
+        size_px: width and height; as high as the scene asks for at the usual width where it is
+            None.
+
+    Raises:
+        InvalidInput: for a frame that there is not.
     """
     frames = plan.problem.frames
     shown = frames - 1 if frame is None else frame

@@ -1,5 +1,6 @@
 """The picture of a posture: patches, the robot on them, its contact forces in their cones, and an
-envelope."""
+envelope.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +99,8 @@ class PostureView:
     @cached_property
     def extent_m(self) -> Array:
         """Lowest and highest coordinates of patches and shoulders before anything is solved, shape
-        (2, 3)."""
+        (2, 3).
+        """
         vertices = [patch.vertices_m for patch in self.patches]
         points = np.concatenate([*vertices, self.problem.com_nominal_m[0] + self.mounts_m])
         return np.array([points.min(axis=0), points.max(axis=0)])
@@ -179,7 +181,8 @@ class PostureView:
 
     def _terrain(self) -> Scene:
         """Patches as the faces of stones on a wall or on the ground: one plane for each direction
-        they face."""
+        they face.
+        """
         sides: dict[tuple[int, float], list[Patch]] = {}
         for patch in self.patches:
             axis = int(np.argmax(np.abs(patch.normal)))
@@ -329,8 +332,11 @@ def draw_posture(
     toe is an arrow in its friction cone, which is as high as the normal force. The envelope's
     bounds on p are boxes about the centre of mass, and a strip below shows all of its bounds with
     the posture in them. Without a posture the body is shown at the nominal centre of mass, and the
-    line below the caption is ``why`` there is none, or says that this is not known. size_px: width
-    and height. Raises InvalidInput.
+    line below the caption is ``why`` there is none, or says that this is not known. Raises
+    InvalidInput.
+
+    Arguments:
+        size_px: width and height.
     """
     count = len(problem.contacts)
     if posture is not None:

@@ -1,5 +1,6 @@
 """A robot's model in one picture: its links as it stands, its feet, and the set that each foot is
-planned in."""
+planned in.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,11 @@ def draw_robot(
 ) -> Figure:
     """The robot in its standing posture, its own links.
 
-    workspaces: of its legs; the inner polytopes are drawn in the legs' colours. Raises InvalidInput
-    below 300 pixels.
+    Arguments:
+        workspaces: of its legs; the inner polytopes are drawn in the legs' colours.
+
+    Raises:
+        InvalidInput: below 300 pixels.
     """
     stance = [leg.stance_rad for leg in robot.legs]
     feet = np.array([leg.nominal_m for leg in robot.legs])

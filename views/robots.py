@@ -1,5 +1,6 @@
 """The one drawer of robots: a trunk of any shapes, limbs as bars between joints, and feet in the
-limbs' colours."""
+limbs' colours.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,11 @@ PAPER = np.array(rgb("#f4f1ea"))
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A shape that goes with the trunk, in the trunk's frame. lift_m: a body's."""
+    """A shape that goes with the trunk, in the trunk's frame.
+
+    Arguments:
+        lift_m: a body's.
+    """
 
     shape: Shape
     colour: Colour
@@ -38,12 +43,13 @@ class Part:
 class RobotShape:
     """Shape of a robot, as it is drawn.
 
-    outline_m: outline of its trunk from above, in the trunk's frame, shape (K, 3) [m].
-    size_m: size of the robot, which sets the scale of forces and marks [m].
-    bone_m: thickness of its limbs [m].
-    links: the links of its URDF; None for a robot without one. With links a limb is given by its
-    joint angles, shape (n,) [rad]; without, by the places of its joints, shape (J, 3) [m], foot
-    last.
+    Arguments:
+        outline_m: outline of its trunk from above, in the trunk's frame, shape (K, 3) [m].
+        size_m: size of the robot, which sets the scale of forces and marks [m].
+        bone_m: thickness of its limbs [m].
+        links: the links of its URDF; None for a robot without one. With links a limb is given by
+            its joint angles, shape (n,) [rad]; without, by the places of its joints, shape (J, 3)
+            [m], foot last.
     """
 
     limbs: Sequence[str]
@@ -130,7 +136,8 @@ class RobotShape:
 
 def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotShape:
     """A deck with six corners, one at the first shoulder; shoulders in the body's frame, shape (N,
-    3) [m]."""
+    3) [m].
+    """
     radius = max(float(np.mean(np.linalg.norm(shoulders_m[:, :2], axis=1))), 0.1 * size_m)
     turn = np.arctan2(shoulders_m[0, 1], shoulders_m[0, 0]) + np.pi / 3.0 * np.arange(6)
     ring, thick = radius * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn]), 0.06 * size_m
@@ -189,7 +196,8 @@ def linked(model: RobotModel, size_m: float) -> RobotShape:
 
 def bent(hip: Array, foot: Array, bend: Array, thigh_m: float, shank_m: float) -> Array:
     """Hip, knee and foot of a leg whose knee bends this way, shape (3, 3) [m]: a guess, for the
-    eye."""
+    eye.
+    """
     line = foot - hip
     length = max(float(np.linalg.norm(line)), 1e-6)
     ahead = (length**2 + thigh_m**2 - shank_m**2) / (2.0 * length)
@@ -201,7 +209,8 @@ def bent(hip: Array, foot: Array, bend: Array, thigh_m: float, shank_m: float) -
 
 def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) -> Array:
     """Shoulder, hip, knee and foot of a limb whose knee bends up and outward, shape (4, 3) [m]: a
-    guess."""
+    guess.
+    """
     hip = shoulder + 0.13 * reach_m * unit(outward + 0.5 * unit(foot - shoulder))
     thigh, shank = np.array([0.44, 0.54]) * max(reach_m, 1.03 * float(np.linalg.norm(foot - hip)))
     return np.vstack([shoulder, bent(hip, foot, UP + 0.5 * outward, thigh, shank)])
@@ -216,7 +225,8 @@ def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> Drawn
 
 def cone(friction: float, frame: Array, height_m: float) -> Mesh:
     """The friction cone μ over a contact frame, shape (3, 3), normal first, with its tip at the
-    origin."""
+    origin.
+    """
     turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     across = np.column_stack([np.cos(turn), np.sin(turn)]) @ frame[:, 1:].T
     return hull(np.vstack([np.zeros(3), height_m * (frame[:, 0] + max(friction, 1e-3) * across)]))
@@ -243,6 +253,8 @@ def faded(bodies: Sequence[DrawnBody], strength: float) -> list[DrawnBody]:
 
 
 def _nose(back: float, tip: float, half: float, height: float) -> Mesh:
-    """A thin triangle that points ahead. On paper it is lifted off the deck that it lies on, or
-    that hides some."""
+    """A thin triangle that points ahead.
+
+    On paper it is lifted off the deck that it lies on, or that hides some.
+    """
     return prism(np.array([[tip, 0.0], [back, half], [back, -half]]), height, height + 0.1 * half)

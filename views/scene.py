@@ -30,7 +30,8 @@ ON_M = 0.002
 
 class Layer(IntEnum):
     """Order in which things cover each other on paper, the later ones the earlier; within one the
-    nearer. With a depth buffer it is idle."""
+    nearer. With a depth buffer it is idle.
+    """
 
     BACKDROP = 0
     TERRAIN = 1
@@ -45,10 +46,11 @@ CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnBody:
-    """A shape at p_WB, shape (3,) [m], and R_WB, shape (3, 3). edge: colour of its outline, if it
-    has one.
+    """A shape at p_WB, shape (3,) [m], and R_WB, shape (3, 3).
 
-    lift_m: how much nearer than it is it counts on paper.
+    Arguments:
+        edge: colour of its outline, if it has one.
+        lift_m: how much nearer than it is it counts on paper.
     """
 
     name: str
@@ -67,7 +69,9 @@ class Facet:
     """A flat piece of terrain, corners of shape (K, 3) [m] around it, seen from where its normal
     points.
 
-    opacity: of what is between the edges. lift_m: a body's.
+    Arguments:
+        opacity: of what is between the edges.
+        lift_m: a body's.
     """
 
     corners_m: Array
@@ -83,7 +87,8 @@ class Facet:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheet:
     """A surface over a grid of nodes: points and colours, shape (n, m, 3), to the left as seen from
-    above."""
+    above.
+    """
 
     points_m: Array
     colours: Array
@@ -101,7 +106,8 @@ class Sheet:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arrow:
     """A force or another vector, shape (3,) [m] as drawn, at its place; none where it is too short
-    to see."""
+    to see.
+    """
 
     name: str
     start_m: Array
@@ -117,8 +123,12 @@ class Arrow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """Straight pieces, shape (K, 2, 3) [m]. width: in points on paper, where a halo sets it off.
-    lift_m: a body's."""
+    """Straight pieces, shape (K, 2, 3) [m].
+
+    Arguments:
+        width: in points on paper, where a halo sets it off.
+        lift_m: a body's.
+    """
 
     pieces_m: Array
     colour: Colour
@@ -164,9 +174,12 @@ class Scene:
 class Animation:
     """Scene that stays, and scenes at each of T moments, ``step_s`` apart, as seen by a camera.
 
-    Of the moments' parts, those of one name are one thing that moves. notes: what is said at each
-    moment. title, note: the line above and below it all, alarm: whether the note is bad news.
-    legend: colours and what they mean.
+    Of the moments' parts, those of one name are one thing that moves.
+
+    Arguments:
+        notes: what is said at each moment.
+        title, note: the line above and below it all, alarm: whether the note is bad news.
+        legend: colours and what they mean.
     """
 
     fixed: Scene
@@ -183,7 +196,8 @@ class Animation:
         """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and
         terrain around; all of the terrain where there is nobody.
 
-        aspect: width over height.
+        Arguments:
+            aspect: width over height.
         """
         boxes = dict[int, Array]()  # of shapes, most of which are there at all moments
         near = [
@@ -212,8 +226,11 @@ class Animation:
 
 
 def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
-    """Corners of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by
-    identity, found once."""
+    """Corners of the box of a body's shape, in the world, shape (8, 3) [m].
+
+    Arguments:
+        boxes: of shapes by identity, found once.
+    """
     if id(body.shape) not in boxes:
         low, high = box_of(body.shape)
         boxes[id(body.shape)] = low + CUBE * (high - low)
@@ -222,7 +239,8 @@ def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
 
 def fans(facets: Sequence[Facet]) -> dict[tuple[Colour, float], Array]:
     """Triangles of facets, shape (F, 3, 3) [m], to the left from where they are seen, by colour and
-    opacity."""
+    opacity.
+    """
     result: dict[tuple[Colour, float], list[Array]] = {}
     for facet in facets:
         if facet.opacity > 0.0:

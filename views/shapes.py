@@ -1,5 +1,6 @@
 """Shapes and their surfaces: capsule, sphere, box and mesh, and the solids and lines that pictures
-are made of."""
+are made of.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,11 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box about the origin. half_m: half its sides, shape (3,) [m]."""
+    """A box about the origin.
+
+    Arguments:
+        half_m: half its sides, shape (3,) [m].
+    """
 
     half_m: Array
 
@@ -95,7 +100,8 @@ def box_of(shape: Shape) -> tuple[Array, Array]:
 
 def turned(profile: Array) -> tuple[Array, Faces]:
     """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around
-    z."""
+    z.
+    """
     ring = np.column_stack([np.cos(TURN), np.sin(TURN)])
     corners = np.concatenate(
         [np.column_stack([radius * ring, np.full(AROUND, z)]) for radius, z in profile]
@@ -165,7 +171,8 @@ def polyline(points: Array) -> Array:
 def thinned(points: Array, off_m: float) -> Array:
     """A line through points, shape (K, 3), without every second corner that is within ``off_m`` of
     the piece in its place, again and again: flat ground needs no corners, and each piece costs a
-    viewer time."""
+    viewer time.
+    """
     while len(points) > 2:
         middle = np.arange(1, len(points) - 1, 2)
         start, piece = points[middle - 1], points[middle + 1] - points[middle - 1]
@@ -192,7 +199,8 @@ def dashes(points: Array, apart_m: float = 0.05) -> Array:
 
 def lines_told(told: object) -> list[Array]:
     """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none
-    is left out."""
+    is left out.
+    """
     lines = list[Array]()
     for line in told if isinstance(told, list) else []:
         try:

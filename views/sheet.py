@@ -77,7 +77,8 @@ def sheet(size_px: Size, usual_px: Size = SIZE_PX) -> Figure:
 
 def plain_axes(figure: Figure, side: float, bottom: float, top: float) -> Axes:
     """Axes without frame or ticks, so far from the figure's sides, bottom and top, in hundredths of
-    an inch."""
+    an inch.
+    """
     width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
     axes = figure.add_axes(
         (side / width, bottom / height, 1.0 - 2.0 * side / width, 1.0 - (bottom + top) / height)

@@ -21,7 +21,9 @@ POINT_M = 0.0011
 class Stage:
     """The nodes of a scene, by name, and how they follow what it is now; only what changes is sent.
 
-    scene: viser's. distance_m: of the viewer, by which lines are as thick as on paper.
+    Arguments:
+        scene: viser's.
+        distance_m: of the viewer, by which lines are as thick as on paper.
     """
 
     def __init__(self, scene: Any, distance_m: float) -> None:
@@ -50,7 +52,8 @@ class Stage:
 
     def pose(self, moment: Scene, note: str = "") -> None:
         """Show the scene of a moment, and nothing else that moves: bodies, forces, and a note above
-        the first body."""
+        the first body.
+        """
         shown = {self._body(f"/bodies/{body.name}", body) for body in moment.bodies}
         shown |= {
             self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible
@@ -202,7 +205,8 @@ def _same(first: Shape, shape: Shape) -> bool:
 
 def quaternion(rotation: Array) -> tuple[float, ...]:
     """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a
-    single one."""
+    single one.
+    """
     r = rotation.tolist()
     squares = (
         1.0 + r[0][0] + r[1][1] + r[2][2],

@@ -1,5 +1,6 @@
 """A scene on paper: faces in perspective, shaded, drawn from far to near by matplotlib, with labels
-where room is."""
+where room is.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ class Still:
 
     def frame(self) -> tuple[Array, Array]:
         """Corners of what is shown, shape (2,): all of the robot, and of the terrain what is not
-        too far from it."""
+        too far from it.
+        """
         whole = np.concatenate([face[1] for face in self._faces])
         near = np.concatenate([face[1] for face in self._faces if face[0][0] >= Layer.SPACE])
         low, high = near.min(axis=0), near.max(axis=0)
@@ -66,7 +68,8 @@ class Still:
 
     def paint(self, axes: Axes) -> float:
         """Draw every face, show all of them at equal scale, write the labels; returns metres to
-        0.01 inch of paper."""
+        0.01 inch of paper.
+        """
         faces = sorted(self._faces, key=lambda face: face[0])
         outlines, fills, edges, widths = ([face[k] for face in faces] for k in (1, 2, 3, 4))
         collection = PolyCollection(
@@ -157,7 +160,8 @@ class Still:
 
     def _veil(self, points: Array, faces: Faces, body: DrawnBody) -> None:
         """The silhouette of a convex solid as one translucent face, its edges stronger and those
-        behind faint."""
+        behind faint.
+        """
         xy, near = self.camera.project(points)
         if np.linalg.matrix_rank(xy - xy[0], tol=1e-6) < 2:
             return
@@ -236,7 +240,8 @@ class Still:
 
     def _ink(self, low: Array, high: Array, cell: float) -> Array:
         """Amount of ink to the left of and below every corner of a grid of cells over the
-        picture."""
+        picture.
+        """
         faces = [
             (face[1], WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in WEIGHT
         ]

@@ -1,5 +1,6 @@
 """Terrain as something to look at: patches in tints of their friction, ice like ice, and height
-fields as blocks."""
+fields as blocks.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ def tint(friction: float, colours: ScalarMappable) -> Colour:
 
 def patches(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
     """The parts of patches within a box, lowest and highest corner, shape (2, 3) [m], in cells,
-    with glints on ice."""
+    with glints on ice.
+    """
     facets, glints = list[Facet](), list[Array]()
     for patch in terrain:
         colour = tint(patch.friction, colours)
@@ -67,7 +69,8 @@ def patches(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> 
 
 def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]:
     """The pieces of a patch within a box, cut along a grid on its plane: place in the grid, and
-    shape (K, 3) [m]."""
+    shape (K, 3) [m].
+    """
     plane, origin = patch.frame[:, 1:], patch.vertices_m[0]
     whole = _within(patch, box_m)
     if len(whole) < 3:
@@ -92,7 +95,8 @@ def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]
 
 def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
     """The parts of patches within a box in one piece each, with the lines of the grid on them: for
-    those who draw with a depth buffer, and many times a second. As ``patches`` otherwise."""
+    those who draw with a depth buffer, and many times a second. As ``patches`` otherwise.
+    """
     facets, lines, tints = list[Facet](), dict[Colour, list[Array]](), dict[float, Colour]()
     for patch in terrain:
         whole = _within(patch, box_m)
@@ -128,9 +132,12 @@ def _within(patch: Patch, box_m: Array) -> Array:
     """The part of a patch that lies within a box, as a polygon in the coordinates of the patch's
     plane.
 
-    patch: the patch; its first corner is the origin of the coordinates.
-    box_m: lower and upper corner of the box in the world frame, shape (2, 3) [m].
-    Returns the corners, shape (K, 2) [m]; K < 3 if no part lies within.
+    Arguments:
+        patch: the patch; its first corner is the origin of the coordinates.
+        box_m: lower and upper corner of the box in the world frame, shape (2, 3) [m].
+
+    Returns:
+        The corners, shape (K, 2) [m]; K < 3 if no part lies within.
     """
     plane, origin = patch.frame[:, 1:], patch.vertices_m[0]
     normals = np.concatenate([plane, -plane])
@@ -143,7 +150,8 @@ def _within(patch: Patch, box_m: Array) -> Array:
 
 def _grid(whole: Array, shift: Array) -> Array:
     """Lines at multiples of the cell's size in the world across a convex piece, shape (L, 2, 2)
-    [m]."""
+    [m].
+    """
     pieces = [np.zeros((0, 2, 2))]
     ahead = np.roll(whole, -1, axis=0)
     for axis in (0, 1):
@@ -172,8 +180,10 @@ def block(
 ) -> list[Sheet]:
     """A height field between two corners, shape (2,) [m], coloured by height, on a block of earth.
 
-    facets: along its longer side; depth_m: of the block below the lowest place; relief_m: heights
-    that differ by less are less than all colours apart.
+    Arguments:
+        facets: along its longer side.
+        depth_m: of the block below the lowest place.
+        relief_m: heights that differ by less are less than all colours apart.
     """
     step = float(np.max(high - low)) / facets
     lines = (
@@ -201,7 +211,9 @@ def on_ground(
     """The pieces between points in a row, shape (K, 3) [m], over these corners, laid on the
     terrain: (L, 2, 3) [m].
 
-    off_m: points are left out where the ground is as straight as this."""
+    Arguments:
+        off_m: points are left out where the ground is as straight as this.
+    """
     inside = np.all((points[:, :2] >= low) & (points[:, :2] <= high), axis=1)
     laid = np.column_stack([points[:, :2], field.height(points[:, :2])])
     turns = np.flatnonzero(np.diff(inside)) + 1
@@ -222,8 +234,12 @@ def grid_on_ground(
     warp: Callable[[Array], Array] | None = None,
 ) -> Array:
     """Lines of constant x and of constant y over a field, ``step_m`` apart, laid on it between two
-    corners, shape (2,) [m], in pieces of shape (L, 2, 3) [m]. corners: of a line, before those are
-    left out that are not needed. warp: takes the lines, shape (K, 3), to where they run."""
+    corners, shape (2,) [m], in pieces of shape (L, 2, 3) [m].
+
+    Arguments:
+        corners: of a line, before those are left out that are not needed.
+        warp: takes the lines, shape (K, 3), to where they run.
+    """
     pieces = [np.zeros((0, 2, 3))]
     (x0, x1), (y0, y1) = field.domain_m
     for axis, ((first, last), (begin, end)) in enumerate(
@@ -241,7 +257,8 @@ def grid_on_ground(
 
 def plane(axis: int, sign: float, corners_m: Array, step_m: float) -> Scene:
     """A pale piece of the plane across an axis between two corners, shape (2, 3) [m], with grid
-    lines."""
+    lines.
+    """
     low, high = corners_m
     first, second = (k for k in range(3) if k != axis)
     corners = np.array([low, low, high, high])
@@ -268,7 +285,8 @@ def plane(axis: int, sign: float, corners_m: Array, step_m: float) -> Scene:
 
 def stone(patch: Patch, axis: int, level: float, colour: Colour, *, behind: bool) -> Scene:
     """A block from the plane up to a patch, its sides a tint of the colour; of glass where seen
-    from behind."""
+    from behind.
+    """
     tint = 0.35 * np.array(colour) + 0.65 * np.array(rgb("#dcd8d0"))
     foot = np.where(np.arange(3) == axis, level, patch.vertices_m)
     block = DrawnBody(

@@ -1,5 +1,6 @@
 """The picture of a run's tracking, drawn from its log: joints, body, forces and commands over
-time."""
+time.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +75,10 @@ def differences(tracks: dict[str, Array]) -> dict[str, float]:
 
 @DEFAULT_STYLE
 def draw_tracking(recorded: Recorded) -> Figure:
-    """Draw a log. Raises InvalidInput for one without commands."""
+    """Draw a log.
+
+    Raises InvalidInput for one without commands.
+    """
     plan: dict[str, Any] = recorded.of("plan")[0]
     tracks = tracked(recorded)
     joints, time_s = _limbs(plan), tracks["time_s"]
@@ -142,8 +146,9 @@ def draw_tracking(recorded: Recorded) -> Figure:
 
 
 def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
-    """Names of every limb's joints. Older logs, which do not say them, are of robots with four a
-    limb.
+    """Names of every limb's joints.
+
+    Older logs, which do not say them, are of robots with four a limb.
 
     Raises InvalidInput for limbs that are not those of the joints, in their order.
     """
@@ -164,7 +169,8 @@ def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
 
 def targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
     """Times, planned body and forces, what feet stood on and should have rolled, as far as the log
-    has them; shape (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say."""
+    has them; shape (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say.
+    """
     result = recorded.of("target")
     shapes = {
         "time_s": (),
@@ -209,7 +215,12 @@ def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
 def _limb_lines(
     axes: Axes, time_s: Array, values: Array, limbs: list[str], style: dict[str, Any] | None = None
 ) -> None:
-    """One line a limb; values: shape (T, N). style: of planned ones, which no legend names."""
+    """One line a limb.
+
+    Arguments:
+        values: shape (T, N).
+        style: of planned ones, which no legend names.
+    """
     for index, limb in enumerate(limbs):
         options: dict[str, Any] = {"linewidth": 0.9, "label": limb} if style is None else style
         axes.plot(time_s, values[:, index], color=leg_colour(index), **options)

@@ -57,8 +57,10 @@ def write_video(path: str | Path, frames: Iterable[Frame], fps: float = 25.0) ->
 
 
 def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The frames with an even number of rows and columns. Raises InvalidInput for one that does not
-    fit the first."""
+    """The frames with an even number of rows and columns.
+
+    Raises InvalidInput for one that does not fit the first.
+    """
     shape: tuple[int, ...] | None = None
     for index, frame in enumerate(frames):
         pixels = np.asarray(frame)
@@ -81,8 +83,9 @@ def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 @contextmanager
 def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame], object]]:
-    """A function that ffmpeg gets frames by. Raises OSError where not all of them are in the file
-    at the end.
+    """A function that ffmpeg gets frames by.
+
+    Raises OSError where not all of them are in the file at the end.
 
     imageio_ffmpeg, which brings ffmpeg, keeps its exit status to itself, and so a disk that is full
     at the last block.

@@ -1,5 +1,6 @@
 """Play one file and print a line of JSON; in benchmarks/: ``python -m referee FILE [--feedback]
-[--delay-ms 15]``."""
+[--delay-ms 15]``.
+"""
 
 from __future__ import annotations
 

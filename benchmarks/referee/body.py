@@ -79,6 +79,7 @@ def build(
         contact: of feet and ground.
         gravity_m_s2: how strong gravity is.
         mass: factor of all masses; gains are those of the robot as the file has it.
+
     Raises:
         ValueError: for a URDF that MuJoCo does not take, in its words.
     """
@@ -170,7 +171,8 @@ def _stiffness(
 
 def _primitive(urdf: str) -> str:
     """A URDF without meshes, without parts of joints that are there twice, and with what MuJoCo has
-    to know."""
+    to know.
+    """
     root = ElementTree.fromstring(urdf)
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:

@@ -1,5 +1,6 @@
 """Feedback of the body: a wrench that brings it back, shared by the feet that stand, within their
-cones."""
+cones.
+"""
 
 from __future__ import annotations
 

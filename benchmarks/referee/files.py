@@ -1,5 +1,6 @@
 """Plan files (``stancekit/plan/2``, ``/3``) and walk files (``stancekit/gait/2``, ``/3``), read by
-their keys alone."""
+their keys alone.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ class BrokenFile(ValueError):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch:
     """A convex polygon of the ground: corners, shape (V, 3) [m]; unit normal, shape (3,);
-    coefficient of friction."""
+    coefficient of friction.
+    """
 
     corners_m: Array
     normal: Array
@@ -194,7 +196,8 @@ def _stances(
     lifted: Sequence[frozenset[int]], limbs: int
 ) -> tuple[tuple[int, frozenset[int]], ...]:
     """Who carries alone at each frame: after the move to it, and before the next; all where nobody
-    moves."""
+    moves.
+    """
     everybody, found = frozenset(range(limbs)), list[tuple[int, frozenset[int]]]()
     for frame in range(len(lifted) - 1):
         moves = [each for each in (lifted[frame], lifted[frame + 1]) if each]

@@ -145,7 +145,8 @@ class Solids:
 
     def clearance(self, points_m: Array) -> float:
         """A lower bound of the distance from points to the nearest prism, shape (K, 3) [m];
-        negative inside."""
+        negative inside.
+        """
         gaps = [float((points_m @ out.T - off).max(axis=1).min()) for out, off in self._faces]
         return min(gaps, default=np.inf)
 

@@ -1,5 +1,6 @@
 """Joints along a reference by inverse kinematics of its own, and the torque that the file's forces
-ask for."""
+ask for.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +130,8 @@ class Solver:
         rounds: int,
     ) -> tuple[Array, float]:
         """Positions with the centre of mass, the body's rotation and the balls there; and how far
-        feet miss [m]."""
+        feet miss [m].
+        """
         body, data, model = self.body, self.data, self.body.model
         data.qpos[:] = begin
         data.qpos[3:7] = turn

@@ -1,5 +1,6 @@
 """Where body and feet are to be, and what feet press with, every few milliseconds: from key frames
-or samples."""
+or samples.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ class Reference:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
     """A corner of a plan's motion: key frames on both sides of it and its place between them, feet,
-    forces."""
+    forces.
+    """
 
     frame: int
     centres: Array
@@ -65,7 +67,8 @@ class _State:
 
 def of_plan(plan: KeyFrames, radii_m: Array, settings: Settings) -> Reference:
     """The motion of a plan: load to those that stay, up, across with the body, down, load to
-    all."""
+    all.
+    """
     return _PlanMotion(plan, radii_m, settings).reference()
 
 
@@ -130,7 +133,8 @@ class _PlanMotion:
 
     def _force(self, frame: int, carry: frozenset[int]) -> Array:
         """What these carry with at a frame; where the file has no such stance, the mean of those it
-        has."""
+        has.
+        """
         found = self.plan.forces_n.get((frame, carry))
         return self._standing(frame).forces if found is None else found
 
@@ -146,7 +150,8 @@ class _PlanMotion:
         self, frame: int, lifted: frozenset[int], begin: Array, end: Array
     ) -> tuple[Array, Array]:
         """Corners of the ways of those that swing: the lowest that stay clear of the ground, or the
-        clearest."""
+        clearest.
+        """
         plan, settings = self.plan, self.settings
         high, over = begin.copy(), end.copy()
         for limb in lifted:
@@ -261,7 +266,8 @@ def quaternion(rotation: Sequence[float] | Array) -> Array:
 
 def rotation_between(wanted: Array, found: Array) -> Array:
     """The rotation vector, in world axes, that takes the found quaternion to the wanted one, shape
-    (3,) [rad]."""
+    (3,) [rad].
+    """
     inverse, difference, vector = np.empty(4), np.empty(4), np.empty(3)
     mujoco.mju_negQuat(inverse, found)
     mujoco.mju_mulQuat(difference, wanted, inverse)
@@ -271,7 +277,8 @@ def rotation_between(wanted: Array, found: Array) -> Array:
 
 def cross(one: Array, two: Array) -> Array:
     """The cross product of two vectors, shape (3,): faster than NumPy's, which is for arrays of
-    them."""
+    them.
+    """
     (a, b, c), (x, y, z) = one.tolist(), two.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 

@@ -1,5 +1,6 @@
 """A file's robot: its URDF, its legs from the base outward, and the ball that each of them touches
-with."""
+with.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +130,8 @@ def _leg(root: Element, raw: Mapping[str, Any]) -> Leg:
 
 def _ball(link: Element, said: Mapping[str, Any] | None) -> tuple[Array, float]:
     """What a foot touches with: what the file says, or the sphere of its link that is farthest
-    out."""
+    out.
+    """
     if said is not None:
         return np.array(said["point_m"], dtype=float), float(said["radius_m"])
     balls = [

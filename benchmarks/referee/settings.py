@@ -1,5 +1,6 @@
 """Settings of the referee, fixed in a file, and what is wrong with a robot or its ground, as it is
-asked for."""
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -166,7 +167,8 @@ class Push:
 
 def read_settings(path: Path = FILE) -> Settings:
     """Read the settings. Raises ValueError, in one line, for keys that are missing, unknown or of
-    another kind."""
+    another kind.
+    """
     keys = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(keys, dict):
         raise ValueError(f"{path}: expected keys, got {type(keys).__name__}")

@@ -79,6 +79,7 @@ def play(
         settings: the referee's.
         wrong: what is not as the file has it.
         push: instead of the motion, one of its stances is pushed until it falls.
+
     Raises:
         BrokenFile: in one line, for what cannot be played.
     """
@@ -100,6 +101,7 @@ def pushed(
         wrong: what is not as the file has it.
         pushes: the motion is prepared once for all of them, and each is asked for when the one
             before it ended.
+
     Raises:
         BrokenFile: in one line, for what cannot be played.
     """

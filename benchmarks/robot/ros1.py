@@ -304,7 +304,8 @@ def quiet(load: float, patience_s: float) -> float:
 
 def keep(robot: Robot, name: str) -> None:
     """Keep what a run that went wrong left behind: its log and output, and what the robot's
-    processes said."""
+    processes said.
+    """
     kept = robot.folder / "kept" / re.sub(r"\W+", "-", name)
     shutil.rmtree(kept, ignore_errors=True)
     shutil.copytree(robot.folder / "run", kept)
@@ -569,7 +570,8 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
 
 def starved(row: dict[str, Any]) -> bool:
     """Whether a run ended otherwise than it should because the machine, at a load of more than its
-    processors, did not let a process run in time."""
+    processors, did not let a process run in time.
+    """
     late = ("host watchdog", "host was silent", "nothing heard for")
     return (
         not row["right"]
@@ -609,7 +611,8 @@ def running(host: int) -> bool:
 
 def ended(host: int) -> int:
     """The exit code of a process that was forked here, minus the signal that ended it; killed where
-    it lasts."""
+    it lasts.
+    """
     end = time.monotonic() + LONGEST_S
     while running(host) and time.monotonic() < end:
         time.sleep(0.005)

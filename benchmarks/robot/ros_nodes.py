@@ -23,7 +23,8 @@ def say(word):
 
 def estop(how):
     """An e-stop: regular (5 Hz), latched, quiet (says something when it is pressed alone), or
-    int8."""
+    int8.
+    """
     kind = Int8 if how == "int8" else Bool
     publisher = rospy.Publisher("/e_stop", kind, queue_size=1, latch=how != "regular")
     pressed = [False]
@@ -47,7 +48,8 @@ def estop(how):
 
 def states(what, rate_hz, seconds):
     """A second publisher of joint states: zeros, shifted, nan, short (the robot's names, no
-    positions), wheels."""
+    positions), wheels.
+    """
     topic = "/joint_states"
     publisher = rospy.Publisher(topic, JointState, queue_size=1)
     true = rospy.wait_for_message(topic, JointState)
@@ -129,7 +131,8 @@ def commands(seconds):
 
 def late(seconds, times="1"):
     """A controller that connects to the publisher of its commands so long after that is there for
-    so many times."""
+    so many times.
+    """
     from trajectory_msgs.msg import JointTrajectory
 
     topic = "/joint_trajectory_controller/command"

@@ -217,7 +217,8 @@ def robotis(folder: Path, case: Case) -> Iterator[IO[str]]:
 @contextmanager
 def emulated(folder: Path) -> Iterator[IO[str]]:
     """Standard input of a fresh emulated bus; a thread keeps the log that the other bus keeps
-    itself."""
+    itself.
+    """
     from threading import Event, Thread
 
     from stancekit.runner.emulators.servo_bus import EmulatedBus

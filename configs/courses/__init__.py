@@ -1,2 +1,3 @@
 """Courses that come with the package, a YAML file each; typed by
-``stancekit.planners.problem.course_file``."""
+``stancekit.planners.problem.course_file``.
+"""

@@ -1,5 +1,4 @@
-"""
-From numpy to a posture
+"""From numpy to a posture
 =======================
 
 Three limbs of a hexapod on three patches of ground, written as arrays: is there a posture?

@@ -1,5 +1,4 @@
-"""
-Why there is no posture
+"""Why there is no posture
 =======================
 
 Three limbs on three slippery patches, one of which leans by 60°: there is no posture, and the

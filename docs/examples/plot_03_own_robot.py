@@ -1,5 +1,4 @@
-"""
-A robot of your own
+"""A robot of your own
 ===================
 
 A quadruped written as a URDF; Stancekit finds legs, feet and joints by their shape and names, and

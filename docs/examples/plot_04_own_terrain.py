@@ -1,5 +1,4 @@
-"""
-A terrain of your own
+"""A terrain of your own
 =====================
 
 Tiles that lean and differ in height, as a mesh: where may feet stand, and what is the plan from

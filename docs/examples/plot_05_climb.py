@@ -1,5 +1,4 @@
-"""
-A climb between two walls
+"""A climb between two walls
 =========================
 
 A hexapod braced between upright walls: where every toe goes, with what it presses, and how much the

@@ -1,5 +1,4 @@
-"""
-A walk over curved ground
+"""A walk over curved ground
 =========================
 
 A trot of ANYmal over ripples: torso, feet and forces over time, judged between the optimiser's

@@ -1,5 +1,4 @@
-"""
-A leap
+"""A leap
 ======
 
 Stance, flight, stance: which patches, where the toes are on them, and with what every leg pushes.

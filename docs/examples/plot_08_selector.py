@@ -1,5 +1,4 @@
-"""
-A selector of your own
+"""A selector of your own
 ======================
 
 A selector chooses the box over positions and forces over which P1 relaxes the moments. Put one of
@@ -24,7 +23,8 @@ class NarrowForces:
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         """All lower, then all upper bounds, per contact p_x p_y p_z f_n f_y f_z,
-        non-dimensional."""
+        non-dimensional.
+        """
         count = observation["friction"].shape[-1]
         bounds = [-1, -1, -1, -0.1, -0.6, -0.6], [1, 1, 1, 1.0, 0.6, 0.6]
         return np.concatenate([np.tile(side, count) for side in bounds]).astype(np.float32), state

@@ -1,5 +1,4 @@
-"""
-Train an agent
+"""Train an agent
 ==============
 
 An environment of Gymnasium, an agent of stable-baselines3: boxes are cut until a posture is found,

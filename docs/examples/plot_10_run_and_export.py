@@ -1,5 +1,4 @@
-"""
-Run a walk, export it, follow it in plain MuJoCo
+"""Run a walk, export it, follow it in plain MuJoCo
 ================================================
 
 What leaves is the motion that ``run`` streams, with names. A file of mjlab's layout is followed by

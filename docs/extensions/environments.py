@@ -1,5 +1,6 @@
 """A page an environment, in the form of Gymnasium's own: a table of spaces, a picture, and the
-docstring's sections."""
+docstring's sections.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +96,8 @@ def page(name: str) -> str:
 
 def _room(name: str) -> str:
     """What ``bench room`` printed for an environment, as a table below its command; or why there is
-    none."""
+    none.
+    """
     lines = [json.loads(line) for line in ROOM.read_text(encoding="utf-8").splitlines()]
     own = [line for line in lines if line["environment"].startswith(name)]
     text = ["## Room for learning", ""]

@@ -1,14 +1,15 @@
 """Writes the pages that follow from the code, before the others are read: keys, environments,
-verbs, scripts."""
+commands, scripts.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import commands
 import environments
 import keys
 import scripts
-import verbs
 from sphinx.application import Sphinx
 
 
@@ -21,7 +22,7 @@ def write(app: Sphinx) -> None:
         if environments.short(name) in environments.PICTURE and not picture.exists():
             environments.draw(name, picture)
     _put(source / "reference" / "keys.md", keys.page())
-    _put(source / "reference" / "command.md", verbs.page())
+    _put(source / "reference" / "command.md", commands.page())
     _put(source / "reference" / "scripts.inc", scripts.table())
 
 

@@ -171,7 +171,8 @@ them out."""
 @cache
 def forbidding() -> frozenset[str]:
     """Every class of the package that refuses unknown keys, as module:class, found by reading the
-    sources."""
+    sources.
+    """
     classes: dict[str, tuple[str, bool, list[str]]] = {}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -210,7 +211,8 @@ def loaded(place: str) -> Any:
 
 def schemas(section: Section) -> dict[str, dict[str, Any]]:
     """By name, the JSON schema of every model of a section: those that are named, and those that
-    they hold."""
+    they hold.
+    """
     found: dict[str, dict[str, Any]] = {}
     kinds = [loaded(place) for place in section.models]
     kinds += [keys_of(loaded(place), whole=section.whole) for place in section.values]
@@ -286,19 +288,15 @@ def anchor(name: str) -> str:
 
 
 def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
-    """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are
-    keys."""
-    flat = " ".join(docstring.split())
-    found: dict[str, str] = {}
-    starts = [
-        (at.start(), at.end(), [name.strip() for name in at[1].split(",")])
-        for at in re.finditer(r"(?:(?<=^)|(?<=\. )|(?<=; ))(\w+(?:, \w+)*): ", flat)
-    ]
-    starts = [one for one in starts if set(one[2]) <= keys]
-    for index, (_, begin, names) in enumerate(starts):
-        end = starts[index + 1][0] if index + 1 < len(starts) else len(flat)
-        found |= dict.fromkeys(names, flat[begin:end].strip().rstrip(".;"))
-    return found
+    """Meanings of keys in a docstring's ``Arguments:``, ``key: text`` or ``key, key: text`` each."""
+    section = re.search(r"^Arguments:\n((?: .*\n?|\n(?= ))*)", docstring, re.M)
+    entries = re.split(r"^    (?=\S)", section[1] if section else "", flags=re.M)
+    texts: dict[str, str] = {}
+    for entry in entries:
+        names, _, text = " ".join(entry.split()).partition(": ")
+        if text and set(names.split(", ")) <= keys:
+            texts |= dict.fromkeys(names.split(", "), text.rstrip("."))
+    return texts
 
 
 def meanings(
@@ -365,7 +363,8 @@ def _default(schema: dict[str, Any]) -> str:
 
 def missing() -> Iterator[str]:
     """Keys without a meaning, meanings without a key, and models that neither the reference nor
-    INTERNAL knows."""
+    INTERNAL knows.
+    """
     written, reached, known = written_meanings(), set(), set()
     for section in SECTIONS:
         for name, schema in schemas(section).items():

@@ -1,5 +1,6 @@
 """Formulas as MathML, by docutils' own converter: pages need no network and no script to show
-them."""
+them.
+"""
 
 from __future__ import annotations
 

@@ -51,7 +51,8 @@ def stale(name: str, folder: Path = IMAGES) -> bool:
 
 def draw(name: str, folder: Path = IMAGES) -> str:
     """Draw one picture into a folder, whole or not at all; the command's complaint where it fails,
-    else empty."""
+    else empty.
+    """
     with tempfile.TemporaryDirectory() as work:
         drawn = Path(work) / name
         program, *words = PICTURES[name]
@@ -73,7 +74,8 @@ def draw(name: str, folder: Path = IMAGES) -> str:
 
 def write(_: Sphinx) -> None:
     """Draw those that are older than the code; a command that fails is a warning, which fails the
-    build."""
+    build.
+    """
     from sphinx.util import logging
 
     from tests.emulators.chromium import CHROMIUM

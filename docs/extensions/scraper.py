@@ -20,7 +20,8 @@ FILM = """
 
 class _Written:
     """Collects what examples write into the folder that they run in: every picture and film once,
-    in their order."""
+    in their order.
+    """
 
     def __init__(self) -> None:
         self._seen: set[tuple[str, int]] = set()
@@ -32,7 +33,8 @@ class _Written:
         self, block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any], **_: Any
     ) -> str:
         """Copy new pictures to the names that the gallery has for them; reStructuredText that shows
-        all that is new."""
+        all that is new.
+        """
         folder = Path(block_vars["src_file"]).parent
         kept, films = [], ""
         for path in sorted(

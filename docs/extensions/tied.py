@@ -52,7 +52,8 @@ def _functions(file: str) -> dict[int, tuple[ast.AST, str]]:
 
 def code_of(tie: equations.Tie) -> tuple[str, str]:
     """The first sentence of its docstring, and its text, without the indentation and cut where it
-    is long."""
+    is long.
+    """
     node, text = _functions(tie.file)[tie.line]
     brief = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")  # type: ignore[arg-type]
     lines = text.splitlines()

@@ -25,7 +25,8 @@ ONE_STEP = 1
 
 class ForLeRobot(gymnasium.Wrapper[Any, Any, Any, Any]):
     """The same environment as LeRobot's evaluation calls it: flat observations, a task in words,
-    and success."""
+    and success.
+    """
 
     def __init__(self, env: Any, task: str) -> None:
         super().__init__(env)

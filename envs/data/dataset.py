@@ -1,5 +1,6 @@
 """Data sets of labelled posture problems (Algorithm E1): what ``labelling`` writes and selectors
-learn from."""
+learn from.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +44,9 @@ OPEN_SHARDS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Dataset:
-    """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data
-    sets, too.
+    """Rows of one problem class, read from the disk when they are asked for.
+
+    ``split`` gives data sets, too.
 
     It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the
     scene as a policy sees it (``planners.equilibrium.features.observe``: float32 arrays by name)
@@ -55,11 +57,13 @@ class Dataset:
         ledger: the folder's files, see ``Dataset.open``.
         chosen: which rows of the folder these are, in this order, shape (K,).
         part: what they were confined to, see ``only``.
+
     Raises:
         InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another
             version.
     Source:
         Algorithm E1.
+
     Example:
         >>> import stancekit
         >>> rows = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -98,7 +102,8 @@ class Dataset:
     @property
     def robot(self) -> str:
         """Identity of the robot that the rows are of, see ``Robot``; empty for the default
-        hexapod."""
+        hexapod.
+        """
         return self.header.robot or ""
 
     def __repr__(self) -> str:
@@ -108,7 +113,10 @@ class Dataset:
         return len(self.chosen)
 
     def __getitem__(self, index: int) -> tuple[Observation, int]:
-        """Observation of a row's scene, and its label. Raises as ``row`` does."""
+        """Observation of a row's scene, and its label.
+
+        Raises as ``row`` does.
+        """
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} of {len(self)}")
         problem = self._read(index % len(self), self._problem)
@@ -123,17 +131,21 @@ class Dataset:
         return map(self.row, range(len(self)))
 
     def row(self, index: int) -> LabelledPosture:
-        """One row. Raises IndexError, and InvalidInput where the file is damaged."""
+        """One row.
+
+        Raises IndexError, and InvalidInput where the file is damaged.
+        """
         return self._read(index, self._decoded)
 
     def problems(self) -> Iterator[Problem]:
         """The problems of all rows, one after the other; equal to what was drawn to the last
-        bit."""
+        bit.
+        """
         return (self._read(index, self._problem) for index in range(len(self)))
 
     @property
     def labels(self) -> NDArray[np.str_]:
-        """ "feasible", "infeasible" or "undecided", shape (K,)."""
+        """Labels, "feasible", "infeasible" or "undecided", shape (K,)."""
         return np.asarray(np.where(self._kinds == "trivial", "infeasible", self._kinds))
 
     @property
@@ -159,7 +171,8 @@ class Dataset:
     @property
     def infeasible_points(self) -> Array:
         """S̄ of Algorithm E1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N,
-        6)."""
+        6).
+        """
         return np.asarray(self._points[self.infeasible])
 
     def summary(self) -> Summary:
@@ -189,7 +202,8 @@ class Dataset:
     @property
     def origin(self) -> dict[str, str]:
         """Origin of these rows, which a selector keeps: digest of the set, of its draws, and the
-        part."""
+        part.
+        """
         return {
             "dataset": self.header.digest,
             "first_sample": self.header.first_sample,
@@ -240,7 +254,8 @@ class Dataset:
     @cached_property
     def _robot(self) -> Robot:
         """Any robot with the legs of the set: the problems carry their own shoulders and
-        reaches."""
+        reaches.
+        """
         limbs = tuple(
             Limb(name=leg, shoulder_m=np.zeros(3), reach_m=1.0) for leg in self.header.legs
         )

@@ -24,8 +24,11 @@ those that succeed."""
 
 @dataclass(frozen=True, kw_only=True)
 class RowPlan(ABC):
-    """Request to label rows of any kind. counted: settings that say how many rows there are in how
-    many shards."""
+    """Request to label rows of any kind.
+
+    Arguments:
+        counted: settings that say how many rows there are in how many shards.
+    """
 
     counted: ClassVar[tuple[str, ...]]
 
@@ -41,7 +44,8 @@ class RowPlan(ABC):
 
     def _check_counts(self, least: Mapping[str, int]) -> None:
         """Raise InvalidInput for a setting below its least integer, and for more than fits a
-        folder."""
+        folder.
+        """
         for name, smallest in least.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
@@ -57,20 +61,27 @@ class RowPlan(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class LabelPlan(RowPlan):
-    """Request to label postures. The rows follow from it to the last bit, whoever draws them (on
-    processors of one kind).
+    """Request to label postures.
 
-    distribution: name of the distribution of problems; robot, terrain: files that it is of, where
-    not the default hexapod and no terrain's. feasible, infeasible: rows of each label; the
-    infeasible ones are never trivial, that is, infeasible even without the moment balance. natural:
-    keep the first ``feasible + infeasible`` samples as they come instead, whatever their label.
-    shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an
-    interruption loses; every process compiles its models once. seed: the samples of shard k are the
-    stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for testing need
-    different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one
-    sample in 3000 wants more nodes than the default, at 1 ms a node. proposers: digest of what is
-    asked for postures and proofs before any solver, on which certificates and bounds depend, and no
-    label. Raises InvalidInput.
+    The rows follow from it to the last bit, whoever draws them (on processors of one kind).
+
+    Raises InvalidInput.
+
+    Arguments:
+        distribution: name of the distribution of problems.
+        robot, terrain: files that it is of, where not the default hexapod and no terrain's.
+        feasible, infeasible: rows of each label; the infeasible ones are never trivial, that is,
+            infeasible even without the moment balance.
+        natural: keep the first ``feasible + infeasible`` samples as they come instead, whatever
+            their label.
+        shard_size: rows a shard, give or take one: what is drawn and written at once, and so what
+            an interruption loses; every process compiles its models once.
+        seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets
+            for training and for testing need different seeds.
+        tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in 3000
+            wants more nodes than the default, at 1 ms a node.
+        proposers: digest of what is asked for postures and proofs before any solver, on which
+            certificates and bounds depend, and no label.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -124,16 +135,21 @@ class LabelPlan(RowPlan):
 
 @dataclass(frozen=True, kw_only=True)
 class TryPlan(RowPlan):
-    """Request to label tries of leaps. The rows follow from it to the last bit, whoever makes them
-    (as of ``LabelPlan``).
+    """Request to label tries of leaps.
 
-    distribution: a class of ``configs/leaps.yaml``. scenes: how many leaps; number k is drawn from
-    a generator of (seed, k), as in benchmarks. tries: choices of contacts per scene of each order
-    of ``LeapFinder``; fewer where a scene has no more. shard_size: rows a shard, but never less
-    than a scene. seed: sets for training and for testing need different ones. stop: cost of a first
-    step above which a try is given up. share: of the friction, that plans use.
+    The rows follow from it to the last bit, whoever makes them (as of ``LabelPlan``).
 
     Raises InvalidInput.
+
+    Arguments:
+        distribution: a class of ``configs/leaps.yaml``.
+        scenes: how many leaps; number k is drawn from a generator of (seed, k), as in benchmarks.
+        tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a scene
+            has no more.
+        shard_size: rows a shard, but never less than a scene.
+        seed: sets for training and for testing need different ones.
+        stop: cost of a first step above which a try is given up.
+        share: of the friction, that plans use.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -190,8 +206,10 @@ class TryPlan(RowPlan):
 
 @dataclass(frozen=True, kw_only=True)
 class Counts:
-    """Numbers of rows of each kind; ``infeasible`` leaves out the trivially infeasible. Tries that
-    are solved, refuted and unsolved count as feasible, infeasible and undecided."""
+    """Numbers of rows of each kind; ``infeasible`` leaves out the trivially infeasible.
+
+    Tries that are solved, refuted and unsolved count as feasible, infeasible and undecided.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 

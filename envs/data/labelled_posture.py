@@ -1,5 +1,6 @@
 """A row of a data set: a labelled posture problem, and the columns of a shard that it is kept
-in."""
+in.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +37,17 @@ POSTURE: dict[str, tuple[int, ...]] = {
 class LabelledPosture:
     """One row: a problem, its label, and what proves the label.
 
-    shard, row: where it is kept; sample: which draw of the shard's stream it is
-    (``labelling.samples``). trivial: infeasible even without the moment balance (P̄ infeasible,
-    too). posture: the witness, where feasible. certificate: where infeasible; its multipliers are
-    rounded to float32, and lower_bound is what they still prove (0 where nothing is proved). point:
-    [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where
-    feasible, of an answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or
-    undecided. solves, nodes: convex problems solved and nodes visited to decide.
+    Arguments:
+        shard, row: where it is kept.
+        sample: which draw of the shard's stream it is (``labelling.samples``).
+        trivial: infeasible even without the moment balance (P̄ infeasible, too).
+        posture: the witness, where feasible.
+        certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is
+            what they still prove (0 where nothing is proved).
+        point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness
+            where feasible, of an answer of P̄ where infeasible (line 11 of Algorithm E1), None
+            where trivial or undecided.
+        solves, nodes: convex problems solved and nodes visited to decide.
     """
 
     shard: int
@@ -71,8 +76,11 @@ class LabelledPosture:
 
 
 def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
-    """The problem of a shard's row, equal to what was drawn to the last bit; robot: any with the
-    legs of the set."""
+    """The problem of a shard's row, equal to what was drawn to the last bit.
+
+    Arguments:
+        robot: any with the legs of the set.
+    """
     return Problem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
 
 

@@ -1,5 +1,6 @@
 """Tries of leaps as arrays: the columns of a shard, one row per try, and what a learner reads of
-them."""
+them.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +63,11 @@ OF_TRY = (
 
 @dataclass(frozen=True, kw_only=True)
 class TrySummary:
-    """Summary of a data set of tries. tries_per_cpu_s: NaN without timing files."""
+    """Summary of a data set of tries.
+
+    Arguments:
+        tries_per_cpu_s: NaN without timing files.
+    """
 
     scenes: int
     solved: int
@@ -85,11 +90,13 @@ class LeapTries:
 
     Arguments:
         ledger: the folder's files, see ``LeapTries.open``.
+
     Raises:
         InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another
             version.
     Source:
         docs/concepts/leaps.md.
+
     Example:
         >>> import stancekit
         >>> tries = stancekit.label("leap-few", "few", scenes=1, tries={"random": 3})
@@ -101,8 +108,10 @@ class LeapTries:
 
     @classmethod
     def open(cls, path: str | Path) -> LeapTries:
-        """Open a folder that ``label`` has filled with tries; reads no rows yet. Raises
-        InvalidInput."""
+        """Open a folder that ``label`` has filled with tries; reads no rows yet.
+
+        Raises InvalidInput.
+        """
         return cls(ledger=Ledger.whole(path, TryHeader))
 
     @property
@@ -203,8 +212,10 @@ class LeapTries:
                 yield self._leap(shard, k, row)
 
     def leap(self, scene: int) -> Leap:
-        """A scene as a question, equal to what was drawn to the last bit. Raises IndexError, and
-        InvalidInput."""
+        """A scene as a question, equal to what was drawn to the last bit.
+
+        Raises IndexError, and InvalidInput.
+        """
         plan = self.header.plan
         if not 0 <= scene < plan.scenes:
             raise IndexError(f"scene {scene} of {plan.scenes}")
@@ -214,14 +225,17 @@ class LeapTries:
 
     def parts(self) -> list[str]:
         """Part of every scene, "train" or "test", by a hash of its class, seed and number: the same
-        in whatever data set."""
+        in whatever data set.
+        """
         plan = self.header.plan
         names = (scene_name(plan.distribution, plan.seed, number) for number in range(plan.scenes))
         return ["test" if is_test(name) else "train" for name in names]
 
     def plan(self, index: int) -> LeapPlan:
-        """The plan of a try, its body worked out from toes and forces. Raises InvalidInput for one
-        without any."""
+        """The plan of a try, its body worked out from toes and forces.
+
+        Raises InvalidInput for one without any.
+        """
         if not 0 <= index < len(self):
             raise IndexError(f"try {index} of {len(self)}")
         shard = int(np.searchsorted(self.ledger.starts, index, side="right")) - 1
@@ -248,7 +262,8 @@ class LeapTries:
 
     def _read(self, shard: int, columns: Sequence[str]) -> pa.Table:
         """Columns of a shard, scene among them, whose rows are those of its scenes in their
-        order."""
+        order.
+        """
         table = self.ledger.read(shard, list(columns))
         result, wanted = table.column("scene").to_numpy(), self.header.plan.scenes_of(shard)
         if not (
@@ -270,8 +285,10 @@ class LeapTries:
 
 
 def open_rows(path: str | Path) -> Dataset | LeapTries:
-    """Open a data set of either kind, by its folder or, where it ships, by its name. Raises
-    InvalidInput."""
+    """Open a data set of either kind, by its folder or, where it ships, by its name.
+
+    Raises InvalidInput.
+    """
     leaps = isinstance(read_header(folder_of(path)), TryHeader)
     return LeapTries.open(path) if leaps else Dataset.open(path)
 

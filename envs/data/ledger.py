@@ -46,8 +46,13 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Head(BaseModel, ABC):
-    """Head of the header of every data set. legs: limbs, in their order. first_sample: SHA-256 of
-    what is drawn first, to know the distribution by. software: versions at the beginning."""
+    """Head of the header of every data set.
+
+    Arguments:
+        legs: limbs, in their order.
+        first_sample: SHA-256 of what is drawn first, to know the distribution by.
+        software: versions at the beginning.
+    """
 
     model_config = STRICT
     format: str
@@ -70,14 +75,17 @@ class Head(BaseModel, ABC):
 
 
 class Header(Head):
-    """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in
-    their order.
+    """``header.json``: the plan, and what else is true of every row.
 
-    first_sample: SHA-256 of the first problem drawn, to know the distribution by. software:
-    versions at the beginning. witness: how postures and points were chosen: "canonical/1" as
-    ``search.canonical`` says; None in older sets, as the search happened to find them. robot:
-    identity of the model that the legs are of, see ``Robot``; None for the default hexapod, and in
-    older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
+    Arguments:
+        legs: of the contacts, in their order.
+        first_sample: SHA-256 of the first problem drawn, to know the distribution by.
+        software: versions at the beginning.
+        witness: how postures and points were chosen: "canonical/1" as ``search.canonical`` says;
+            None in older sets, as the search happened to find them.
+        robot: identity of the model that the legs are of, see ``Robot``; None for the default
+            hexapod, and in older sets.
+        speaks_of: of what the labels are, in words, where not of the robot itself.
     """
 
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
@@ -95,10 +103,14 @@ class TryHeader(Head):
     """``header.json`` of tries of leaps, the data set's card: what was planned, and what else is
     true of every row.
 
-    plan: what was asked for. legs: of the robot's limbs, in their order. leap: keys of
-    ``stancekit/leap/1`` that all scenes share; of footholds limb and phase. shapes: of the columns
-    that are arrays. speaks_of: what each label means. first_sample: SHA-256 of the first leap.
-    software: versions at the beginning.
+    Arguments:
+        plan: what was asked for.
+        legs: of the robot's limbs, in their order.
+        leap: keys of ``stancekit/leap/1`` that all scenes share; of footholds limb and phase.
+        shapes: of the columns that are arrays.
+        speaks_of: what each label means.
+        first_sample: SHA-256 of the first leap.
+        software: versions at the beginning.
     """
 
     format: Literal["stancekit/tries/1"] = "stancekit/tries/1"
@@ -119,11 +131,14 @@ HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
 
 
 class Tally(BaseModel):
-    """Tally that a shard keeps in its metadata. dataset: the header's digest; rows: kept; drawn:
-    kept or not.
+    """Tally that a shard keeps in its metadata.
 
-    undecided_samples: sample numbers of the undecided. software: versions that the shard was made
-    with.
+    Arguments:
+        dataset: the header's digest.
+        rows: kept.
+        drawn: kept or not.
+        undecided_samples: sample numbers of the undecided.
+        software: versions that the shard was made with.
     """
 
     model_config = STRICT
@@ -137,8 +152,12 @@ class Tally(BaseModel):
 
 
 class ShardTiming(BaseModel):
-    """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a
-    block, wall clock."""
+    """``timing-00000.json``.
+
+    Arguments:
+        cpu_s: of the shard.
+        solve_ms: of every sample, or its share of a block, wall clock.
+    """
 
     model_config = STRICT
     format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
@@ -163,8 +182,10 @@ def check_arrow() -> None:
 
 
 def shard_schema(contacts: int) -> pa.Schema:
-    """Columns of a shard of problems with N contacts; ``problem`` is JSON. What a row does not have
-    is null."""
+    """Columns of a shard of problems with N contacts; ``problem`` is JSON.
+
+    What a row does not have is null.
+    """
     import pyarrow as pa
 
     body, feet, point = (
@@ -196,8 +217,10 @@ def shard_schema(contacts: int) -> pa.Schema:
 
 
 def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
-    """Columns of a shard of tries; what a row does not have is null. The scene's are the same in
-    all of its rows."""
+    """Columns of a shard of tries; what a row does not have is null.
+
+    The scene's are the same in all of its rows.
+    """
     import pyarrow as pa
 
     int32, float64, text = pa.int32(), pa.float64(), pa.string()
@@ -231,7 +254,11 @@ def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ledger:
-    """Shards of one data set. tallies: by shard number."""
+    """Shards of one data set.
+
+    Arguments:
+        tallies: by shard number.
+    """
 
     folder: Path
     header: Header | TryHeader
@@ -239,7 +266,10 @@ class Ledger:
 
     @classmethod
     def open(cls, folder: Path) -> Ledger:
-        """Read header and metadata of all shards that are there. Raises InvalidInput."""
+        """Read header and metadata of all shards that are there.
+
+        Raises InvalidInput.
+        """
         header = read_header(folder)
         check_arrow()
         tallies = [read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
@@ -247,8 +277,10 @@ class Ledger:
 
     @classmethod
     def whole(cls, path: str | Path, kind: type[Head]) -> Ledger:
-        """Open a data set of a kind, by its folder or, where it ships, by its name. Raises
-        InvalidInput, also where shards are missing."""
+        """Open a data set of a kind, by its folder or, where it ships, by its name.
+
+        Raises InvalidInput, also where shards are missing.
+        """
         ledger = cls.open(folder_of(path))
         if not isinstance(ledger.header, kind):
             wanted = kind.model_fields["format"].default
@@ -277,8 +309,10 @@ class Ledger:
         return [shard for shard in range(self.header.plan.shards) if shard not in self.tallies]
 
     def read(self, shard: int, columns: list[str] | None = None) -> pa.Table:
-        """All rows of a shard, of these columns only if given. Raises InvalidInput for a damaged
-        file."""
+        """All rows of a shard, of these columns only if given.
+
+        Raises InvalidInput for a damaged file.
+        """
         import pyarrow.parquet as pq
 
         path = self.folder / shard_name(shard)
@@ -319,7 +353,10 @@ def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: ShardTiming
 
 
 def read_header(folder: Path) -> Header | TryHeader:
-    """The header of the data set in this folder. Raises InvalidInput."""
+    """The header of the data set in this folder.
+
+    Raises InvalidInput.
+    """
     if not folder.is_dir():
         what = "a file" if folder.exists() else "nothing"
         raise InvalidInput(f"{folder}: expected the folder of a data set, found {what}")
@@ -332,7 +369,10 @@ def read_header(folder: Path) -> Header | TryHeader:
 
 
 def read_tally(path: Path, header: Head) -> Tally:
-    """Metadata of a shard, checked against the header. Raises InvalidInput."""
+    """Metadata of a shard, checked against the header.
+
+    Raises InvalidInput.
+    """
     import pyarrow.parquet as pq
 
     with open_file(path):

@@ -1,5 +1,6 @@
 """Data sets that ship with the package, by name: small pools to draw scenes from without labelling
-any."""
+any.
+"""
 
 from __future__ import annotations
 

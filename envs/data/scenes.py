@@ -38,9 +38,12 @@ class ScenePool:
     """Scenes of a labelled data set, drawn at random; all are in memory, and keep their scaled
     numbers once drawn.
 
-    balanced: toss a coin for the label, then any row of it is as likely, the trivially infeasible
-    left out; else any row of all. Raises InvalidInput for undecided rows, and where no rows of a
-    label are there to draw.
+    Arguments:
+        balanced: toss a coin for the label, then any row of it is as likely, the trivially
+            infeasible left out; else any row of all.
+
+    Raises:
+        InvalidInput: for undecided rows, and where no rows of a label are there to draw.
     """
 
     def __init__(self, dataset: Dataset, *, balanced: bool = True) -> None:
@@ -70,9 +73,13 @@ class ScenePool:
     ) -> ScenePool:
         """The pool of a folder of ``stancekit label``.
 
-        of, legs: the class of problems that it has to be of, which names the robot, too. part: see
-        ``Dataset.only``. Raises InvalidInput for a folder that is none, of another version or of
-        other problems, or with undecided rows.
+        Arguments:
+            of, legs: the class of problems that it has to be of, which names the robot, too.
+            part: see ``Dataset.only``.
+
+        Raises:
+            InvalidInput: for a folder that is none, of another version or of other problems, or
+                with undecided rows.
         """
         dataset = Dataset.open(folder)
         if (dataset.problem_class, tuple(dataset.header.legs)) != (of, tuple(legs)):

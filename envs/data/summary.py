@@ -17,9 +17,12 @@ from .ledger import Counts, Ledger
 class Summary:
     """Contents and cost of a data set.
 
-    rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn.
-    solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms].
-    NaN without timing files.
+    Arguments:
+        rows: kept.
+        drawn: kept or not.
+        cpu_s_per_1000: processor seconds for 1000 samples drawn.
+        solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock
+            [ms]. NaN without timing files.
     """
 
     rows: Counts

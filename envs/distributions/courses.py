@@ -1,5 +1,6 @@
 """Distributions of courses: the built-in ones and the user's, perturbed, and walls with random
-panels of ice."""
+panels of ice.
+"""
 
 from __future__ import annotations
 
@@ -44,10 +45,14 @@ def perturbed(
     """A course like this one: other heights, distances, leans, friction and panels, the same path
     and gait.
 
-    amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod.
-    Scenes of families are drawn anew at their level instead, climbable or not, unless it is 0; then
-    NoFooting may be raised, too. Walls with ice are drawn so that every toe has some candidate that
-    grips; ``icy_walls`` does not promise that. Raises InvalidInput where no such walls were found.
+    Arguments:
+        amount: scales every deviation; 1 keeps the built-in courses climbable for the default
+            hexapod. Scenes of families are drawn anew at their level instead, climbable or not,
+            unless it is 0; then NoFooting may be raised, too. Walls with ice are drawn so that
+            every toe has some candidate that grips; ``icy_walls`` does not promise that.
+
+    Raises:
+        InvalidInput: where no such walls were found.
     """
     spec, folder = (
         (course, Path())
@@ -71,7 +76,9 @@ def icy_walls(
     """The built-in walls with panels of .3 m, each without friction by this chance, whether or not
     that can be climbed.
 
-    regions: candidate patches a toe, the nearest panels whether icy or not (Lin et al. §IV-B.2).
+    Arguments:
+        regions: candidate patches a toe, the nearest panels whether icy or not (Lin et al.
+            §IV-B.2).
     """
     spec = read_spec("icy-walls").with_frames(frames)
     terrain = spec.terrain.model_copy(update=_panels(rng, ice))

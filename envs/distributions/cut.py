@@ -54,7 +54,8 @@ TRIES = 20_000
 @dataclass(frozen=True, eq=False)
 class Places:
     """Places where a foot may stand: points, shape (K, 3) [m], normals, (K, 3), and free radii
-    about them, (K,) [m]."""
+    about them, (K,) [m].
+    """
 
     points_m: Array
     normals: Array
@@ -146,8 +147,12 @@ def identity_of(path: str | Path) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CutDistribution:
-    """Scenes on these legs of a robot, cut from a terrain. stance: what is drawn about; friction:
-    uniform between."""
+    """Scenes on these legs of a robot, cut from a terrain.
+
+    Arguments:
+        stance: what is drawn about.
+        friction: uniform between.
+    """
 
     name: str
     legs: tuple[str, ...]
@@ -158,8 +163,10 @@ class CutDistribution:
     terrain: str = "ground"
 
     def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one posture problem. Raises InvalidInput where the terrain has no place for all
-        legs."""
+        """Draw one posture problem.
+
+        Raises InvalidInput where the terrain has no place for all legs.
+        """
         return self.batch(rng, 1).problem(0)
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
@@ -243,8 +250,10 @@ def cut(
     stance: NominalStance,
     friction: tuple[float, float],
 ) -> CutDistribution:
-    """Scenes of a terrain's file or name. Raises InvalidInput for one that is none, or has no
-    footholds."""
+    """Scenes of a terrain's file or name.
+
+    Raises InvalidInput for one that is none, or has no footholds.
+    """
     places = Places.of(path, SMALLER * stance.circumradius_m[0])
     return CutDistribution(
         name=f"{name}-on-{identity_of(path)}",

@@ -1,5 +1,6 @@
 """Patches as they are drawn: equilateral triangles about a centre, and the problem that they are
-put into."""
+put into.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def plain_problem(
     robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
 ) -> Problem:
     """The problem with every patch in its nominal place, the smallest that is drawn, and without
-    friction."""
+    friction.
+    """
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))
     )
@@ -57,7 +59,8 @@ def leaning(
 ) -> Array:
     """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths.
 
-    plane: ``plane_of`` the axes, where it is known.
+    Arguments:
+        plane: ``plane_of`` the axes, where it is known.
     """
     first, second = plane or plane_of(axis)
     angle, azimuth = angle_rad[..., None], azimuth_rad[..., None]
@@ -67,7 +70,8 @@ def leaning(
 
 def triangle(normals: Array, radius_m: Array, turn_rad: Array) -> Array:
     """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3)
-    [m]."""
+    [m].
+    """
     angles = (turn_rad[..., None] + 2.0 * np.pi / 3.0 * np.arange(3))[..., None]
     first, second = (axis[..., None, :] for axis in plane_of(normals))
     return np.asarray(

@@ -1,5 +1,6 @@
 """Distributions of posture problems (Lin et al. §IV-A): what terrains look like to limbs about to
-stand on them."""
+stand on them.
+"""
 
 from __future__ import annotations
 
@@ -79,8 +80,10 @@ class PostureDistribution:
     """G(θ) of Lin et al.: one random triangle a limb, on the ground or on two facing walls.
 
     Each normal leans by up to 30° from the nominal one in a random direction. ``sample`` draws one
-    problem. stance: where the patches are; Lin et al.'s places about the robot's shoulders where
-    None.
+    problem.
+
+    Arguments:
+        stance: where the patches are; Lin et al.'s places about the robot's shoulders where None.
     """
 
     name: str
@@ -121,7 +124,8 @@ class PostureDistribution:
     @cached_property
     def _about(self) -> tuple[NominalStance, Array, Array]:
         """Stance about which scenes are drawn, and for each limb the bounds of the draw, shape (N,
-        8)."""
+        8).
+        """
         stance = self.stance or paper_stance(self.robot.select(self.legs), self.terrain)
         turn = (0.0, 2.0 * np.pi)
         of_all = np.array([(0.0, MAX_TILT_RAD), turn, stance.circumradius_m, turn, self.friction])
@@ -167,8 +171,9 @@ class OwnDistribution:
     """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made
     without arguments.
 
-    name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied and
-    pickled, to processes that have not run its file, too.
+    Arguments:
+        name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied
+            and pickled, to processes that have not run its file, too.
     """
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -177,7 +182,10 @@ class OwnDistribution:
         self.legs = self.sample(np.random.default_rng(0)).legs
 
     def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one posture problem. Raises InvalidInput where something else comes."""
+        """Draw one posture problem.
+
+        Raises InvalidInput where something else comes.
+        """
         problem = self._thing.sample(rng)
         if not (isinstance(problem, Problem) and problem.is_posture):
             raise InvalidInput(
@@ -186,7 +194,10 @@ class OwnDistribution:
         return problem
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
-        """Draw this many. Raises InvalidInput where they differ in more than their patches."""
+        """Draw this many.
+
+        Raises InvalidInput where they differ in more than their patches.
+        """
         try:
             return PostureBatch.stacked([self.sample(rng) for _ in range(count)])
         except InvalidInput as error:
@@ -204,8 +215,11 @@ class OwnDistribution:
 
 
 class _Yaml(BaseModel):
-    """A distribution's file. terrain: ground, wall, or a terrain's file or name; files are paths
-    from the folder."""
+    """A distribution's file.
+
+    Arguments:
+        terrain: ground, wall, or a terrain's file or name; files are paths from the folder.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
     terrain: str
@@ -221,11 +235,18 @@ def distribution(
     and robot.
 
     Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last
-    one's scenes are cut from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml``
-    file, or a ``Robot``; the default hexapod where None. terrain: a mesh or a grid, or a ground by
-    its name. What is drawn is named after the class, the robot and the terrain, by name and digest.
-    Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg
-    without an inside, a terrain without footholds.
+    one's scenes are cut from a terrain's file.
+
+    What is drawn is named after the class, the robot and the terrain, by name and digest.
+
+    Arguments:
+        robot: a built-in name, a ``.urdf`` or a ``.yaml`` file, or a ``Robot``; the default hexapod
+            where None.
+        terrain: a mesh or a grid, or a ground by its name.
+
+    Raises:
+        InvalidInput: that lists the names there are, and for a robot with fewer legs, a leg without
+            an inside, a terrain without footholds.
     """
     if not isinstance(name, str):
         raise REGISTRY.unknown(name)
@@ -285,8 +306,10 @@ def composed(
     friction: tuple[float, float],
     terrain: str | Path | None,
 ) -> PostureDistribution | CutDistribution:
-    """A robot and a law of scenes. Raises InvalidInput where a law wants a terrain's file, or has
-    none."""
+    """A robot and a law of scenes.
+
+    Raises InvalidInput where a law wants a terrain's file, or has none.
+    """
     if (terrain is not None) != (law == "terrain"):
         wants = (
             "a terrain's file"

@@ -50,12 +50,15 @@ SIDEWAYS = 0.8
 @dataclass(frozen=True, eq=False)
 class NominalStance:
     """Stance about which a law draws: nominal centres of the patches and their normals, from the
-    centre of mass, shape (N, 3) each [m]; room_m: how far off a centre may be, outwards positive,
-    (N, 3) [m]; sizes [m]; and the body's tilt [rad].
+    centre of mass, shape (N, 3) each [m].
 
     With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible
     by what bounds take for their reach and not by what plans take (``planners.robot.reach``); where
     it is 0 both are the sets themselves.
+
+    Arguments:
+        room_m: how far off a centre may be, outwards positive, (N, 3) [m]; sizes [m]; and the
+            body's tilt [rad].
     """
 
     centre_m: Array
@@ -77,7 +80,8 @@ def paper_stance(limbs: Sequence[Limb], law: Law) -> NominalStance:
 
 def _ground(limb: Limb) -> tuple[Array, Array, Array]:
     """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it
-    may be [m]."""
+    may be [m].
+    """
     outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
     centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
     return centre, np.array([0.0, 0.0, 1.0]), np.array(GROUND_ROOM_M)
@@ -85,7 +89,8 @@ def _ground(limb: Limb) -> tuple[Array, Array, Array]:
 
 def _wall(limb: Limb) -> tuple[Array, Array, Array]:
     """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m],
-    outwards positive."""
+    outwards positive.
+    """
     side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
     centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
     return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * WALL_ROOM_M
@@ -95,9 +100,11 @@ def _wall(limb: Limb) -> tuple[Array, Array, Array]:
 class StandingRobot:
     """A robot that scenes are drawn for, and where its toes are as it stands.
 
-    robot: as the contact planner has it, inner sets. toes_m: from its centre of mass, shape (N, 3)
-    [m]. reach_m: how far a foot gets from its first joint, in the mean [m]. paper: the default
-    hexapod, about which Lin et al.'s law draws.
+    Arguments:
+        robot: as the contact planner has it, inner sets.
+        toes_m: from its centre of mass, shape (N, 3) [m].
+        reach_m: how far a foot gets from its first joint, in the mean [m].
+        paper: the default hexapod, about which Lin et al.'s law draws.
     """
 
     robot: Robot
@@ -161,8 +168,10 @@ class StandingRobot:
         return tuple(names[index] for index in chosen)
 
     def stance(self, law: Law, legs: Sequence[str]) -> NominalStance:
-        """Stance about which scenes on these legs are drawn. Raises InvalidInput for a leg that is
-        not there."""
+        """Stance about which scenes on these legs are drawn.
+
+        Raises InvalidInput for a leg that is not there.
+        """
         limbs = self.robot.select(legs)
         if self.paper:
             return paper_stance(limbs, law)
@@ -193,7 +202,8 @@ class StandingRobot:
 
 def _held(toes: Array) -> float:
     """Margin of the centre of mass inside the toes' hull, seen from above [m]; below 0 outside, or
-    without a hull."""
+    without a hull.
+    """
     from scipy.spatial import ConvexHull, QhullError  # slow to import
 
     if len(toes) < 3:
@@ -229,7 +239,8 @@ def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Arra
 
 def _is_default(robot: Robot) -> bool:
     """Tell whether a robot without a model is the default hexapod, about which the law of Lin et
-    al. draws."""
+    al. draws.
+    """
     default = hexapod()
     return robot.limb_names == default.limb_names and all(
         one.reach_m == other.reach_m

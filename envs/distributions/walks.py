@@ -1,5 +1,6 @@
 """Walks drawn at random, or from those that a terrain is known for: what
-``stancekit/WarpedGait-v0`` begins with."""
+``stancekit/WarpedGait-v0`` begins with.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +38,13 @@ Tasks = Callable[[np.random.Generator], Walk]
 class SampledTasks:
     """Walks over drawn terrains, or the paper's tasks on one of its own.
 
-    terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth ones of
-    the first version (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``, with the walks
-    that it is known for, else drawn ones. difficulty: the families' level, uniform between the two.
-    distance_m: from start to goal, uniform; robot: ANYmal where there is none.
+    Arguments:
+        terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth
+            ones of the first version (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
+            with the walks that it is known for, else drawn ones.
+        difficulty: the families' level, uniform between the two.
+        distance_m: from start to goal, uniform.
+        robot: ANYmal where there is none.
     """
 
     terrain: str = "mixed"
@@ -83,8 +87,10 @@ class SampledTasks:
         return (self.terrain,) if self.terrain in (*TERRAIN_FAMILIES.names(), *OLD) else ()
 
     def __call__(self, rng: np.random.Generator) -> Walk:
-        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if
-        none is found."""
+        """Draw a walk; a goal where the robot cannot stand is drawn again.
+
+        Raises PlanningFailed if none is found.
+        """
         tasks = () if self._families else reference_tasks(self.terrain)
         for _ in range(DRAWS):
             try:

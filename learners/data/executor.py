@@ -1,5 +1,6 @@
 """Executors of independent tasks: in processes of this machine, or on a Ray cluster. The answers do
-not depend on it."""
+not depend on it.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +42,9 @@ log = logging.getLogger(__name__)
 
 
 class Executor(Protocol):
-    """Runs independent, picklable tasks and gives each one's answer once, as they come. Tasks may
-    run twice.
+    """Runs independent, picklable tasks and gives each one's answer once, as they come.
+
+    Tasks may run twice.
 
     Tasks are taken one after the other, when there is room for them: which come next may depend on
     the answers so far. None among them stands for no task until another answer has been taken; it
@@ -72,8 +74,10 @@ def gather(
     tasks: Sequence[Task[Answer]],
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Answer]:
-    """All answers in the order of the tasks. ``told`` is given how many are there, and how many
-    there will be."""
+    """All answers in the order of the tasks.
+
+    ``told`` is given how many are there, and how many there will be.
+    """
     answers: dict[int, Answer] = {}
     for number, answer in run([partial(_numbered, k, task) for k, task in enumerate(tasks)]):
         answers[number] = answer
@@ -94,8 +98,9 @@ class _Processes:
 
 
 def processes(workers: int) -> Executor:
-    """Run tasks on this many processes (loky); on one, in this process. A dead worker's tasks run
-    again.
+    """Run tasks on this many processes (loky); on one, in this process.
+
+    A dead worker's tasks run again.
 
     Raises InvalidInput.
     """
@@ -122,7 +127,8 @@ def _in_worker(parent: int, number: int, task: Task[Answer]) -> tuple[int, Answe
 @cache
 def _end_with(parent: int) -> None:
     """End this process when its parent is gone: nobody would read its answers, and it would wait
-    forever."""
+    forever.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -134,7 +140,8 @@ def _end_with(parent: int) -> None:
 
 def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answer]:
     """Keep twice as many tasks in flight as there are workers. left: those that were taken and not
-    answered."""
+    answered.
+    """
     left, numbers, deaths = dict[int, Task[Answer]](), itertools.count(), 0
     while True:
         pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=ONE_THREAD)

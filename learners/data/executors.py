@@ -1,5 +1,6 @@
 """The executors by the names that commands have for them: processes of this computer, or a Ray
-cluster."""
+cluster.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
         kind: "processes" or "ray".
         workers: number of processes; of no use to a cluster.
         address: of the cluster, "auto" where it is None.
+
     Raises:
         InvalidInput: for another name, and for an address that processes have no use for.
     """

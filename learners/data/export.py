@@ -1,5 +1,6 @@
 """Expert data for others: a labelled data set as a Minari data set of one-step episodes of
-``EnvelopeSelection-v0``."""
+``EnvelopeSelection-v0``.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +47,7 @@ class Exported:
         agreement: share of the episodes in which P1 over the expert's box says what the label says.
     Source:
         None: Minari's format.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -149,8 +151,10 @@ def export(
 
 
 def _apart(create: Callable[[], None]) -> None:
-    """Do it in a process of its own: a full disk takes HDF5 down with the process. Raises OSError
-    where it failed."""
+    """Do it in a process of its own: a full disk takes HDF5 down with the process.
+
+    Raises OSError where it failed.
+    """
     with TemporaryFile() as sink:
         process = os.fork()
         if not process:
@@ -170,7 +174,10 @@ def _apart(create: Callable[[], None]) -> None:
 
 
 def load_exported(root: Path) -> Any:
-    """The MinariDataset that ``export`` wrote below this folder. Raises InvalidInput."""
+    """The MinariDataset that ``export`` wrote below this folder.
+
+    Raises InvalidInput.
+    """
     minari = _minari()
     folders = sorted(root.glob("stancekit/*/expert-v0/data"))
     if len(folders) != 1:
@@ -184,7 +191,11 @@ def load_exported(root: Path) -> Any:
 
 
 class _Scenes:
-    """The rows as scenes, in their order. row: the one that was drawn last."""
+    """The rows as scenes, in their order.
+
+    Arguments:
+        row: the one that was drawn last.
+    """
 
     row: LabelledPosture
 
@@ -221,7 +232,8 @@ def _episode(
 
 def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
     """Specification from which ``recover_environment`` makes an environment: the environment of
-    this class, robot and terrain."""
+    this class, robot and terrain.
+    """
     spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
     files = {"robot": plan.robot, "terrain": plan.terrain}
     spec.kwargs = {
@@ -253,7 +265,8 @@ def _minari() -> Any:
 @contextmanager
 def _minari_root(root: Path) -> Iterator[None]:
     """Let Minari write below this folder only, and keep its advice on authors and links to
-    itself."""
+    itself.
+    """
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(root)
     try:

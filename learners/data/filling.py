@@ -1,5 +1,6 @@
 """Filling a data set's folder: whatever is drawn, shard by shard, on any executor, going on from
-what is there."""
+what is there.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """Progress of a run. rows, drawn: of all shards that are done; rate: samples drawn per second
-    in this run."""
+    """Progress of a run.
+
+    Arguments:
+        rows, drawn: of all shards that are done.
+        rate: samples drawn per second in this run.
+    """
 
     shards_done: int
     shards: int
@@ -37,7 +42,8 @@ class Progress:
 
 class Drafts(Protocol[Made]):
     """The shards that are being made: which tasks come next, and which shard has become whole by an
-    answer."""
+    answer.
+    """
 
     def tasks(self) -> Iterable[Task[Made] | None]:
         """Tasks for an executor."""
@@ -56,8 +62,9 @@ def fill(
 ) -> None:
     """Make the shards that a folder with a header lacks, and write each one once, when it is whole.
 
-    drafts_of: given the numbers of the shards that are missing. progress: called once at the start
-    and after every shard.
+    Arguments:
+        drafts_of: given the numbers of the shards that are missing.
+        progress: called once at the start and after every shard.
     """
     there = ledger.Ledger.open(folder)
     done, begin = dict(there.tallies), time.perf_counter()

@@ -69,6 +69,7 @@ class RecheckReport:
         seconds: that it took [s].
     Source:
         E1-E11.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -106,11 +107,17 @@ def label(
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
 
-    workers: processes; the rows do not depend on them. progress: called once at the start and after
-    every shard. source: the distribution, where its name is not a registered one. run: the
-    executor, in place of ``processes``. draws_per_row: a shard gives up after this many draws a
-    row. proposers: those whose digest is planned. Raises InvalidInput where the folder holds
-    another data set, LabellingFailed where a shard gives up.
+    Arguments:
+        workers: processes; the rows do not depend on them.
+        progress: called once at the start and after every shard.
+        source: the distribution, where its name is not a registered one.
+        run: the executor, in place of ``processes``.
+        draws_per_row: a shard gives up after this many draws a row.
+        proposers: those whose digest is planned.
+
+    Raises:
+        InvalidInput: where the folder holds another data set, LabellingFailed where a shard gives
+            up.
     """
     execute = run or processes(workers)
     if source is not None and source.name != plan.distribution:
@@ -134,7 +141,8 @@ def label(
 
 class _Drafts:
     """The shards that are being drawn: which samples are decided next, and which shard has become
-    whole by it."""
+    whole by it.
+    """
 
     def __init__(
         self,
@@ -154,7 +162,8 @@ class _Drafts:
 
     def tasks(self) -> Iterator[Callable[[], LabelBlock] | None]:
         """Blocks to decide, of the first shards first; None where there are none until another
-        block is decided."""
+        block is decided.
+        """
         while self._left or self._open:
             if self._left and not any(draft.lacking for draft in self._open):
                 self._open.append(next(self._unopened))
@@ -169,7 +178,10 @@ class _Drafts:
             yield self._open[k].block(self._source, min(lacking[k], share, BLOCK), self._proposers)
 
     def take(self, block: LabelBlock) -> Shard | None:
-        """The shard that this block completes. Raises LabellingFailed."""
+        """The shard that this block completes.
+
+        Raises LabellingFailed.
+        """
         draft = next((draft for draft in self._open if draft.shard == block.shard), None)
         shard = None if draft is None else draft.take(block)
         if draft is not None and shard is not None:

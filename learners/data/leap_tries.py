@@ -59,8 +59,10 @@ SPEAKS_OF = {
 
 
 def scene(plan: TryPlan, number: int) -> Leap:
-    """The scene of a number: each has a generator of its own. Raises InvalidInput for a class that
-    there is not."""
+    """The scene of a number: each has a generator of its own.
+
+    Raises InvalidInput for a class that there is not.
+    """
     name = scene_name(plan.distribution, plan.seed, number)
     return leap_class(plan.distribution).draw(np.random.default_rng([plan.seed, number]), name)
 
@@ -79,6 +81,7 @@ def label_leaps(
         path: of the folder.
         run: the executor; one process where None. The rows do not depend on it.
         progress: called once at the start and after every shard.
+
     Raises:
         InvalidInput: for a class that there is not, and where the folder holds another data set.
     """
@@ -111,8 +114,14 @@ def recheck_leaps(tries: LeapTries) -> RecheckReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Scene:
-    """A scene's tries, labelled. number: of the scene; table: of its rows; labels: of the tries;
-    ms: of each one."""
+    """A scene's tries, labelled.
+
+    Arguments:
+        number: of the scene.
+        table: of its rows.
+        labels: of the tries.
+        ms: of each one.
+    """
 
     number: int
     table: pa.Table
@@ -188,7 +197,8 @@ class _Drafts:
 
 class _Recheck:
     """Tally of what the verifier has said so far. refused: rows; residuals: of plans; bounds: of
-    multipliers."""
+    multipliers.
+    """
 
     def __init__(self) -> None:
         self.refused: set[int] = set()

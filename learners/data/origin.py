@@ -1,5 +1,6 @@
 """Whose a data set is, held against a robot's and a terrain's file, and against what a selector
-learned from."""
+learned from.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +21,11 @@ def rows_of(
 ) -> Dataset:
     """The rows of a data set, of its folder, or of one that ships by its name; or a part of them.
 
-    robot, terrain: whose they have to be, where given. Raises InvalidInput for what is no data set,
-    and for another's.
+    Arguments:
+        robot, terrain: whose they have to be, where given.
+
+    Raises:
+        InvalidInput: for what is no data set, and for another's.
     """
     dataset = (source if isinstance(source, Dataset) else Dataset.open(source)).only(part)
     check_of(dataset, robot, terrain)
@@ -30,7 +34,8 @@ def rows_of(
 
 def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
     """Raise InvalidInput unless the rows are of this robot and this terrain's file, where they are
-    given."""
+    given.
+    """
     where = dataset.ledger.folder
     if robot is not None:
         identity = "" if robot in BUILT_IN else named_robot(robot).identity
@@ -52,8 +57,9 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
     """Raise InvalidInput where a selector learned from rows of this data set, or from draws of the
     same seed.
 
-    provenance: the selector's, with what ``Dataset.origin`` says of its rows; older ones name the
-    set alone. Two different parts of the split by hash have no row in common.
+    Arguments:
+        provenance: the selector's, with what ``Dataset.origin`` says of its rows; older ones name
+            the set alone. Two different parts of the split by hash have no row in common.
     """
     mine, theirs = (
         dataset.origin,

@@ -38,11 +38,15 @@ def ray_cluster(address: str = "auto") -> Executor:
     """Run tasks on a Ray cluster, one processor each; Ray runs the tasks of a lost worker or node
     again.
 
-    address: host:port of the cluster's head; ``auto``, the cluster that this machine belongs to;
-    ``local``, one of its own. The connection is made by the first run and kept. Every node needs
-    this version of Stancekit and of what its answers depend on; no files are shared. Raises
-    ClusterGone where the cluster is not there or not fit, here or while tasks run, and InvalidInput
-    without Ray.
+    Arguments:
+        address: host:port of the cluster's head; ``auto``, the cluster that this machine belongs
+            to; ``local``, one of its own. The connection is made by the first run and kept. Every
+            node needs this version of Stancekit and of what its answers depend on; no files are
+            shared.
+
+    Raises:
+        ClusterGone: where the cluster is not there or not fit, here or while tasks run, and
+            InvalidInput without Ray.
     """
     return _Cluster(address)
 
@@ -92,7 +96,10 @@ class _Cluster:
 
 
 class _Driver:
-    """A process that has joined a cluster. processors: of the cluster. Raises ClusterGone."""
+    """A process that has joined a cluster. processors: of the cluster.
+
+    Raises ClusterGone.
+    """
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -118,14 +125,18 @@ class _Driver:
 
     def answers(self, tasks: list[bytes]) -> list[tuple[str, Any]]:
         """Hand over these tasks, and take what has been answered since: ("answer" or "raised", its
-        value)."""
+        value).
+        """
         with suppress(OSError):  # what it said last says why
             self._pipe.send(tasks)
         self.processors, answered = self._heard(SILENCE_S)
         return [pickle.loads(each) for each in answered]  # of our own workers
 
     def _heard(self, limit_s: float) -> Any:
-        """The driver's next message. Raises ClusterGone."""
+        """The driver's next message.
+
+        Raises ClusterGone.
+        """
         try:
             message = (
                 self._pipe.recv()

@@ -52,8 +52,10 @@ def main(pipe: Connection, address: str) -> None:
 
 
 def joined(address: str, pipe: Connection) -> Any:
-    """Ray, connected. The other side hears when the cluster is asked, and when it has let us in.
-    Raises Refused."""
+    """Ray, connected.
+
+    The other side hears when the cluster is asked, and when it has let us in. Raises Refused.
+    """
     import ray
 
     raylet: Any = import_module("ray._raylet")  # its stubs lack the client
@@ -85,7 +87,10 @@ def joined(address: str, pipe: Connection) -> Any:
 
 
 def head_of(address: str) -> str | None:
-    """host:port that an address stands for; None where only Ray knows. Raises Refused."""
+    """host:port that an address stands for; None where only Ray knows.
+
+    Raises Refused.
+    """
     if "://" in address or address == "auto":
         from ray._private.services import get_ray_address_from_environment
 
@@ -118,8 +123,10 @@ def reason(error: Exception) -> str:
 
 
 def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
-    """Run what comes by the pipe, one processor a task. Raises Gone, and EOFError once nobody
-    listens."""
+    """Run what comes by the pipe, one processor a task.
+
+    Raises Gone, and EOFError once nobody listens.
+    """
     remote = ray.remote(num_cpus=1, max_retries=DEATHS)(call(expected))
     pipe.send(("joined",))
     watch = Watch(ray)
@@ -139,8 +146,10 @@ def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
 
 
 def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
-    """Function that a worker runs on a task. It goes there whole, since a node need not have this
-    package; it says so then."""
+    """Function that a worker runs on a task.
+
+    It goes there whole, since a node need not have this package; it says so then.
+    """
     checked: list[str] = []
 
     def run(task: bytes) -> bytes | str:
@@ -174,8 +183,10 @@ def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
 
 
 class Watch:
-    """Looks after the head and the processors of a cluster. Ray itself says so only after a minute,
-    or ends us."""
+    """Looks after the head and the processors of a cluster.
+
+    Ray itself says so only after a minute, or ends us.
+    """
 
     def __init__(self, ray: Any) -> None:
         self._ray = ray
@@ -184,8 +195,14 @@ class Watch:
         self._processors = int(ray.cluster_resources().get("CPU", 0))
 
     def processors(self, *, seen: bool = False) -> int:
-        """Processors of the cluster. seen: an answer came just now. Raises Gone after PATIENCE_S
-        without any."""
+        """Processors of the cluster.
+
+        Arguments:
+            seen: an answer came just now.
+
+        Raises:
+            Gone: after PATIENCE_S without any.
+        """
         now = time.monotonic()
         if seen:
             self._seen_s = now

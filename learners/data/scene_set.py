@@ -1,5 +1,6 @@
 """Scenes of a terrain family for other simulators: heights, surfaces, and whether the hexapod has a
-plan there."""
+plan there.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +28,12 @@ INDEX = "scenes.json"
 
 @dataclass(frozen=True, kw_only=True)
 class SceneVerdict:
-    """Verdict on a scene. proof: of an infeasible one, a certificate that was verified, or that
-    nothing is within reach of some toe; else empty."""
+    """Verdict on a scene.
+
+    Arguments:
+        proof: of an infeasible one, a certificate that was verified, or that nothing is within
+            reach of some toe; else empty.
+    """
 
     status: Status
     proof: str = ""
@@ -36,7 +41,8 @@ class SceneVerdict:
 
 def judged(planner: Planner, name: str) -> SceneVerdict:
     """Decide whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are
-    verified. Raises InvalidInput."""
+    verified. Raises InvalidInput.
+    """
     try:
         outcome = planner.solve(read_course(name))
     except NoFooting:

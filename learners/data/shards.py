@@ -58,14 +58,17 @@ class LabellingFailed(StancekitError):
 
 
 def planned(plan: LabelPlan) -> Distribution:
-    """The distribution of a plan. Raises InvalidInput where there is none of its name, for its
-    robot and terrain."""
+    """The distribution of a plan.
+
+    Raises InvalidInput where there is none of its name, for its robot and terrain.
+    """
     return distribution(plan.distribution, robot=plan.robot, terrain=plan.terrain)
 
 
 def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[Problem]:
     """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from
-    0."""
+    0.
+    """
     source, rng = source or planned(plan), _stream(plan, shard)
     while True:
         yield source.sample(rng)
@@ -83,9 +86,13 @@ Place = tuple[int, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LabelBlock:
-    """Neighbouring samples of a shard, decided. kinds: each one's label, "trivial" set apart. rows:
-    those that may be kept, as a shard's table, with ``row`` 0. after: the place in the stream
-    behind the block. solve_ms: by sample.
+    """Neighbouring samples of a shard, decided.
+
+    Arguments:
+        kinds: each one's label, "trivial" set apart.
+        rows: those that may be kept, as a shard's table, with ``row`` 0.
+        after: the place in the stream behind the block.
+        solve_ms: by sample.
     """
 
     shard: int
@@ -110,8 +117,9 @@ def decide_block(
 ) -> LabelBlock:
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
 
-    start: a known place in the stream at or before the first sample; None for its beginning. kept:
-    programs that other blocks used before; no row depends on them.
+    Arguments:
+        start: a known place in the stream at or before the first sample; None for its beginning.
+        kept: programs that other blocks used before; no row depends on them.
     """
     begin, rng = time.process_time(), _stream(plan, shard)
     np.empty(
@@ -140,7 +148,8 @@ def decide_block(
 
 class KeptPrograms:
     """The programs of one call of ``label``; in a worker process, those of its thread, which blocks
-    share."""
+    share.
+    """
 
     def __init__(self, programs: Programs | None = None) -> None:
         self.programs = programs or Programs()
@@ -154,8 +163,10 @@ def _of_this_thread() -> KeptPrograms:
 
 
 class _Labeller:
-    """Lines 4 to 11 of Algorithm E1 for one block. No clock takes part: slow machines label as fast
-    ones do."""
+    """Lines 4 to 11 of Algorithm E1 for one block.
+
+    No clock takes part: slow machines label as fast ones do.
+    """
 
     def __init__(
         self,
@@ -178,7 +189,8 @@ class _Labeller:
 
     def rows(self, batch: PostureBatch) -> tuple[list[LabelledPosture], list[str], list[float]]:
         """The rows of the kinds that are asked for; of every sample its label and how long it took
-        [ms]."""
+        [ms].
+        """
         decided = decide_all(self._exact, batch, points="infeasible" in self._kinds)
         kinds, points = (
             [_kind(outcome) for outcome in decided.outcomes],
@@ -195,7 +207,8 @@ class _Labeller:
         self, sample: int, problem: Problem, outcome: Answer[Plan], point: Array | None
     ) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have
-        one."""
+        one.
+        """
         status, certificate, bound = outcome.status, outcome.certificate, outcome.bound
         if _kind(outcome) == "infeasible" and point is None:
             status, certificate, bound = Status.UNDECIDED, None, 0.0
@@ -216,7 +229,8 @@ class _Labeller:
 
     def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates
-        nothing else."""
+        nothing else.
+        """
         postures, outcomes = dict[int, Plan](), decided.outcomes
         if "feasible" in self._kinds:
             postures |= {
@@ -242,8 +256,10 @@ class ShardDraft:
     """A shard that is put together from its blocks: whichever comes when, they are taken in the
     stream's order.
 
-    came: labels of all samples of this run so far, which others add to, too; by it the draft knows
-    how many it needs. kept: programs for its blocks.
+    Arguments:
+        came: labels of all samples of this run so far, which others add to, too; by it the draft
+            knows how many it needs.
+        kept: programs for its blocks.
     """
 
     def __init__(
@@ -274,7 +290,8 @@ class ShardDraft:
     @property
     def lacking(self) -> int:
         """Number of further samples that will do, by the yield so far, beyond those that are being
-        decided."""
+        decided.
+        """
         if self._plan.natural:
             expected = self._wanted - len(self._drawn)
         else:
@@ -315,7 +332,8 @@ class ShardDraft:
 
     def _keep(self, block: LabelBlock) -> None:
         """Keep the rows of the next block that are wanted, in its order; what comes after the last
-        row was not drawn."""
+        row was not drawn.
+        """
         begin, chosen = len(self._drawn), list[int]()
         rows = zip(
             *(block.rows.column(name).to_pylist() for name in ("sample", "trivial", "label")),

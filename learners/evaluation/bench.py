@@ -1,5 +1,6 @@
 """Table I again: label, learn by every method, compare on held-out terrains. What is done is kept
-and used again."""
+and used again.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +43,10 @@ SHARD_SIZE = 125
 class ClassResult:
     """Results of a run for one class of problems.
 
-    labelling: summary of the training rows. learned: selectors by method. fresh: rows that this run
-    made.
+    Arguments:
+        labelling: summary of the training rows.
+        learned: selectors by method.
+        fresh: rows that this run made.
     """
 
     problem_class: str
@@ -55,8 +58,10 @@ class ClassResult:
 
     @property
     def best_envelopes(self) -> tuple[str, EnvelopeSet]:
-        """Name and envelopes of the fixed selector with the best balanced P1 share. Raises
-        InvalidInput without any."""
+        """Name and envelopes of the fixed selector with the best balanced P1 share.
+
+        Raises InvalidInput without any.
+        """
         learned = {name: item.selector for name, item in self.learned.items()}
         fixed = {
             name: selector.envelopes
@@ -73,7 +78,10 @@ class ClassResult:
 
 
 class _Row(BaseModel):
-    """``METHOD.row.json``: what a row was made from and what it says. Shares are [hits, of]."""
+    """``METHOD.row.json``: what a row was made from and what it says.
+
+    Shares are [hits, of].
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
     format: Literal["stancekit/bench-row/1"] = "stancekit/bench-row/1"
@@ -97,8 +105,13 @@ def run(
     """Yield the result of every class as it comes; everything is kept in ``folder``.
 
     Data sets are gone on with, selectors and rows used again, wherever they follow from the same
-    settings, data and software. executor: where labelling, generations and rollouts run. Raises
-    InvalidInput, e.g. where a data set of another plan is in the folder.
+    settings, data and software.
+
+    Arguments:
+        executor: where labelling, generations and rollouts run.
+
+    Raises:
+        InvalidInput: e.g. where a data set of another plan is in the folder.
     """
     for name in experiment.problems:
         (folder / name).mkdir(parents=True, exist_ok=True)

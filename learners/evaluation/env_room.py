@@ -1,5 +1,6 @@
 """Room for learning in the environments of postures and climbs: episodes that policies play, paired
-over the scenes."""
+over the scenes.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +35,13 @@ RANDOM = ("random", "random-again")
 class Plays:
     """An environment and what is played in it.
 
-    options: keywords of ``gymnasium.make``. budget: of an episode, in words. players: makes the
-    policies, by name; learned: names of those that learned. solves: convex problems of an episode,
-    within which the exact planner answers the scene beside the environment; None where the scene is
-    no posture.
+    Arguments:
+        options: keywords of ``gymnasium.make``.
+        budget: of an episode, in words.
+        players: makes the policies, by name.
+        learned: names of those that learned.
+        solves: convex problems of an episode, within which the exact planner answers the scene
+            beside the environment; None where the scene is no posture.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -64,6 +68,7 @@ def environment_room(
         scenes: episodes per policy; the same scenes for all.
         seed: of the scenes.
         on_progress: called with a line, scenes done, and all.
+
     Raises:
         InvalidInput: for another name, and a folder with rows of other settings.
     """

@@ -1,5 +1,6 @@
 """Compare selectors: one rollout for all, Table I's shares with confidence intervals, and the
-paper's figures."""
+paper's figures.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ _PAPER_NAMES = {"heuristic": "heuristic", "gmm-printed": "cluster", "gmm": "clus
 
 def paper_row(problem_class: str, selector: str) -> dict[str, float] | None:
     """The paper's figures for the method that a selector stands for, by the names of
-    ``Score.to_json``; or None."""
+    ``Score.to_json``; or None.
+    """
     row = TABLE_I.get(problem_class, {}).get(_PAPER_NAMES.get(selector, ""))
     names = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_nlp")
     return None if row is None else dict(zip(names, row, strict=True))
@@ -105,6 +107,7 @@ class Score:
         notes: further figures by name.
     Source:
         Lin et al. Table I.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -167,8 +170,11 @@ def evaluate(
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
-    """Roll a selector out over the scenes, through the environment. run: the executor; this process
-    where None."""
+    """Roll a selector out over the scenes, through the environment.
+
+    Arguments:
+        run: the executor; this process where None.
+    """
     play = _Player(learned, problem_class, projections)
     return _score(name, _everywhere(play, scenes, progress, run), projections)
 
@@ -195,7 +201,8 @@ def _everywhere(
     run: Executor | None,
 ) -> list[dict[str, Any]]:
     """Play the scenes CHUNK by CHUNK wherever the executor likes; the infos come in the order of
-    the scenes."""
+    the scenes.
+    """
     chunks = [scenes[begin : begin + CHUNK] for begin in range(0, len(scenes), CHUNK)]
 
     def on_progress(done: int, total: int) -> None:
@@ -208,7 +215,8 @@ def _everywhere(
 
 class _Player:
     """Plays chunks of scenes with one selector, in one environment, which goes to no other process:
-    a copy makes its own."""
+    a copy makes its own.
+    """
 
     def __init__(
         self, learned: Learned, problem_class: str, projections: tuple[Projection, ...]
@@ -220,7 +228,10 @@ class _Player:
         return {**self.__dict__, "_made": None}
 
     def __call__(self, scenes: Sequence[LabelledScene]) -> list[dict[str, Any]]:
-        """The info of every scene, numbers only. All scenes are of the same legs."""
+        """The info of every scene, numbers only.
+
+        All scenes are of the same legs.
+        """
         if self._made is None:
             self._made = self._environment(scenes[0].problem.legs)
         env, source = self._made

@@ -22,12 +22,15 @@ from ..training.fitting import METHODS
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """Definition of an experiment: its problems, amount of data and methods. The seeds of
-    ``train``, ``calibration`` and ``test`` differ.
+    """Definition of an experiment: its problems, amount of data and methods.
 
-    robot, terrain: files that the problems are of, where not the default hexapod and no terrain's.
-    calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for
-    that.
+    The seeds of ``train``, ``calibration`` and ``test`` differ.
+
+    Arguments:
+        robot, terrain: files that the problems are of, where not the default hexapod and no
+            terrain's.
+        calibration: rows that methods may calibrate on; without it they keep a part of ``train``
+            for that.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -76,10 +79,13 @@ class Experiment:
     def from_yaml(
         cls, path: str | Path, *, quick: bool = False, overrides: Mapping[str, Any] | None = None
     ) -> Experiment:
-        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the
-        main ones; overrides: in place of either.
+        """Read an experiment file.
 
         Raises InvalidInput with every key that is wrong.
+
+        Arguments:
+            quick: with the keys of its section ``quick`` in place of the main ones.
+            overrides: in place of either.
         """
         data = read_yaml(path)
         short = data.pop("quick", {})

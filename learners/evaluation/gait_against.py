@@ -1,5 +1,6 @@
 """Walks of other programs, judged by the check that ours are judged by, beside the walks that we
-have."""
+have.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +24,10 @@ SHOWN = ("peak_acceleration_g", "force_rms", "friction_needed", "outside_cone")
 def judged(
     folder: Path, on_progress: Callable[[str, int, int], None] | None = None
 ) -> Iterator[dict[str, Any]]:
-    """The row of every walk of a folder, in order of their names. Raises InvalidInput for a walk
-    that is none."""
+    """The row of every walk of a folder, in order of their names.
+
+    Raises InvalidInput for a walk that is none.
+    """
     paths = walk_names(folder)
     for index, path in enumerate(paths):
         if on_progress is not None:
@@ -51,7 +54,8 @@ def judged(
 
 def ours(rows: list[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
     """Rows of this kind for every task that the rows name, from the cells in a folder of ``bench
-    gait``."""
+    gait``.
+    """
     rows_of_ours = []
     for terrain, task in dict.fromkeys(
         (row["terrain"], row["task"]) for row in rows if row["task"] is not None

@@ -58,9 +58,13 @@ JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
 class GaitBenchSettings:
     """Settings of the measurement.
 
-    every: each how manieth task of a terrain; seeds: perturbed guesses a task, besides the guess
-    itself; noise: their deviation on every variable [m, rad, m·g]; iterations: of a solve; cap_s:
-    CPU time at which a solve is cut off and counts as a failure [s]; total_s: of a portfolio.
+    Arguments:
+        every: each how manieth task of a terrain.
+        seeds: perturbed guesses a task, besides the guess itself.
+        noise: their deviation on every variable [m, rad, m·g].
+        iterations: of a solve.
+        cap_s: CPU time at which a solve is cut off and counts as a failure [s].
+        total_s: of a portfolio.
     """
 
     terrains: tuple[str, ...] = TERRAINS
@@ -95,7 +99,8 @@ class GaitBenchSettings:
 @dataclass(frozen=True)
 class GaitCell:
     """One task, one guess (0: the terrain-following one, else perturbed with this seed), one
-    method."""
+    method.
+    """
 
     terrain: str
     task: int
@@ -137,7 +142,8 @@ def run(
     workers: int = 1,
 ) -> Iterator[dict[str, Any]]:
     """Measure the cells that the folder does not have by this protocol; yield the row of every
-    cell, as they come."""
+    cell, as they come.
+    """
     every, missing = cells(settings), []
     for cell in every:
         row = _kept(cell, settings, folder)
@@ -156,8 +162,10 @@ def run(
 
 
 def kept(settings: GaitBenchSettings, folder: Path) -> list[dict[str, Any]]:
-    """The rows that the folder has by this protocol. Raises InvalidInput for a file that is no
-    cell."""
+    """The rows that the folder has by this protocol.
+
+    Raises InvalidInput for a file that is no cell.
+    """
     rows = (_kept(cell, settings, folder) for cell in cells(settings))
     return [row for row in rows if row is not None]
 
@@ -251,7 +259,8 @@ def _planned(cell: GaitCell, settings: GaitBenchSettings, task: Walk) -> dict[st
 
 def figures(report: Report[Trajectory]) -> dict[str, Any]:
     """Figures that the verifier measured: its figures, the values of some groups [SI], and what it
-    refuses."""
+    refuses.
+    """
     values = {group.name: group.value for group in report.groups if group.name in JUDGED}
     return {
         "message": report.message,
@@ -285,8 +294,10 @@ def _terrain(name: str) -> HeightField:
 
 @lru_cache(maxsize=4)
 def _map(terrain: str, folder: Path) -> SplineMap:
-    """The terrain's map, from the folder where it was made before. Raises PlanningFailed for one
-    that folds."""
+    """The terrain's map, from the folder where it was made before.
+
+    Raises PlanningFailed for one that folds.
+    """
     from stancekit.planners.warp.conformal import flatten
 
     path = folder / f"map-{terrain}.npz"

@@ -1,5 +1,6 @@
 """Figures of the cells of ``gait_bench``: rates of success, quartiles, and ratios against the
-baseline."""
+baseline.
+"""
 
 from __future__ import annotations
 

@@ -11,8 +11,12 @@ from stancekit.planners.gait.charts import CHARTS
 
 @dataclass(frozen=True, kw_only=True)
 class GaitMethod:
-    """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product,
-    with all phases."""
+    """A way to solve.
+
+    Arguments:
+        settings: those of ``GaitSettings`` that it sets.
+        portfolio: the product, with all phases.
+    """
 
     label: str
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -1,5 +1,6 @@
 """Columns of ``gait_bench`` rows that tables and pictures need, checked where a cell's file is
-read."""
+read.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +50,13 @@ class _Solved(_Failed):
 
 
 def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The row as it is. cell: terrain, task, seed and method that it is of. Raises InvalidInput."""
+    """The row as it is.
+
+    Raises InvalidInput.
+
+    Arguments:
+        cell: terrain, task, seed and method that it is of.
+    """
     if not isinstance(row, dict):
         raise InvalidInput(f"{where}: row: expected an object, got {type(row).__name__}")
     for name, value in cell.items():

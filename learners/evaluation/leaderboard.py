@@ -1,5 +1,6 @@
 """The comparison of selectors as a page: a table a class of problems, the data, and a card a
-selector."""
+selector.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
 
 def title_of(problem_class: str) -> str:
     """A class of problems in words: "terrain-3 of go1 (c828d3) on tiles (7802fa)", the digests of
-    both files cut."""
+    both files cut.
+    """
     return IDENTITY.sub(r" \1 \2 (\3)", problem_class)
 
 

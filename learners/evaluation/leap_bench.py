@@ -68,12 +68,16 @@ ROWS = "rows.jsonl"
 class LeapBenchSettings:
     """Settings of the measurement.
 
-    distribution: a class of ``configs/leaps.yaml``. scenes: how many, from number 0 on; seed: of
-    all of them. methods: of ``UNLEARNED``, and files of learned scores, or names of such that ship.
-    solves: convex problems at most per method and scene, which does not depend on how busy the
-    computer is. ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of
-    the tuned rule [s]; proof: convex problems at most in search of a proof where nobody found a
-    plan, 0 for none.
+    Arguments:
+        distribution: a class of ``configs/leaps.yaml``.
+        scenes: how many, from number 0 on.
+        seed: of all of them.
+        methods: of ``UNLEARNED``, and files of learned scores, or names of such that ship.
+        solves: convex problems at most per method and scene, which does not depend on how busy the
+            computer is.
+        ipopt_s: CPU time at most of IPOPT per scene, which takes choices in the order of the tuned
+            rule [s].
+        proof: convex problems at most in search of a proof where nobody found a plan, 0 for none.
     """
 
     distribution: str = "leap-hard"
@@ -144,7 +148,10 @@ def run(
 
 
 def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict[str, Any]]:
-    """The rows that a folder has. A last line that a stopped run left unfinished is taken off."""
+    """The rows that a folder has.
+
+    A last line that a stopped run left unfinished is taken off.
+    """
     if not path.exists():
         return {}
     text = path.read_text(encoding="utf-8")
@@ -340,7 +347,8 @@ def table(rows: Sequence[Mapping[str, Any]], distribution: str) -> list[dict[str
 
 def proofs(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Proofs about the scenes that no method solves: how many, how many of these are proved
-    infeasible, and the share."""
+    infeasible, and the share.
+    """
     solved = {row["scene"] for row in rows if row["found"]}
     open_ = [row for row in rows if row["method"] == PROOF and row["scene"] not in solved]
     proved = sum(row["proved"] for row in open_)

@@ -74,10 +74,13 @@ PAPER: Mapping[tuple[Form, int], dict[str, Any]] = {
 class PlannerBenchSettings:
     """Settings of the measurement.
 
-    two_stage, micp, optimised: numbers of key frames, of the last kind MICP with the objective
-    minimised to ``gap`` instead of the first point taken. solver: of MICP. cap_s: its time limit.
-    repeats: of re-solving, the median counts. samples: solved postures of wall-3 that the envelope
-    is the 5 % quantile box of.
+    Arguments:
+        two_stage, micp, optimised: numbers of key frames, of the last kind MICP with the objective
+            minimised to ``gap`` instead of the first point taken.
+        solver: of MICP.
+        cap_s: its time limit.
+        repeats: of re-solving, the median counts.
+        samples: solved postures of wall-3 that the envelope is the 5 % quantile box of.
     """
 
     course: str = "walls"
@@ -101,7 +104,11 @@ class PlannerBenchSettings:
 
 @dataclass(frozen=True)
 class PlannerCell:
-    """One planner at M key frames; gap: of MICP, None for the first point."""
+    """One planner at M key frames.
+
+    Arguments:
+        gap: of MICP, None for the first point.
+    """
 
     form: Form
     frames: int
@@ -135,7 +142,8 @@ def run(
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Measure the cells that the folder does not have with these settings; yield the row of every
-    cell, in order."""
+    cell, in order.
+    """
     every, request = cells(settings), json.loads(json.dumps(asdict(settings)))
     shared = {
         name: request[name]
@@ -157,7 +165,8 @@ def run(
 
 def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
     """The envelope of the table, from the folder where it was learned with the same settings
-    before."""
+    before.
+    """
     path, made = (
         folder / "envelope.json",
         {"method": "quantile", "samples": settings.samples, "seed": settings.seed},
@@ -287,7 +296,8 @@ def _answer(outcome: Answer[Plan]) -> dict[str, Any]:
 
 def growth(rows: list[dict[str, Any]], method: str) -> float:
     """Exponent k of CPU seconds ~ M^k over the rows of one method, by least squares; NaN for fewer
-    than two."""
+    than two.
+    """
     pairs = [(row["frames"], row["cpu_s"]) for row in rows if row["method"] == method]
     if len(pairs) < 2:
         return float("nan")

@@ -25,11 +25,15 @@ DRAWS = 10_000
 class Room:
     """One environment at one budget; shares of all scenes, with the ends of their 95 % intervals.
 
-    control: the best unlearned method within the budget, whose name is ``controlled_by``; random:
-    choices at random; learned: the mean of the learned methods, as of one with several training
-    seeds, None without any; gain: learned − control in points, paired over the scenes; oracle: the
-    union of all methods at ``oracle_budget``; again: the same with other seeds. room: oracle −
-    control, in points.
+    Arguments:
+        control: the best unlearned method within the budget, whose name is ``controlled_by``.
+        random: choices at random.
+        learned: the mean of the learned methods, as of one with several training seeds, None
+            without any.
+        gain: learned − control in points, paired over the scenes.
+        oracle: the union of all methods at ``oracle_budget``.
+        again: the same with other seeds.
+        room: oracle − control, in points.
     """
 
     environment: str
@@ -61,7 +65,8 @@ def leap_room(
     cpu_s: float | None = None,
 ) -> Room:
     """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of
-    ``bench leaps`` with ``most`` solves per scene."""
+    ``bench leaps`` with ``most`` solves per scene.
+    """
     by_method: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in rows:
         if row["method"] != PROOF:
@@ -102,9 +107,11 @@ def room_of(
 ) -> Room:
     """The room of an environment at a budget.
 
-    within, anywhere: by method, which scenes it solves within the budget and within the oracle's,
-    shape (scenes,). fair: methods that may be the control. again: of methods that draw, the name of
-    the same with another seed.
+    Arguments:
+        within, anywhere: by method, which scenes it solves within the budget and within the
+            oracle's, shape (scenes,).
+        fair: methods that may be the control.
+        again: of methods that draw, the name of the same with another seed.
     """
     control = max(fair, key=lambda method: int(within[method].sum()))
     mean = np.mean([within[method] for method in learned], axis=0) if learned else None
@@ -136,7 +143,8 @@ def room_of(
 
 def paired(one: Any, other: Any, seed: int = 0) -> Share:
     """The difference of two shares over the same scenes in points, with the ends of its 95 %
-    interval (bootstrap)."""
+    interval (bootstrap).
+    """
     apart = 100.0 * (np.asarray(one, dtype=float) - np.asarray(other, dtype=float))
     resamples = np.random.default_rng(seed).integers(len(apart), size=(DRAWS, len(apart)))
     low, high = np.percentile(apart[resamples].mean(axis=1), [2.5, 97.5])
@@ -159,8 +167,11 @@ def _budget(tries: int | None, solves: int | None, cpu_s: float | None) -> str:
 
 
 def _mean(found: Any) -> Share:
-    """The mean over methods and scenes, with the ends of its interval; found: shares of the
-    methods, by scene."""
+    """The mean over methods and scenes, with the ends of its interval.
+
+    Arguments:
+        found: shares of the methods, by scene.
+    """
     if set(np.unique(found)) <= {0.0, 1.0}:
         return _share(found)
     middle, low, high = paired(found, np.zeros(len(found)))

@@ -44,9 +44,12 @@ either."""
 class SceneBenchSettings:
     """Settings of the measurement.
 
-    scenes: names or files. methods: of ``METHODS``. robot: in place of the published polytopes, as
-    ``read_course`` has it; reach: a folder of polytopes in their place. time_limit_s: of each
-    planner on each scene.
+    Arguments:
+        scenes: names or files.
+        methods: of ``METHODS``.
+        robot: in place of the published polytopes, as ``read_course`` has it.
+        reach: a folder of polytopes in their place.
+        time_limit_s: of each planner on each scene.
     """
 
     scenes: tuple[str, ...] = ()
@@ -179,7 +182,8 @@ def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
 
 def shares(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """By method: scenes, with a plan, verified as planned, verified, with a proof that there is
-    none; CPU s in sum."""
+    none; CPU s in sum.
+    """
     lines = []
     for method in dict.fromkeys(row["method"] for row in rows):
         rows_of_method = [row for row in rows if row["method"] == method]

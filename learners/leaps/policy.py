@@ -29,10 +29,12 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         scorer: file or name of the scores to begin with; untrained ones where None.
         kind: "set" or "additive", of untrained scores.
         more: other keywords of sb3-contrib's policy.
+
     Raises:
         InvalidInput: for a file that holds no scorer.
     Source:
         None: proximal policy optimisation with masks, as sb3-contrib has it.
+
     Example:
         >>> import gymnasium, stancekit.envs
         >>> from sb3_contrib import MaskablePPO
@@ -95,7 +97,8 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
 
 class _Scored(BaseFeaturesExtractor):
     """Scores of all candidates; after them, for the value, how likely the best choice has a leap,
-    and ``left``."""
+    and ``left``.
+    """
 
     def __init__(self, space: spaces.Dict, scorer: str | None, kind: Kind) -> None:
         super().__init__(space, int(np.prod(space["mask"].shape or ())) + EXTRA)

@@ -1,5 +1,6 @@
 """Learned scores of a leap's candidates: numbers that add up over the toes, in place of those of
-the hand rule."""
+the hand rule.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ CLIP = 8.0
 
 def with_caps(candidates: Array) -> Array:
     """Features of candidates, and those of ``CAPS`` up to their caps; shape (…, F) to (…,
-    ``FEATURES``)."""
+    ``FEATURES``).
+    """
     capped = [
         np.minimum(candidates[..., OF_CANDIDATE.index(name)], cap)
         for name, caps in CAPS.items()
@@ -84,8 +86,13 @@ class ScoreNetwork(nn.Module):
             self.odds = nn.Linear(width, 1)
 
     def forward(self, candidates: Tensor, mask: Tensor, leap: Tensor) -> tuple[Tensor, Tensor]:
-        """Scores and odds. candidates: shape (B, P, R, ``FEATURES``); mask: (B, P, R); leap: (B,
-        G)."""
+        """Scores and odds.
+
+        Arguments:
+            candidates: shape (B, P, R, ``FEATURES``).
+            mask: (B, P, R).
+            leap: (B, G).
+        """
         seen = ((candidates - self.mean) / self.scale).clamp(-CLIP, CLIP) * mask[..., None]
         task = ((leap - self.leap_mean) / self.leap_scale).clamp(-CLIP, CLIP)
         scores, odds = self.linear(seen)[..., 0], self.scene(task)[:, 0]
@@ -108,7 +115,10 @@ class ScoreNetwork(nn.Module):
         """Scores, very low where there is no candidate, and odds, from the flat parts of
         LeapChoice-v0's observations.
 
-        candidates: shape (B, P * R * F); mask: (B, P * R); leap: (B, G).
+        Arguments:
+            candidates: shape (B, P * R * F).
+            mask: (B, P * R).
+            leap: (B, G).
         """
         table = candidates.reshape(len(candidates), FOOTHOLDS, -1, len(OF_CANDIDATE))
         there = mask.reshape(len(mask), FOOTHOLDS, -1)
@@ -128,10 +138,12 @@ class LeapScorer:
     Arguments:
         network: the scores are its logits.
         origin: what it was learned from, for people.
+
     Raises:
         InvalidInput: from ``read``, for a file that holds no scorer, and a name that does not ship.
     Source:
         None: logistic regression, and self-attention over sets.
+
     Example:
         >>> import stancekit
         >>> tries = stancekit.label("leap-few", "few", scenes=2, tries={"random": 4})
@@ -145,7 +157,8 @@ class LeapScorer:
 
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there
-        is none."""
+        is none.
+        """
         seen = LeapFeatures.of(numbers)
         with torch.no_grad():
             inputs = (with_caps(seen.candidates), seen.mask, seen.leap)
@@ -164,8 +177,9 @@ class LeapScorer:
         """Choices from observations of LeapChoice-v0, single ones or batches, as policies of
         stable-baselines3 do.
 
-        deterministic: the best candidate per foothold; otherwise drawn by the softmax of the
-        scores, by torch's own generator.
+        Arguments:
+            deterministic: the best candidate per foothold; otherwise drawn by the softmax of the
+                scores, by torch's own generator.
         """
         seen = torch.as_tensor(np.atleast_2d(observation["candidates"]))
         mask = torch.as_tensor(np.atleast_2d(observation["mask"]))

@@ -17,15 +17,19 @@ def shipped_scorers() -> dict[str, Path]:
 
 
 def scorer_card(name: str) -> dict[str, Any]:
-    """The card of a scorer that ships: data, seeds, figures, limits, versions. Raises KeyError for
-    another name."""
+    """The card of a scorer that ships: data, seeds, figures, limits, versions.
+
+    Raises KeyError for another name.
+    """
     card: dict[str, Any] = read_json(shipped_scorers()[name].with_suffix(".json"))
     return card
 
 
 def file_of(path: str | Path) -> Path:
-    """The file of a path, or of the name of a scorer that ships. Raises InvalidInput for what is
-    neither."""
+    """The file of a path, or of the name of a scorer that ships.
+
+    Raises InvalidInput for what is neither.
+    """
     path = Path(path)
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path

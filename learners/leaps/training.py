@@ -1,5 +1,6 @@
 """Learn the scores of leaps' candidates from labelled tries: does a choice of contacts have a
-leap?"""
+leap?
+"""
 
 from __future__ import annotations
 
@@ -40,12 +41,19 @@ for _k, _name in enumerate(OF_CANDIDATE):
 class ScorerSettings:
     """Settings of learning a scorer.
 
-    part: of the scenes, all of them or a part of the split by hash: what learns from "train" can be
-    judged on "test". scenes: so many of them, the first ones; all where None. width, layers: size
-    of a set network. epochs: passes over the tries. batch: scenes per step. rate: of AdamW; decay:
-    of its weights. held_out: share of the scenes by which the best pass is chosen. ranking: weight
-    of the loss that puts solved tries of a scene before its others, beside that of the odds. seed:
-    of weights, batches and parts.
+    Arguments:
+        part: of the scenes, all of them or a part of the split by hash: what learns from "train"
+            can be judged on "test".
+        scenes: so many of them, the first ones; all where None.
+        width, layers: size of a set network.
+        epochs: passes over the tries.
+        batch: scenes per step.
+        rate: of AdamW.
+        decay: of its weights.
+        held_out: share of the scenes by which the best pass is chosen.
+        ranking: weight of the loss that puts solved tries of a scene before its others, beside that
+            of the odds.
+        seed: of weights, batches and parts.
     """
 
     part: Literal["all", "train", "test"] = "all"
@@ -66,8 +74,15 @@ class ScorerSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Tries:
-    """Tries by scene and timing, padded. candidates: shape (S, P, R, F); mask: (S, P, R); leap: (S,
-    G); choice: (S, K, P); solved, there: (S, K), whether a try is solved, and is one."""
+    """Tries by scene and timing, padded.
+
+    Arguments:
+        candidates: shape (S, P, R, F).
+        mask: (S, P, R).
+        leap: (S, G).
+        choice: (S, K, P).
+        solved, there: (S, K), whether a try is solved, and is one.
+    """
 
     candidates: Tensor
     mask: Tensor
@@ -89,8 +104,9 @@ def fit_scorer(
     settings: ScorerSettings = ScorerSettings(),
     progress: Callable[[int, int], None] | None = None,
 ) -> LeapScorer:
-    """Learn from the tries of a data set, or of a part of it. Raises InvalidInput where none of
-    them or all are solved.
+    """Learn from the tries of a data set, or of a part of it.
+
+    Raises InvalidInput where none of them or all are solved.
 
     The best pass is that after which most held-out scenes have a solved try before all others that
     were made of them.

@@ -1,5 +1,6 @@
 """The network of the proposers: a scene's contacts in, numbers for a posture and for two proofs
-out."""
+out.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from ..selectors.network import Architecture, Encoder, SceneTensors
 
 class ProposerNetwork(nn.Module):
     """Scenes to numbers a contact, (B, N, contact), and a scene, (B, body); the scene's are of the
-    tokens' mean."""
+    tokens' mean.
+    """
 
     def __init__(self, architecture: Architecture, *, contact: int, body: int) -> None:
         super().__init__()

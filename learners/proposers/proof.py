@@ -25,7 +25,8 @@ without."""
 
 def multipliers(of_contact: Tensor, of_body: Tensor) -> Tensor:
     """(ν_F, ν_M, r) of unit length, shape (B, 2, 6 + 3N): of a proof with moments, and of one
-    without."""
+    without.
+    """
     whole = torch.cat([of_body[:, :6], of_contact[..., :3].flatten(1)], dim=1)
     nothing = torch.zeros_like(of_body[:, :3])
     flat = torch.cat([of_body[:, 6:9], nothing, of_contact[..., 3:].flatten(1)], dim=1)
@@ -35,7 +36,8 @@ def multipliers(of_contact: Tensor, of_body: Tensor) -> Tensor:
 
 def least_values(scenes: Scenes, rows: Tensor) -> Tensor:
     """The least value of the above, shape (B, K), for K rows of multipliers a problem, (B, K, 6 +
-    3N)."""
+    3N).
+    """
     force, moment = rows[..., None, None, :3], rows[..., None, None, 3:6]
     pulls = rows[..., 6:].reshape(*rows.shape[:2], -1, 3)  # r, (B, K, N, 3)
     corners = scenes.vertices[:, None]

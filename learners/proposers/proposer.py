@@ -1,5 +1,6 @@
 """Proposers of postures and proofs for one class of problems: two networks in one file, whom nobody
-has to believe."""
+has to believe.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +52,10 @@ def networks(architecture: Architecture) -> nn.ModuleDict:
 class Proposers:
     """Trained networks that propose for one class of problems; a ``Proposer`` of ``ExactPlanner``.
 
-    problem_class, legs, robot, force_scale_n, length_scale_m: of the problems that they learned
-    from. provenance: how.
+    Arguments:
+        problem_class, legs, robot, force_scale_n, length_scale_m: of the problems that they learned
+            from.
+        provenance: how.
     """
 
     def __init__(
@@ -97,7 +100,8 @@ class Proposers:
 
     def check_drawn(self, source: Distribution) -> None:
         """Raise InvalidInput unless they learned from this distribution, or one of its name and
-        robot."""
+        robot.
+        """
         if source.name != self.problem_class:
             raise InvalidInput(
                 f"proposers: expected some for {source.name}, got some for {self.problem_class}"
@@ -117,7 +121,8 @@ class Proposers:
 
     def proofs(self, scaled: ScaledBatch) -> Array:
         """A proof without moments and one with them, zeros where the network's own sums say that
-        they prove nothing."""
+        they prove nothing.
+        """
         with torch.no_grad():
             scenes = Scenes.of(scaled, torch.float64)
             rows = proof.multipliers(*self._said("proofs", scenes)).flip(1)
@@ -141,8 +146,10 @@ class Proposers:
 
     @classmethod
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Proposers:
-        """Read proposers. Raises InvalidInput for a file that is damaged or foreign, or made for
-        another class."""
+        """Read proposers.
+
+        Raises InvalidInput for a file that is damaged or foreign, or made for another class.
+        """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         if problem_class not in (None, raw.problem_class):

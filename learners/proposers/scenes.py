@@ -1,5 +1,6 @@
 """Posture problems of one robot as tensors: what proposals are made of, and what they are measured
-by."""
+by.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,15 @@ class Scenes:
     """B problems of N contacts on triangles that differ in their patches alone, non-dimensional
     (``Scaled``).
 
-    vertices: (B, N, 3, 3); frames: (B, N, 3, 3), columns n, y, z; friction: (B, N). shoulders: (N,
-    3); reach: (N,); com: nominal, (3,); normal: least and most f_n of every contact, (2, N).
-    com_radius, tilt, weight: numbers.
+    Arguments:
+        vertices: (B, N, 3, 3).
+        frames: (B, N, 3, 3), columns n, y, z.
+        friction: (B, N).
+        shoulders: (N, 3).
+        reach: (N,).
+        com: nominal, (3,).
+        normal: least and most f_n of every contact, (2, N).
+        com_radius, tilt, weight: numbers.
     """
 
     vertices: Tensor
@@ -38,7 +45,11 @@ class Scenes:
 
     @classmethod
     def of(cls, scaled: ScaledBatch, dtype: torch.dtype = torch.float32) -> Scenes:
-        """The problems of a batch. dtype: single precision to learn in, double to propose in."""
+        """The problems of a batch.
+
+        Arguments:
+            dtype: single precision to learn in, double to propose in.
+        """
         like = scaled.like
 
         def tensor(values: object) -> Tensor:

@@ -49,11 +49,15 @@ RECORDS = 10
 class ProposerSettings:
     """Settings of training proposers.
 
-    architecture: of either network. proofs, postures: steps of AdamW of each: more settle more
-    problems, and take longer. batch: scenes a step. rate: of AdamW; it rises over the first
-    twentieth and falls along a cosine. pool: scenes to learn from, fewer where so many draws leave
-    fewer. easy: steps of the iteration that leave them open. held: draws that the training curve is
-    taken on, as they come. seed: of draws and weights.
+    Arguments:
+        architecture: of either network.
+        proofs, postures: steps of AdamW of each: more settle more problems, and take longer.
+        batch: scenes a step.
+        rate: of AdamW; it rises over the first twentieth and falls along a cosine.
+        pool: scenes to learn from, fewer where so many draws leave fewer.
+        easy: steps of the iteration that leave them open.
+        held: draws that the training curve is taken on, as they come.
+        seed: of draws and weights.
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=64, layers=2))
@@ -76,11 +80,15 @@ def train_proposers(
     settings: ProposerSettings = ProposerSettings(),
     progress: Progress | None = None,
 ) -> Proposers:
-    """Train both networks on draws of a distribution; uses one torch thread. Equal settings give
-    equal networks.
+    """Train both networks on draws of a distribution; uses one torch thread.
 
-    progress: told steps done and in all. Raises InvalidInput for problems that are not on
-    triangles.
+    Equal settings give equal networks.
+
+    Arguments:
+        progress: told steps done and in all.
+
+    Raises:
+        InvalidInput: for problems that are not on triangles.
     """
     torch.set_num_threads(1)
     rng = np.random.default_rng(settings.seed)
@@ -118,7 +126,10 @@ def train_proposers(
 def _left_open(
     source: Distribution, rng: np.random.Generator, settings: ProposerSettings
 ) -> Scenes:
-    """Draws that the fixed iteration leaves open. Raises InvalidInput where there is none."""
+    """Draws that the fixed iteration leaves open.
+
+    Raises InvalidInput where there is none.
+    """
     batches, open_, count = list[ScaledBatch](), 0, 0
     while open_ < settings.pool and count < settings.draws:
         scaled = ScaledBatch.of(source.batch(rng, BLOCK))
@@ -140,7 +151,8 @@ def _descent(
     name: str, network: nn.Module, pool: Scenes, held: Scenes, settings: ProposerSettings
 ) -> Iterator[tuple[int, list[dict[str, float]]]]:
     """Train one network; after every step how many there were, and, now and then, how it does on
-    held scenes."""
+    held scenes.
+    """
     steps, chance = int(getattr(settings, name)), torch.Generator().manual_seed(settings.seed)
     optimizer = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=1e-4)
     order = torch.zeros(0, dtype=torch.long)

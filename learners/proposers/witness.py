@@ -27,7 +27,8 @@ class Claims:
     """Postures, one a problem: com, rotation, shape (B, 3); toes, forces in contact frames, (B, N,
     3).
 
-    violation: of every cone, limit and leg, below 0 where it is met, (B, 4N).
+    Arguments:
+        violation: of every cone, limit and leg, below 0 where it is met, (B, 4N).
     """
 
     com: Tensor

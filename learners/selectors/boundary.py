@@ -1,5 +1,6 @@
 """Boundary_fit (Lin et al. §III-1): a box around a cluster's centre that leaves out the points of
-infeasible problems."""
+infeasible problems.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,15 @@ def largest_box(
     excluded point.
 
     A mixed-integer program on HiGHS: a binary z_jd says that point j lies outside side d, on the
-    side of the centre on which it lies at all, and every point has one. centre, low, high: shape
-    (D,); excluded: shape (J, D). Returns (low, high, gap): the best box found and the relative gap
-    that was left at the time limit; with nothing found, the box shrunk onto the centre.
+    side of the centre on which it lies at all, and every point has one.
+
+    Arguments:
+        centre, low, high: shape (D,).
+        excluded: shape (J, D).
+
+    Returns:
+        (low, high, gap): the best box found and the relative gap that was left at the time limit;
+        with nothing found, the box shrunk onto the centre.
     """
     count, size = excluded.shape
     below = excluded < centre  # such a point can only be cut off by the lower bound

@@ -1,5 +1,6 @@
 """A chooser among several envelopes: the terrain decides which box P1 gets (Lin et al.'s one binary
-a box, learned)."""
+a box, learned).
+"""
 
 from __future__ import annotations
 
@@ -38,9 +39,11 @@ Progress = Callable[[int, int], None]
 class ChooserSettings:
     """Settings of training a chooser.
 
-    epochs, batch, rate: of AdamW. projection: what a feasible problem costs that P1 admits but
-    fix-p does not solve; a wrong answer of P1 costs 1. caution: how much more a feasible problem
-    counts than an infeasible one.
+    Arguments:
+        epochs, batch, rate: of AdamW.
+        projection: what a feasible problem costs that P1 admits but fix-p does not solve; a wrong
+            answer of P1 costs 1.
+        caution: how much more a feasible problem counts than an infeasible one.
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=48, layers=2))
@@ -70,7 +73,8 @@ class Chooser(MemorylessPolicy):
 
     def choose(self, observation: Observation) -> NDArray[np.int64]:
         """Index of the envelope for each scene, shape (B,): an action where the environment has the
-        set as library."""
+        set as library.
+        """
         with torch.no_grad():
             cost = self.network(SceneTensors.of_observation(observation, len(self.envelopes.legs)))
         return np.asarray(cost.argmin(dim=1).numpy(), dtype=np.int64)
@@ -90,8 +94,10 @@ class Chooser(MemorylessPolicy):
 
     @classmethod
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Chooser:
-        """Read a chooser. Raises InvalidInput for a file that is damaged or foreign, or made for
-        another class."""
+        """Read a chooser.
+
+        Raises InvalidInput for a file that is damaged or foreign, or made for another class.
+        """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
         try:
@@ -166,7 +172,10 @@ def costs(
     """Cost of every box on every problem, shape (len(problems), K).
 
     1 where P1's answer is wrong; ``projection`` where it admits a feasible problem and fix-p does
-    not solve it; else 0. feasible: the labels, shape (len(problems),).
+    not solve it; else 0.
+
+    Arguments:
+        feasible: the labels, shape (len(problems),).
     """
     cost = np.zeros((len(problems), len(envelopes)))
     for i, problem in enumerate(problems):
@@ -185,10 +194,13 @@ def costs(
 def _train(
     scenes: SceneTensors, cost: Tensor, weight: Tensor, settings: ChooserSettings
 ) -> ChoiceNetwork:
-    """Regress every box's cost, shape (B, K), by cross-entropy. weight: of each row, shape (B, 1).
+    """Regress every box's cost, shape (B, K), by cross-entropy.
 
     Minimising the expected cost of a softmax choice instead was tried: it settles on the one box
     that is best overall.
+
+    Arguments:
+        weight: of each row, shape (B, 1).
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)

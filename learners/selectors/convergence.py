@@ -28,9 +28,13 @@ FORMAT = "stancekit/evolution/1"
 class Generation:
     """One tested generation.
 
-    mean, variance, best: of the fitness, to be maximised; a, b: of the best individual, over the
-    problems drawn. mutation_rate: with which the next one is bred (NaN where the method has none).
-    evaluations: verdicts of P1 asked for; cached: of them, without a solve; counts: how.
+    Arguments:
+        mean, variance, best: of the fitness, to be maximised.
+        a, b: of the best individual, over the problems drawn.
+        mutation_rate: with which the next one is bred (NaN where the method has none).
+        evaluations: verdicts of P1 asked for.
+        cached: of them, without a solve.
+        counts: how.
     """
 
     number: int
@@ -47,8 +51,11 @@ class Generation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticRun:
-    """State of a run. population: to be tested next, or the last one in order of rank, shape (P, 2,
-    N, 6)."""
+    """State of a run.
+
+    Arguments:
+        population: to be tested next, or the last one in order of rank, shape (P, 2, N, 6).
+    """
 
     population: Array
     history: Sequence[Generation]
@@ -57,8 +64,11 @@ class GeneticRun:
 def write_checkpoint(
     path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: GeneticRun
 ) -> None:
-    """Write population, history and the state of the generator, whole or not at all. about: what
-    the run is of."""
+    """Write population, history and the state of the generator, whole or not at all.
+
+    Arguments:
+        about: what the run is of.
+    """
     content = io.BytesIO()
     numbers = [
         [value for value in asdict(done).values() if not isinstance(value, dict)]

@@ -17,7 +17,8 @@ from .convergence import Generation
 @DEFAULT_STYLE
 def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
     """Mean fitness with a band of one standard deviation, and the best, by generation: Lin et al.,
-    Fig. 4."""
+    Fig. 4.
+    """
     if not histories or not all(histories.values()):
         raise InvalidInput(
             "histories: expected one or more generations of one or more runs, got none"

@@ -1,5 +1,6 @@
 """Proofs for other boxes from one solve of P1: checks of many witnesses and certificates over many
-boxes at once."""
+boxes at once.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +28,10 @@ Index = NDArray[np.intp]
 class DualBounds:
     """P boxes.
 
-    low, high: shape (P, N, 6); products: p_j f_k of the ends, in the order of the envelope rows and
-    with their signs in the Lagrangian, shape (36 N, P).
+    Arguments:
+        low, high: shape (P, N, 6).
+        products: p_j f_k of the ends, in the order of the envelope rows and with their signs in the
+            Lagrangian, shape (36 N, P).
     """
 
     low: Array
@@ -56,10 +59,13 @@ def witnessed(point: Array, excess: Array, axes: Array, bounds: DualBounds, open
     """Tell whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not
     open, shape (K, P).
 
-    point, excess: of K × W witnesses (``DualBound``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A
-    point [p, f] in the box is one of P1 if some moments m = p f + e balance there under the
-    envelope rows, which read −(p − p_low)(f − f_low) ≤ e,  −(p_high − p)(f_high − f) ≤ e,  e ≤ (p −
-    p_low)(f_high − f) and  e ≤ (p_high − p)(f − f_low).
+    A point [p, f] in the box is one of P1 if some moments m = p f + e balance there under the
+    envelope rows, which read −(p − p_low)(f − f_low) ≤ e, −(p_high − p)(f_high − f) ≤ e, e ≤ (p −
+    p_low)(f_high − f) and e ≤ (p_high − p)(f − f_low).
+
+    Arguments:
+        point, excess: of K × W witnesses (``DualBound``).
+        axes: E9 is axes · m = 0, shape (K, 3, 9N).
     """
     at = point[:, :, None]
     inside = np.all((at >= bounds.low + BAND) & (at <= bounds.high - BAND), axis=(3, 4))
@@ -111,8 +117,11 @@ def least(
     """Least value of the Lagrangian over [p, f] in the overlap at a margin of BAND, shape (K, C,
     P).
 
-    rows, slope, constant: of K × C certificates (``DualBound``). low, high: the overlap, shape (K,
-    P, N, 6). Where it is positive, P1's margin is larger than BAND.
+    Where it is positive, P1's margin is larger than BAND.
+
+    Arguments:
+        rows, slope, constant: of K × C certificates (``DualBound``).
+        low, high: the overlap, shape (K, P, N, 6).
     """
     k, c = rows.shape[:2]
     value = (rows.reshape(k * c, -1) @ bounds.products).reshape(k, c, -1)

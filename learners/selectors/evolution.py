@@ -146,7 +146,10 @@ def evolve_nsga2(
 
 
 def extra(module: str) -> Any:
-    """Import what the extra ``evo`` installs. Raises InvalidInput without it."""
+    """Import what the extra ``evo`` installs.
+
+    Raises InvalidInput without it.
+    """
     try:
         return importlib.import_module(module)
     except ImportError:

@@ -40,8 +40,11 @@ CHUNK = 64
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictCounts:
-    """Counts of the ways in which verdicts came about. unknown: of the solves, those that came to
-    no end (and count as not admitted)."""
+    """Counts of the ways in which verdicts came about.
+
+    Arguments:
+        unknown: of the solves, those that came to no end (and count as not admitted).
+    """
 
     solved: int = 0
     witness: int = 0
@@ -76,7 +79,8 @@ class FeasibilityOracle(Protocol):
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
-        len(which))."""
+        len(which)).
+        """
         ...
 
 
@@ -89,7 +93,8 @@ class SolvingOracle:
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
-        len(which))."""
+        len(which)).
+        """
         margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(
             len(boxes), -1
         )
@@ -108,8 +113,9 @@ class SolvingOracle:
 class CachingOracle:
     """Solves P1 only where no witness and no certificate kept of earlier solves settles it.
 
-    witnesses, certificates: how many are kept a problem; the one that has not served for longest
-    gives way.
+    Arguments:
+        witnesses, certificates: how many are kept a problem; the one that has not served for
+            longest gives way.
     """
 
     def __init__(
@@ -148,7 +154,8 @@ class CachingOracle:
 
     def part(self, which: Index) -> CachingOracle:
         """Oracle for these problems alone, numbered anew, with all that is known of them and no
-        counts yet."""
+        counts yet.
+        """
         part = copy.copy(self)
         part._problems = [self._problems[int(k)] for k in which]
         for name in _KNOWN:
@@ -171,7 +178,8 @@ class CachingOracle:
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
-        len(which))."""
+        len(which)).
+        """
         verdicts = np.zeros((len(which), len(boxes)), dtype=bool)
         bounds = DualBounds.of(boxes)
         for begin in range(0, len(which), CHUNK):
@@ -206,7 +214,8 @@ class CachingOracle:
 
     def _work(self, k: int, case: _Case, open_: Bools, admits: Bools) -> None:
         """Solve one problem over what is open of its boxes, shape (P,); every solve may settle some
-        of the others."""
+        of the others.
+        """
         while open_.any():
             b = int(np.flatnonzero(open_)[0])
             bound = self._solve(k, case.boxes[b])
@@ -254,7 +263,8 @@ class CachingOracle:
 
     def _keep(self, k: int, bound: DualBound) -> tuple[int, int]:
         """Put what a solve proves in the place of what has not served for longest; returns its kind
-        and place."""
+        and place.
+        """
         kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else CERTIFICATE
         slot = int(np.argmin(self._used[kind][k]))
         self._used[kind][k, slot] = self._clock
@@ -267,7 +277,8 @@ class CachingOracle:
 
     def _credit(self, kind: int, which: Index, hits: Bools) -> Bools:
         """Note which of the kept proofs, shape (K, C, P), served; return where any did, shape (K,
-        P)."""
+        P).
+        """
         used = self._used[kind][which]
         used[hits.any(axis=2)] = self._clock
         self._used[kind][which] = used
@@ -301,7 +312,8 @@ class SpreadOracle:
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Decide whether P1 admits the problems of these numbers, each of them once, shape
-        (len(boxes), len(which))."""
+        (len(boxes), len(which)).
+        """
         parts = np.array_split(which, max(min(self._run.workers, len(which)), 1))
         tasks = [partial(_asked, self._whole.part(part), boxes) for part in parts]
         verdicts = []
@@ -342,9 +354,11 @@ def _put_back(known: Any, which: Index, learned: Any) -> None:
 
 
 def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
-    """The problems. Raises InvalidInput unless there are any, all with as many contacts and
-    vertices a patch, and none with a wrench on its body, of which witnesses and certificates that
-    are kept know nothing."""
+    """The problems.
+
+    Raises InvalidInput unless there are any, all with as many contacts and vertices a patch, and
+    none with a wrench on its body, of which witnesses and certificates that are kept know nothing.
+    """
     if any(problem.layout.wrench for problem in problems):
         raise InvalidInput("problems: expected bodies that bear their weight alone, got a wrench")
     sizes = sorted({problem.size for problem in problems})
@@ -357,7 +371,8 @@ def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
 
 class _Case(NamedTuple):
     """The boxes of one question, and where [p, f] of one problem can be in them, shape (P, N,
-    6)."""
+    6).
+    """
 
     boxes: Sequence[Envelope]
     bounds: DualBounds
@@ -367,6 +382,7 @@ class _Case(NamedTuple):
 
 def _tries(box: Envelope) -> Iterator[Envelope]:
     """The box, and the same to within BAND: a solver that gives up on one in a few thousand takes
-    the next."""
+    the next.
+    """
     yield box
     yield from (box.widened(share * BAND) for share in (0.01, 0.02, 0.04))

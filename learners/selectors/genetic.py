@@ -42,16 +42,23 @@ OnProgress = Callable[[Generation], None]
 class GeneticSettings:
     """Knobs of the genetic algorithm.
 
-    population, generations: individuals, and how often they are tested. terrains: K, half of them
-    feasible and half infeasible; more make the fitness less a matter of luck. delta: δ, the share
-    of feasible problems that may be lost: smaller makes boxes wider. penalty: ρ, what losing more
-    costs: larger keeps to δ more strictly, and follows chance more. mutation_start, mutation_end:
-    chance that a pair of bounds is mutated when breeding the first and the last generation, falling
-    geometrically. mutation_scale: its standard deviation, in units of the solutions' own in that
-    dimension. elites: best individuals that live on as they are. tournament: rivals for a place as
-    a parent; more press harder. finalists: individuals of the last generation that are tested on
-    all problems; the best of them is the result. seed: of everything that is left to chance. Raises
-    InvalidInput.
+    Raises InvalidInput.
+
+    Arguments:
+        population, generations: individuals, and how often they are tested.
+        terrains: K, half of them feasible and half infeasible; more make the fitness less a matter
+            of luck.
+        delta: δ, the share of feasible problems that may be lost: smaller makes boxes wider.
+        penalty: ρ, what losing more costs: larger keeps to δ more strictly, and follows chance
+            more.
+        mutation_start, mutation_end: chance that a pair of bounds is mutated when breeding the
+            first and the last generation, falling geometrically.
+        mutation_scale: its standard deviation, in units of the solutions' own in that dimension.
+        elites: best individuals that live on as they are.
+        tournament: rivals for a place as a parent; more press harder.
+        finalists: individuals of the last generation that are tested on all problems; the best of
+            them is the result.
+        seed: of everything that is left to chance.
     """
 
     population: Annotated[int, Field(ge=2)] = 40
@@ -87,8 +94,12 @@ class GeneticSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticResult:
-    """Result of a run. a, b: of the envelope over all problems; counts: how all verdicts were
-    found."""
+    """Result of a run.
+
+    Arguments:
+        a, b: of the envelope over all problems.
+        counts: how all verdicts were found.
+    """
 
     envelope: Envelope
     a: float
@@ -108,8 +119,10 @@ def fitness(a: Array, b: Array, settings: GeneticSettings) -> Array:
 
 
 class Trials:
-    """The fitness of individuals: a and b over problems drawn anew, or over all. The feasible
-    problems come first."""
+    """The fitness of individuals: a and b over problems drawn anew, or over all.
+
+    The feasible problems come first.
+    """
 
     def __init__(
         self, feasible: int, infeasible: int, oracle: FeasibilityOracle, terrains: int
@@ -124,8 +137,10 @@ class Trials:
         settings: GeneticSettings,
         oracle: FeasibilityOracle | None = None,
     ) -> Trials:
-        """Trials on these problems, with a ``CachingOracle`` where none is given. Raises
-        InvalidInput."""
+        """Trials on these problems, with a ``CachingOracle`` where none is given.
+
+        Raises InvalidInput.
+        """
         if not feasible or not infeasible:
             raise InvalidInput(
                 f"problems: expected one or more of each label, got {len(feasible)} feasible and "
@@ -173,14 +188,17 @@ def evolve(
 ) -> GeneticResult:
     """Run the genetic algorithm.
 
-    points: S, shape (F, N, 6), for the first generation and for the scale of the mutations.
-    oracle: says what P1 admits, for the feasible problems followed by the infeasible ones; None for
-    a ``CachingOracle``.
-    checkpoint: file that is written after every generation; if it exists, the run resumes from it.
-    The result is the same as without an interruption, except for ``counts``, which count only the
-    work of this run.
-    progress: is called after every generation.
-    Raises InvalidInput, also for the checkpoint of another run.
+    Arguments:
+        points: S, shape (F, N, 6), for the first generation and for the scale of the mutations.
+        oracle: says what P1 admits, for the feasible problems followed by the infeasible ones; None
+            for a ``CachingOracle``.
+        checkpoint: file that is written after every generation; if it exists, the run resumes from
+            it. The result is the same as without an interruption, except for ``counts``, which
+            count only the work of this run.
+        progress: is called after every generation.
+
+    Raises:
+        InvalidInput: also for the checkpoint of another run.
     """
     trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     rng = np.random.default_rng(settings.seed)
@@ -244,7 +262,8 @@ def finish(
     finalists: Array, trials: Trials, settings: GeneticSettings, history: Sequence[Generation]
 ) -> GeneticResult:
     """Test the finalists, shape (P, 2, N, 6), on all problems; return the fittest, of those with b
-    ≤ δ if there are."""
+    ≤ δ if there are.
+    """
     a, b = trials.shares(finalists, trials.all())
     order = ranking(a, b, settings)
     best = int(order[np.argmin(b[order] > settings.delta)])
@@ -260,7 +279,8 @@ def finish(
 
 def ranking(a: Array, b: Array, settings: GeneticSettings) -> Index:
     """The individuals from best to worst; of equally fit ones that with the smaller b comes
-    first."""
+    first.
+    """
     return np.lexsort((b, -fitness(a, b, settings)))
 
 
@@ -315,8 +335,11 @@ def fit_genetic(
 ) -> EnvelopeSet:
     """Learn one envelope from the data set's problems and S.
 
-    ``progress`` is told generations done and in all. run: the executor of every generation's
-    solves; this process where None. The envelope and its provenance do not depend on it.
+    ``progress`` is told generations done and in all.
+
+    Arguments:
+        run: the executor of every generation's solves; this process where None. The envelope and
+            its provenance do not depend on it.
     """
     feasible, infeasible = (
         [Scaled.of(problem) for problem in dataset.select(rows).problems()]

@@ -1,5 +1,6 @@
 """Descend the signed margin's exact gradient: the boxes that P1 answers best with, found by P1's
-own duals."""
+own duals.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +28,12 @@ from .quantile import quantile_box
 class BoxDescent:
     """Settings of moving boxes down the margin loss.
 
-    steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling
-    to a tenth over the run; softness: margin at which a problem counts half as much as a wrong one
-    far away (non-dimensional).
+    Arguments:
+        steps: batches.
+        batch: problems of each label a batch.
+        rate: Adam's step on the bounds, falling to a tenth over the run.
+        softness: margin at which a problem counts half as much as a wrong one far away
+            (non-dimensional).
     """
 
     steps: PositiveInt = 80
@@ -103,9 +107,12 @@ def smooth_mistakes(
 ) -> tuple[float, Array]:
     """Mean σ(sign · t / τ) over the problems and its gradient in the bounds, shape (K, 12N).
 
-    sign: 1 where the problems are feasible, −1 where not. t is the soft least of the boxes' margins
-    t_k, −τ log mean exp(−t_k/τ): with one box its margin, with several each box learns from the
-    problems that are its own. Boxes without a margin are left out; so are problems without any.
+    t is the soft least of the boxes' margins t_k, −τ log mean exp(−t_k/τ): with one box its margin,
+    with several each box learns from the problems that are its own. Boxes without a margin are left
+    out; so are problems without any.
+
+    Arguments:
+        sign: 1 where the problems are feasible, −1 where not.
     """
     total, slope = 0.0, np.zeros((len(envelopes), 2 * envelopes[0].low.size))
     for problem in problems:
@@ -126,7 +133,11 @@ def smooth_mistakes(
 
 
 def soft_least(values: Array, softness: float) -> tuple[float, Array]:
-    """−τ log mean exp(−v/τ) and its gradient, which adds up to 1. values: shape (K,)."""
+    """−τ log mean exp(−v/τ) and its gradient, which adds up to 1.
+
+    Arguments:
+        values: shape (K,).
+    """
     least = float(values.min())
     weights = np.exp(-(values - least) / softness)
     return least - softness * float(np.log(weights.mean())), weights / weights.sum()
@@ -154,8 +165,12 @@ def fit_gradient(
 ) -> EnvelopeSet:
     """Learn a set of boxes together, from the quantile boxes of as many Gaussian clusters of S.
 
-    share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is told
-    steps done and steps in all. Raises InvalidInput where the data set has too few rows of a label.
+    Arguments:
+        share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is
+            told steps done and steps in all.
+
+    Raises:
+        InvalidInput: where the data set has too few rows of a label.
     """
     settings = BoxDescent(steps=steps, batch=batch)
     checked_int(boxes, "boxes", least=1)
@@ -198,7 +213,8 @@ def clustered_boxes(points: Array, boxes: int, *, share: float, seed: int) -> tu
     """The quantile boxes of Gaussian clusters of S, the largest first; an empty cluster starts as
     all of S.
 
-    points: shape (K, N, 6).
+    Arguments:
+        points: shape (K, N, 6).
     """
     if boxes == 1:
         return (quantile_box(points, share=share),)

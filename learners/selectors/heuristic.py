@@ -13,7 +13,8 @@ from stancekit.planners.relaxation.expert import rule_of_thumb
 
 def heuristic_envelope(problem_class: str, problems: Sequence[Problem]) -> EnvelopeSet:
     """Bounds on p from the limbs' workspace, on f for climbing where the mean normals are level,
-    else for walking."""
+    else for walking.
+    """
     first = problems[0]
     shoulders = np.array([contact.shoulder_m for contact in first.contacts])
     reach = np.array([contact.reach_m for contact in first.contacts])

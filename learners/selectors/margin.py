@@ -65,11 +65,17 @@ def margins(
     """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and
     by how much.
 
-    low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high. problems: B of them,
-    with N contacts. programs: compiled models, which a loop keeps from call to call; new ones where
-    None. relaxation: which P1, "p1" or "joint". Returns shape (B,), in the precision of ``low``;
-    where P1 has no margin, P̄ having no answer, it is 0 and nothing flows back. Raises InvalidInput
-    for boxes of other shapes, not finite or reversed. Differentiable once, on the processor.
+    Returns shape (B,), in the precision of ``low``; where P1 has no margin, P̄ having no answer, it
+    is 0 and nothing flows back. Differentiable once, on the processor.
+
+    Arguments:
+        low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high.
+        problems: B of them, with N contacts.
+        programs: compiled models, which a loop keeps from call to call; new ones where None.
+        relaxation: which P1, "p1" or "joint".
+
+    Raises:
+        InvalidInput: for boxes of other shapes, not finite or reversed.
     """
     wanted = (len(problems), problems[0].size[0], 6) if problems else (0,)
     if tuple(low.shape) != wanted or tuple(high.shape) != wanted:

@@ -1,5 +1,6 @@
 """Algorithm E2 (EnvelopeFitting): envelopes around the clusters of a mixture, as printed and
-improved."""
+improved.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +27,9 @@ DOMAIN = 1.0
 class MixtureFit:
     """Result of one run of Algorithm E2.
 
-    kept: share of S in each envelope. gaps: what was left of each Boundary_fit program's gap at its
-    time limit.
+    Arguments:
+        kept: share of S in each envelope.
+        gaps: what was left of each Boundary_fit program's gap at its time limit.
     """
 
     envelopes: tuple[Envelope, ...]
@@ -44,13 +46,17 @@ def fit_as_printed(
     seed: int = 0,
     time_limit_s: float = 12.0,
 ) -> MixtureFit:
-    """Algorithm E2, line by line. points: S, shape (K, N, 6); excluded: S̄, shape (J, N, 6);
-    threshold: p_th.
+    """Algorithm E2, line by line.
 
     Line 3: cluster means of a mixture. Line 4: Boundary_fit, the largest box around a mean without
     points of S̄ (``boundary.largest_box``, stopped at the time limit). Line 5: the points of S in
     it. Line 6: those that belong to the cluster with a probability above p_th (``membership``).
     Line 7: their exterior boundary; where lines 5 and 6 leave no point, the fitted box itself.
+
+    Arguments:
+        points: S, shape (K, N, 6).
+        excluded: S̄, shape (J, N, 6).
+        threshold: p_th.
     """
     flat, bad = points.reshape(len(points), -1), excluded.reshape(len(excluded), -1)
     mixture = _mixture(flat, clusters, seed)

@@ -1,5 +1,6 @@
 """Envelopes for mode switching (Lin et al. §IV-A, end): a box a terrain over [p, f], the forces in
-world axes."""
+world axes.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +37,16 @@ def learn_modes(
     """Draw postures of each distribution, solve them exactly, and put the quantile box around their
     solutions.
 
-    count: solutions of each. share: of them left out on each side of each dimension; with none it
-    is the exterior boundary of Algorithm E2. The modes are named after the terrains and counted in
-    the order given, which for ground and wall is that of ``Problem.modes``. Raises InvalidInput for
-    a count below 1.
+    The modes are named after the terrains and counted in the order given, which for ground and wall
+    is that of ``Problem.modes``.
+
+    Arguments:
+        count: solutions of each.
+        share: of them left out on each side of each dimension; with none it is the exterior
+            boundary of Algorithm E2.
+
+    Raises:
+        InvalidInput: for a count below 1.
     """
     checked_int(count, "count", least=1)
     planner = ExactPlanner(programs=programs or Programs())
@@ -55,9 +62,15 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in
     world axes.
 
-    share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or
-    after these where they do not say theirs. Raises InvalidInput for fewer than two data sets, for
-    different limbs, and for one without feasible rows.
+    The modes are named after the terrains of the distributions, or after these where they do not
+    say theirs.
+
+    Arguments:
+        share: as for ``learn_modes``.
+
+    Raises:
+        InvalidInput: for fewer than two data sets, for different limbs, and for one without
+            feasible rows.
     """
     if len(datasets) < 2:
         raise InvalidInput(f"data sets: expected two or more, one a mode, got {len(datasets)}")
@@ -86,7 +99,8 @@ def solved_postures(
     name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
 ) -> tuple[list[Problem], Array]:
     """Feasible problems of a distribution as they come, and the point [p, f] of a witness each,
-    shape (K, N, 6)."""
+    shape (K, N, 6).
+    """
     source = distribution(name)
     problems, points = list[Problem](), list[Array]()
     while len(points) < count:

@@ -38,8 +38,11 @@ Boxes: TypeAlias = tuple[Tensor, Tensor, Tensor]
 class Architecture:
     """Size of a network.
 
-    width: numbers a token; layers: rounds of attention; heads: of each; corner_width: of the
-    patch's pooled features.
+    Arguments:
+        width: numbers a token.
+        layers: rounds of attention.
+        heads: of each.
+        corner_width: of the patch's pooled features.
     """
 
     width: PositiveInt = 96
@@ -59,8 +62,11 @@ class Architecture:
 class SceneTensors:
     """A batch of B scenes of N contacts as the environment observes them, non-dimensional, float32.
 
-    vertices: (B, N, 3, 3), corner by row; frames: (B, N, 3, 3), columns n, y, z; friction, reach:
-    (B, N); shoulders: (B, N, 3).
+    Arguments:
+        vertices: (B, N, 3, 3), corner by row.
+        frames: (B, N, 3, 3), columns n, y, z.
+        friction, reach: (B, N).
+        shoulders: (B, N, 3).
     """
 
     vertices: Tensor
@@ -71,8 +77,10 @@ class SceneTensors:
 
     @classmethod
     def of_observation(cls, observation: Observation, contacts: int) -> SceneTensors:
-        """Read one flat observation, or a batch. Raises InvalidInput where sizes are not those of N
-        contacts."""
+        """Read one flat observation, or a batch.
+
+        Raises InvalidInput where sizes are not those of N contacts.
+        """
         shapes = {
             "vertices": (contacts, CORNERS, 3),
             "frames": (contacts, 3, 3),
@@ -99,7 +107,8 @@ class SceneTensors:
     @classmethod
     def of_problems(cls, problems: Sequence[Scaled]) -> SceneTensors:
         """The observations of these problems, which have the same number of contacts, on
-        triangles."""
+        triangles.
+        """
         seen = [observe(problem) for problem in problems]
         stacked = {name: np.stack([one[name] for one in seen]) for name in seen[0]}
         return cls.of_observation(stacked, problems[0].size[0])
@@ -124,7 +133,10 @@ class Mirror:
 
     It keeps gravity, reach and cones. A contact frame (n, y, z) becomes (M n, −s M y, s M z),
     right-handed again, the sign s keeping z on the side of the class's shear reference. Tokens need
-    no relabelling: the limb is known by its shoulder. flips: signs of [p, f], shape (N, 6).
+    no relabelling: the limb is known by its shoulder.
+
+    Arguments:
+        flips: signs of [p, f], shape (N, 6).
     """
 
     flips: Tensor
@@ -132,7 +144,8 @@ class Mirror:
     @classmethod
     def of(cls, scenes: SceneTensors) -> Mirror | None:
         """The symmetry where the class has it, else None: the mirrored limbs must be the same set
-        of limbs."""
+        of limbs.
+        """
         limbs = torch.cat([scenes.shoulders[0], scenes.reach[0][:, None]], dim=1)
         mirrored = limbs * torch.tensor([-1.0, 1.0, 1.0, 1.0])
         apart = (mirrored[:, None] - limbs[None]).abs().amax(dim=-1)
@@ -236,7 +249,8 @@ class BoxNetwork(nn.Module):
         cls, architecture: Architecture, scenes: SceneTensors, points: Tensor
     ) -> BoxNetwork:
         """A new network for scenes and solutions like these; weights come from torch's
-        generator."""
+        generator.
+        """
         network = cls(architecture)
         network.encoder.fit_scales(scenes)
         rest = points - _nominal(scenes)
@@ -261,7 +275,8 @@ class BoxNetwork(nn.Module):
 
 class ChoiceNetwork(nn.Module):
     """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape
-    (B, K)."""
+    (B, K).
+    """
 
     def __init__(self, architecture: Architecture, options: int) -> None:
         super().__init__()
@@ -311,7 +326,8 @@ def pinball(low: Tensor, high: Tensor, points: Tensor, share: float) -> Tensor:
     """Quantile loss of the sides for the shares ``share`` and 1 − ``share`` of the solutions, a
     number a scene.
 
-    low, high, points: shape (B, N, 6).
+    Arguments:
+        low, high, points: shape (B, N, 6).
     """
     under, over = points - low, points - high
     lower = torch.maximum(share * under, (share - 1.0) * under)
@@ -326,7 +342,8 @@ def as_arrays(*tensors: Tensor) -> tuple[Array, ...]:
 
 def _nominal(scenes: SceneTensors) -> Tensor:
     """[p, 0] with the toes in the middle of their patches and the body in its nominal place, shape
-    (B, N, 6)."""
+    (B, N, 6).
+    """
     middle = scenes.vertices.mean(dim=2)
     return torch.cat([middle, torch.zeros_like(middle)], dim=-1)
 

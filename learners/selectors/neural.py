@@ -1,5 +1,6 @@
 """Neural selectors: the terrain's own box for every contact, learned from solutions and through
-P1's margins."""
+P1's margins.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +38,11 @@ STEP, STEPS = 0.004, 8
 class NeuralSelector(MemorylessPolicy):
     """A trained network with its calibration, for one class of problems.
 
-    room: how far every side of the network's boxes is moved out, non-dimensional. relaxation: the
-    P1 that its boxes are for; for "joint" an action has a point in every box, too. provenance: how
-    it was learned.
+    Arguments:
+        room: how far every side of the network's boxes is moved out, non-dimensional.
+        relaxation: the P1 that its boxes are for; for "joint" an action has a point in every box,
+            too.
+        provenance: how it was learned.
     """
 
     name = "neural"
@@ -83,8 +86,11 @@ class NeuralSelector(MemorylessPolicy):
         return self._boxes(SceneTensors.of_problems(problems))[0]
 
     def save(self, path: str | Path, *, half: bool = False) -> None:
-        """Write the selector as one safetensors file. half: with its weights rounded to half
-        precision."""
+        """Write the selector as one safetensors file.
+
+        Arguments:
+            half: with its weights rounded to half precision.
+        """
         header = {
             "problem_class": self.problem_class,
             "legs": list(self.legs),
@@ -105,10 +111,12 @@ class NeuralSelector(MemorylessPolicy):
         problem_class: str | None = None,
         legs: Sequence[str] | None = None,
     ) -> NeuralSelector:
-        """Read a selector. Raises InvalidInput for a file that is damaged or foreign, or made for
-        other problems.
+        """Read a selector.
 
-        problem_class, legs: what it must have been learned for, where given.
+        Raises InvalidInput for a file that is damaged or foreign, or made for other problems.
+
+        Arguments:
+            problem_class, legs: what it must have been learned for, where given.
         """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
@@ -148,11 +156,17 @@ def fit_neural(
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,
 ) -> NeuralSelector:
-    """Train and calibrate a selector on a data set; see ``NeuralSettings``. Uses one torch thread.
+    """Train and calibrate a selector on a data set; see ``NeuralSettings``.
 
-    calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use test
-    rows. checkpoint: file to go on from when training was stopped. Raises InvalidInput where rows
-    of a label are missing.
+    Uses one torch thread.
+
+    Arguments:
+        calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use
+            test rows.
+        checkpoint: file to go on from when training was stopped.
+
+    Raises:
+        InvalidInput: where rows of a label are missing.
     """
     torch.set_num_threads(1)
     train = dataset
@@ -247,8 +261,9 @@ def roomiest(
     """Room, from ``least`` on in steps of STEP, with which P1 makes the fewest mistakes on these
     rows.
 
-    rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times. P1 is
-    monotone in the box: what it admits once it admits with more room, too.
+    Arguments:
+        rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times.
+            P1 is monotone in the box: what it admits once it admits with more room, too.
     """
     with torch.no_grad():
         sides = [as_arrays(*network(each.scenes)) for each in rows]
@@ -276,7 +291,8 @@ def roomiest(
 
 def roomy(low: Array, high: Array, room: float) -> Envelope:
     """The box with every side moved by ``room``, no further in than its middle, and within the
-    domain [−1, 1]."""
+    domain [−1, 1].
+    """
     middle = 0.5 * (low + high)
     return Envelope(
         low=np.clip(np.minimum(low - room, middle), -1.0, 1.0),

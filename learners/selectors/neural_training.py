@@ -38,17 +38,23 @@ CHECKPOINT = "stancekit/neural-checkpoint/1"
 class NeuralSettings:
     """Settings of training a neural selector.
 
-    share: of the solutions that the boxes of the first stage leave out on each side. epochs: of the
-    first stage, over the feasible rows; batch, rate: of AdamW. margin_epochs: of the second stage,
-    over the scarcer label; 0 leaves it out. margin_batch: problems of each label a step.
-    margin_rate: of AdamW there. softness: τ, the margin over which P1's answer turns from wrong to
-    right in the loss σ(±t/τ), non-dimensional. caution: how much more a feasible problem lost
-    counts than an infeasible one let in. anchor: weight of the first stage's loss in the second,
-    which keeps the boxes around solutions and so projectable. target: share of the feasible
-    calibration rows that P1 must admit. relaxation: which P1 has the margins: "p1", or "joint", for
-    which a point in every box is learned, too, the median of the solutions, about which the gap is
-    linearised (``relaxation.joint``). calibration: share of the rows kept for that where no data
-    set is given for it.
+    Arguments:
+        share: of the solutions that the boxes of the first stage leave out on each side.
+        epochs: of the first stage, over the feasible rows.
+        batch, rate: of AdamW.
+        margin_epochs: of the second stage, over the scarcer label; 0 leaves it out.
+        margin_batch: problems of each label a step.
+        margin_rate: of AdamW there.
+        softness: τ, the margin over which P1's answer turns from wrong to right in the loss
+            σ(±t/τ), non-dimensional.
+        caution: how much more a feasible problem lost counts than an infeasible one let in.
+        anchor: weight of the first stage's loss in the second, which keeps the boxes around
+            solutions and so projectable.
+        target: share of the feasible calibration rows that P1 must admit.
+        relaxation: which P1 has the margins: "p1", or "joint", for which a point in every box is
+            learned, too, the median of the solutions, about which the gap is linearised
+            (``relaxation.joint``).
+        calibration: share of the rows kept for that where no data set is given for it.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -74,7 +80,8 @@ class NeuralSettings:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingRows:
     """Problems of one label: as the solver wants them, as the network sees them, and with solutions
-    where feasible."""
+    where feasible.
+    """
 
     problems: tuple[Scaled, ...]
     scenes: SceneTensors
@@ -82,8 +89,10 @@ class TrainingRows:
 
     @classmethod
     def of(cls, dataset: Dataset, label: str) -> TrainingRows:
-        """The rows ``feasible`` or ``infeasible`` of a data set. Raises InvalidInput where there
-        are none."""
+        """The rows ``feasible`` or ``infeasible`` of a data set.
+
+        Raises InvalidInput where there are none.
+        """
         indices = dataset.feasible if label == "feasible" else dataset.infeasible
         if not len(indices):
             raise InvalidInput(f"data set: expected one or more {label} rows, got none")
@@ -102,8 +111,10 @@ class TrainingRows:
 class Trainer:
     """Both stages over one data set, an epoch at a time.
 
-    history: one record an epoch, with the mean loss. checkpoint: file written after every epoch,
-    and gone on from.
+    history: one record an epoch, with the mean loss.
+
+    Arguments:
+        checkpoint: file written after every epoch, and gone on from.
     """
 
     def __init__(
@@ -174,7 +185,8 @@ class Trainer:
 
     def _descend(self, epoch: int) -> float:
         """One pass over the scarcer label through P1's margins: a smooth count of its mistakes, and
-        the anchor."""
+        the anchor.
+        """
         assert self._infeasible is not None
         settings, chance = self._settings, self._chance(epoch)
         size = min(settings.margin_batch, len(self._feasible), len(self._infeasible))
@@ -216,7 +228,8 @@ class Trainer:
         self, rows: TrainingRows, chosen: Tensor, chance: torch.Generator
     ) -> tuple[Boxes, Tensor]:
         """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored
-        back."""
+        back.
+        """
         flipped = self._flipped(len(chosen), chance)
         scenes = rows.scenes[chosen]
         boxes = self.network(
@@ -268,8 +281,10 @@ class Trainer:
         )
 
     def _resume(self) -> None:
-        """Go on from the checkpoint where there is one. Raises InvalidInput where it belongs to
-        another run."""
+        """Go on from the checkpoint where there is one.
+
+        Raises InvalidInput where it belongs to another run.
+        """
         if self._checkpoint is None or not self._checkpoint.exists():
             return
         header, tensors = read_tensors(self._checkpoint, CHECKPOINT)

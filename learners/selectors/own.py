@@ -38,27 +38,37 @@ def is_own(name: str) -> bool:
 
 
 def own_selector(name: str) -> Learned:
-    """A selector by its entry point's name, or "FILE.py:NAME". Raises InvalidInput."""
+    """A selector by its entry point's name, or "FILE.py:NAME".
+
+    Raises InvalidInput.
+    """
     selector = SELECTORS.get(name)
     return Learned.of(
         OwnSelector(selector() if isinstance(selector, type) else selector, name), name, ANY
     )
 
 
-def fitted(found: Any, method: str, problem_class: str) -> Learned:
-    """Selector that a method of fitting returned. Raises InvalidInput for what is neither envelopes
-    nor a selector."""
-    if of_file(found) and callable(getattr(found, "predict", None)):
-        found = OwnSelector(found, method, problem_class)
-    return Learned.of(found, method, problem_class)
+def fitted(selector: Any, method: str, problem_class: str) -> Learned:
+    """Selector that a method of fitting returned.
+
+    Raises InvalidInput for what is neither envelopes nor a selector.
+    """
+    if of_file(selector) and callable(getattr(selector, "predict", None)):
+        selector = OwnSelector(selector, method, problem_class)
+    return Learned.of(selector, method, problem_class)
 
 
 class OwnSelector:
-    """A selector from elsewhere. It can be copied and pickled, to processes that have not run its
-    file, too.
+    """A selector from elsewhere.
+
+    It can be copied and pickled, to processes that have not run its file, too.
 
     Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation
-    is enough. name: what messages call it. problem_class: where it does not say its own.
+    is enough.
+
+    Arguments:
+        name: what messages call it.
+        problem_class: where it does not say its own.
     """
 
     def __init__(self, found: Any, name: str, problem_class: str = ANY) -> None:
@@ -94,14 +104,19 @@ class OwnSelector:
         return action
 
     def save(self, path: str | Path) -> None:
-        """Write its file. Raises InvalidInput where it has no ``save`` of its own."""
+        """Write its file.
+
+        Raises InvalidInput where it has no ``save`` of its own.
+        """
         if not callable(getattr(self._found, "save", None)):
             raise unsaved(path, self._found)
         self._found.save(path)
 
     def _check(self, observation: Observation, action: Any) -> None:
-        """Raise InvalidInput for what is no box. How much a library or a point adds, the
-        environment knows."""
+        """Raise InvalidInput for what is no box.
+
+        How much a library or a point adds, the environment knows.
+        """
         bounds = np.asarray(action)
         if bounds.dtype.kind == "f" and not np.all(np.isfinite(bounds)):
             raise InvalidInput(

@@ -1,5 +1,6 @@
 """Policies that reinforcement learns: their networks, what their actions mean, and a file that is
-never unpickled."""
+never unpickled.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +38,13 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 class PolicyShape:
     """Purpose and size of a policy: all that is needed to build it again.
 
-    problem: name of the distribution. legs: those of its problems, where they are not the default
-    hexapod's. hidden: widths of the layers. spread: initial standard deviation of a bound's move in
-    units of ``offset``. offset: how far a bound may move from the base envelope, non-dimensional.
-    Both: selection only.
+    Arguments:
+        problem: name of the distribution.
+        legs: those of its problems, where they are not the default hexapod's.
+        hidden: widths of the layers.
+        spread: initial standard deviation of a bound's move in units of ``offset``.
+        offset: how far a bound may move from the base envelope, non-dimensional. Both: selection
+            only.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -116,7 +120,8 @@ class DimensionPolicy(MultiInputActorCriticPolicy):
 
 class DimensionScores(nn.Module):
     """From the flat observation of ``EnvelopeRefinement-v0`` to a logit a dimension and the
-    critic's features."""
+    critic's features.
+    """
 
     per_dimension, overall = 14, 4
 
@@ -194,9 +199,11 @@ def _layers(widths: list[int], last: int | None = None) -> nn.Sequential:
 class TrainedPolicy:
     """A policy with what its actions mean; predicts as stable-baselines3's policies do.
 
-    base: bounds that the actions of a selecting policy move, all low and then all high, shape
-    (12N,); else empty. steps: of the environment that it was trained for. provenance: how it was
-    trained, for people.
+    Arguments:
+        base: bounds that the actions of a selecting policy move, all low and then all high, shape
+            (12N,); else empty.
+        steps: of the environment that it was trained for.
+        provenance: how it was trained, for people.
     """
 
     name = "reinforced"
@@ -245,8 +252,10 @@ class TrainedPolicy:
 
     @classmethod
     def load(cls, path: str | Path, *, problem: str | None = None) -> TrainedPolicy:
-        """Read a policy. Raises InvalidInput for a file that is damaged, foreign or for another
-        class of problems."""
+        """Read a policy.
+
+        Raises InvalidInput for a file that is damaged, foreign or for another class of problems.
+        """
         header, tensors = read_tensors(path, FORMAT)
         if set(header) != {"shape", "steps", "provenance"}:
             raise InvalidInput(
@@ -292,8 +301,11 @@ class TrainedPolicy:
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Bounds of the envelopes: base + offset · action, within [−1, 1]; action: shape (..., 12N) in
-    [−1, 1]."""
+    """Bounds of the envelopes: base + offset · action, within [−1, 1].
+
+    Arguments:
+        action: shape (..., 12N) in [−1, 1].
+    """
     bounds: NDArray[np.float32] = np.clip(base + offset * np.asarray(action), -1.0, 1.0).astype(
         np.float32
     )
@@ -309,7 +321,8 @@ def check_shapes(
     path: str | Path, wanted: Mapping[str, tuple[int, ...]], tensors: Mapping[str, Tensor]
 ) -> None:
     """Raise InvalidInput that names the first tensor that is missing, unknown or of another
-    shape."""
+    shape.
+    """
     shapes = {name: tuple(value.shape) for name, value in tensors.items()}
     odd = sorted(name for name in {**wanted, **shapes} if wanted.get(name) != shapes.get(name))
     if odd:

@@ -9,8 +9,11 @@ from stancekit.planners.relaxation.envelope import Envelope
 
 
 def quantile_box(points: Array, *, share: float = 0.05) -> Envelope:
-    """Bounds that leave ``share`` of the solutions out on each side of each dimension. points:
-    shape (K, N, 6)."""
+    """Bounds that leave ``share`` of the solutions out on each side of each dimension.
+
+    Arguments:
+        points: shape (K, N, 6).
+    """
     return Envelope(
         low=np.quantile(points, share, axis=0), high=np.quantile(points, 1.0 - share, axis=0)
     )

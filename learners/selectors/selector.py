@@ -1,5 +1,6 @@
 """Interface of a selector: scene in, envelopes out, with the same ``predict`` as a
-stable-baselines3 policy."""
+stable-baselines3 policy.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +29,15 @@ class Selector(Protocol):
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
         """Return (action, state): one action of ``EnvelopeSelection-v0``, or a row an observation
-        of a batch."""
+        of a batch.
+        """
         ...
 
 
 class FixedSelector(MemorylessPolicy):
     """Answers every scene with the same envelopes: what the clustering and evolutionary methods of
-    Lin et al. learn."""
+    Lin et al. learn.
+    """
 
     def __init__(self, name: str, envelopes: EnvelopeSet) -> None:
         self.name = name
@@ -66,6 +69,7 @@ class Learned:
         suffix: its file's usual one.
     Source:
         Lin et al. §III-B.
+
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
@@ -95,8 +99,13 @@ class Learned:
         ``predict``.
 
         Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and
-        ``save(path)`` count where it has them; name: what messages call it. Raises InvalidInput for
-        anything else.
+        ``save(path)`` count where it has them.
+
+        Arguments:
+            name: what messages call it.
+
+        Raises:
+            InvalidInput: for anything else.
         """
         if isinstance(found, cls):
             return found
@@ -116,7 +125,10 @@ class Learned:
         )
 
     def write(self, path: Path) -> None:
-        """Write its file. Raises InvalidInput for a selector without ``save(path)``."""
+        """Write its file.
+
+        Raises InvalidInput for a selector without ``save(path)``.
+        """
         if not callable(getattr(self.selector, "save", None)):
             raise unsaved(path, self.selector)
         self.selector.save(path)  # type: ignore[attr-defined]
@@ -124,13 +136,16 @@ class Learned:
     @property
     def provenance(self) -> Mapping[str, Any]:
         """Provenance: the method, and the rows that it learned from (``Dataset.origin``); empty
-        where the selector does not say."""
+        where the selector does not say.
+        """
         return dict(getattr(self.selector, "provenance", {}))
 
     @property
     def envelopes(self) -> EnvelopeSet:
-        """The envelopes that every scene gets. Raises InvalidInput where a network chooses them by
-        the scene."""
+        """The envelopes that every scene gets.
+
+        Raises InvalidInput where a network chooses them by the scene.
+        """
         if not isinstance(self.selector, FixedSelector):
             kind = type(self.selector).__name__
             raise InvalidInput(

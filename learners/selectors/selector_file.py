@@ -14,8 +14,9 @@ from .shipped import shipped
 
 
 def load_selector(path: str | Path) -> Learned:
-    """Read any selector's file: an envelope file (JSON), or weights (safetensors). Nothing is
-    unpickled.
+    """Read any selector's file: an envelope file (JSON), or weights (safetensors).
+
+    Nothing is unpickled.
 
     Or, of a selector that ships (``shipped``), or that another package registered under
     ``stancekit.selectors``, its name; or "FILE.py:NAME". Raises InvalidInput for what is missing,
@@ -38,8 +39,10 @@ def load_selector(path: str | Path) -> Learned:
 
 
 def _found(path: Path) -> Path:
-    """The file of a path, or of the name of a selector that ships. Raises InvalidInput for what is
-    neither."""
+    """The file of a path, or of the name of a selector that ships.
+
+    Raises InvalidInput for what is neither.
+    """
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
     files = shipped()

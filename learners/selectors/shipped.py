@@ -1,5 +1,6 @@
 """Selectors that ship with the package, by name: their files, and their cards, which say what they
-are good for."""
+are good for.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +35,18 @@ class Figure(BaseModel):
 class Card(BaseModel):
     """Card of a selector that ships.
 
-    method: of ``stancekit fit``; problem_class, legs: what it is for; sha256: of its file; seed: of
-    training; train, calibration, test: rows. figures: shares of the test rows: ``p1_feasible`` and
-    ``p1_infeasible``, that P1 answers right, and ``project_fix_p``, of the feasible ones, from
-    which fix-p reaches a verified posture; lift: the same of the lift, which learns nothing.
-    limits: where it is of no use. software: versions that made it.
+    Arguments:
+        method: of ``stancekit fit``.
+        problem_class, legs: what it is for.
+        sha256: of its file.
+        seed: of training.
+        train, calibration, test: rows.
+        figures: shares of the test rows: ``p1_feasible`` and ``p1_infeasible``, that P1 answers
+            right, and ``project_fix_p``, of the feasible ones, from which fix-p reaches a verified
+            posture.
+        lift: the same of the lift, which learns nothing.
+        limits: where it is of no use.
+        software: versions that made it.
     """
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -62,7 +70,10 @@ def shipped() -> dict[str, Path]:
 
 
 def card(name: str) -> Card:
-    """The card of a selector that ships. Raises KeyError for another name."""
+    """The card of a selector that ships.
+
+    Raises KeyError for another name.
+    """
     path = shipped()[name].with_suffix(".json")
     record: Any = read_json(path)
     return validated(Card, record, str(path))

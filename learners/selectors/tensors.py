@@ -39,8 +39,9 @@ def write_tensors(
 ) -> None:
     """Write tensors and a JSON header, whole or not at all.
 
-    kind: the format's name with its version. half: round what is in single precision to half of it,
-    in half the room.
+    Arguments:
+        kind: the format's name with its version.
+        half: round what is in single precision to half of it, in half the room.
     """
     plain = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
     if half:
@@ -92,8 +93,9 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
 
 
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | Path) -> None:
-    """Put a file's tensors into a network. Raises InvalidInput unless names and shapes are the
-    network's.
+    """Put a file's tensors into a network.
+
+    Raises InvalidInput unless names and shapes are the network's.
 
     Make the network on ``torch.device("meta")`` where a file says how large it is: nothing is
     allocated then before the shapes are those of the file's tensors.
@@ -112,7 +114,8 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | 
 
 class ArchitectureJson(BaseModel):
     """``Architecture`` as files have it; sizes are limited, so that a file cannot ask for all
-    memory."""
+    memory.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
     width: int = Field(ge=1, le=1024)
@@ -121,7 +124,10 @@ class ArchitectureJson(BaseModel):
     corner_width: int = Field(ge=1, le=1024)
 
     def architecture(self, path: str | Path) -> Architecture:
-        """The value. Raises InvalidInput, naming the file, for sizes that do not go together."""
+        """The value.
+
+        Raises InvalidInput, naming the file, for sizes that do not go together.
+        """
         try:
             return Architecture(**self.model_dump())
         except InvalidInput as error:

@@ -14,7 +14,8 @@ LEAST = float(np.cos(MAX_TILT_RAD))
 
 class TerrainRule(MemorylessPolicy):
     """Chooses among Traverse-v0's planners by the slope of what carries the robot and of what it
-    may stand on next."""
+    may stand on next.
+    """
 
     def action(self, observation: Observation) -> NDArray[np.int64]:
         """The planner: 1, walking, where all is ground, 2, climbing, where all are walls to the

@@ -25,7 +25,8 @@ from ..selectors.policy import moved
 
 def open_scenes(scenes: Sequence[LabelledScene]) -> list[LabelledScene]:
     """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are
-    needed."""
+    needed.
+    """
     programs = Programs()
     searches = (BoxSearch(scene.problem, Scaled.of(scene.problem), programs) for scene in scenes)
     return [
@@ -40,7 +41,10 @@ class SelectionVecEnv(VecEnv):
 
     With ``base`` given the actions are moves of its bounds: base + offset · action
     (``policy_file.moved``), so that an untrained policy of small actions answers about as the base
-    does. base: shape (12N,).
+    does.
+
+    Arguments:
+        base: shape (12N,).
     """
 
     def __init__(

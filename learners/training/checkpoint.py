@@ -1,5 +1,6 @@
 """Checkpoints of training runs: weights, the optimiser's state and the curve so far, whole or not
-at all."""
+at all.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +33,11 @@ def write_checkpoint(
     optimizer: torch.optim.Optimizer,
     **more: Any,
 ) -> None:
-    """Write the checkpoint; then ``curve.jsonl``, which people read. more: JSON-ready, into the
-    header."""
+    """Write the checkpoint; then ``curve.jsonl``, which people read.
+
+    Arguments:
+        more: JSON-ready, into the header.
+    """
     tensors = {f"policy.{name}": value for name, value in weights.items()}
     for index, slot in optimizer.state_dict()["state"].items():
         tensors |= {

@@ -41,11 +41,14 @@ def fit(
     checkpoint: Path | None = None,
     run: Executor | None = None,
 ) -> EnvelopeSet:
-    """Learn envelopes from the data set's S and S̄. Raises InvalidInput where it lacks what the
-    method needs.
+    """Learn envelopes from the data set's S and S̄.
 
-    ``progress`` is told steps done and steps in all where a method takes its time. run: the
-    executor of "ga".
+    Raises InvalidInput where it lacks what the method needs.
+
+    ``progress`` is told steps done and steps in all where a method takes its time.
+
+    Arguments:
+        run: the executor of "ga".
     """
     checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):

@@ -42,11 +42,16 @@ Progress = Callable[[int, int], None]
 class FitSettings:
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
-    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm
-    E2. threshold: p_th of its line 6. time_limit_s: of the printed Boundary_fit, per cluster.
-    boxes: of gradient and chooser. steps, batch: of the margin descent. genetic, neural, chooser:
-    keys of ``GeneticSettings``, ``NeuralSettings``, ``ChooserSettings``; rl: of ``TrainConfig``,
-    but for environment, problem and scenes.
+    Arguments:
+        share: of the solutions that a quantile box leaves out on each side.
+        clusters: n of Algorithm E2.
+        threshold: p_th of its line 6.
+        time_limit_s: of the printed Boundary_fit, per cluster.
+        boxes: of gradient and chooser.
+        steps, batch: of the margin descent.
+        genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``,
+            ``ChooserSettings``.
+        rl: of ``TrainConfig``, but for environment, problem and scenes.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -81,7 +86,8 @@ class FitSettings:
     def check_used(self, method: str) -> None:
         """Raise InvalidInput for a setting that was given and does not concern the method; any seed
         is right for one that draws nothing. A bench, whose settings are for all of its methods,
-        does not ask."""
+        does not ask.
+        """
         concerns, usual = self.concerning(method), FitSettings()
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
@@ -93,7 +99,8 @@ class FitSettings:
 
     def check(self, method: str) -> None:
         """Raise InvalidInput where the keys of a method with settings of its own are wrong, or
-        torch is missing."""
+        torch is missing.
+        """
         try:
             self._check(method)
         except ImportError as error:
@@ -116,8 +123,13 @@ class FitSettings:
     def training(
         self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]
     ) -> TrainConfig:
-        """The reinforcement that these settings describe; legs: see ``TrainConfig``. Raises
-        InvalidInput."""
+        """The reinforcement that these settings describe.
+
+        Raises InvalidInput.
+
+        Arguments:
+            legs: see ``TrainConfig``.
+        """
         from .train_config import TrainConfig
 
         fixed = {
@@ -139,11 +151,12 @@ class FitSettings:
 class FitRequest:
     """Argument of a method of fitting: it is called with this alone, and returns what it learned.
 
-    datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done
-    and in all, where a method takes its time. calibration: rows to calibrate on, never those of a
-    test; a part of the data set where None. checkpoint: file or folder by which a method that takes
-    long goes on where it was stopped. run: executor of a method that spreads its work ("ga"); this
-    process where None.
+    Arguments:
+        datasets: rows to learn from; all but "modes" want one, ``dataset``.
+        progress: told steps done and in all, where a method takes its time.
+        calibration: rows to calibrate on, never those of a test; a part of the data set where None.
+        checkpoint: file or folder by which a method that takes long goes on where it was stopped.
+        run: executor of a method that spreads its work ("ga"); this process where None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -155,7 +168,10 @@ class FitRequest:
 
     @property
     def dataset(self) -> Dataset:
-        """The one data set. Raises InvalidInput where there are several."""
+        """The one data set.
+
+        Raises InvalidInput where there are several.
+        """
         if len(self.datasets) != 1:
             raise InvalidInput(f"data sets: expected one, got {len(self.datasets)}")
         return self.datasets[0]

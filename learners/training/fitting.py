@@ -74,8 +74,10 @@ def learn(
 
 
 def learn_selector(method: str, dataset: Dataset, *arguments: Any, **options: Any) -> Learned:
-    """``learn`` for whoever rolls out what comes. Raises InvalidInput for modes, which are no
-    selector of a scene."""
+    """``learn`` for whoever rolls out what comes.
+
+    Raises InvalidInput for modes, which are no selector of a scene.
+    """
     learned = learn(method, dataset, *arguments, **options)
     if isinstance(learned, Modes):
         raise InvalidInput(

@@ -32,7 +32,8 @@ Figures = dict[str, float]
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
     """A point of the learning curve: steps so far, mean reward an episode on held-out scenes, and
-    further figures."""
+    further figures.
+    """
 
     steps: int
     reward: float
@@ -51,8 +52,9 @@ class Trained:
 class TrainingScenes:
     """Scenes that a run learns from, and scenes on which it is evaluated.
 
-    base: bounds, shape (12N,), empty where nothing is selected. rows: those that ``train`` are of,
-    where they are a data set's.
+    Arguments:
+        base: bounds, shape (12N,), empty where nothing is selected.
+        rows: those that ``train`` are of, where they are a data set's.
     """
 
     train: Sequence[LabelledScene]
@@ -63,7 +65,8 @@ class TrainingScenes:
     @property
     def origin(self) -> dict[str, str]:
         """Origin of the rows learned from, see ``Dataset.origin``; empty where they come from no
-        data set."""
+        data set.
+        """
         return {} if self.rows is None else self.rows.origin
 
     @classmethod
@@ -75,8 +78,11 @@ class TrainingScenes:
         workers: int = 1,
         progress: Callable[[str, int, int], None] | None = None,
     ) -> TrainingScenes:
-        """Make both data sets in a folder, or use those that are there. progress: told the stage,
-        rows done and all."""
+        """Make both data sets in a folder, or use those that are there.
+
+        Arguments:
+            progress: told the stage, rows done and all.
+        """
         sets = []
         for name, quota in (("train", config.train), ("held-out", config.held_out)):
             plan = LabelPlan(
@@ -158,7 +164,8 @@ def _refinement_figures(
 
 def refinement_episodes(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> Array:
     """Reward, solves, and whether it ended with a verdict (1 or 0), of every episode, shape
-    (episodes, 3)."""
+    (episodes, 3).
+    """
     figures = np.zeros((episodes, 3))
     for row in figures:
         observation, _ = env.reset()

@@ -55,7 +55,8 @@ def chooser(request: FitRequest) -> Chooser:
 
 def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
     """A policy trained on the data set's scenes; its learning curve is drawn on the calibration
-    rows."""
+    rows.
+    """
     dataset, calibration, settings = request.dataset, request.calibration, request.settings
     learned, held_out = (
         (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))

@@ -39,8 +39,10 @@ Progress = Callable[[int, int], None]
 
 
 class PairedRun:
-    """A run between its scenes and its folder. Raises InvalidInput where the scenes are no data
-    set's rows."""
+    """A run between its scenes and its folder.
+
+    Raises InvalidInput where the scenes are no data set's rows.
+    """
 
     def __init__(self, config: TrainConfig, folder: Path, scenes: TrainingScenes) -> None:
         if scenes.rows is None:
@@ -96,7 +98,11 @@ class PairedRun:
         return Trained(policy=selector, curve=tuple(self._curve))
 
     def _update(self, done: float) -> None:
-        """One step of Adam. done: share of the run."""
+        """One step of Adam.
+
+        Arguments:
+            done: share of the run.
+        """
         settings = self._config.paired
         rng = np.random.default_rng(np.random.SeedSequence((self._config.seed, self._steps)))
         chosen = rng.integers(len(self._scenes.train), size=settings.scenes)
@@ -113,7 +119,8 @@ class PairedRun:
 
     def _actions(self, scenes: SceneTensors) -> Tensor:
         """The network's bounds, as the selector gives them but for the ends of the domain, shape
-        (B, 12N)."""
+        (B, 12N).
+        """
         low, high, _ = self._network(scenes)
         return torch.cat([(low - self._room).flatten(1), (high + self._room).flatten(1)], dim=1)
 

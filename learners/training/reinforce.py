@@ -49,9 +49,16 @@ def train(
     """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into
     the folder.
 
-    resume: go on from the folder's checkpoint; its configuration must be the same but for
-    ``steps``. scenes: None labels them in the folder. progress: told steps done and in all;
-    labelling: which data set, its rows done and in all. Uses one torch thread. Raises InvalidInput.
+    Raises InvalidInput.
+
+    Uses one torch thread.
+
+    Arguments:
+        resume: go on from the folder's checkpoint; its configuration must be the same but for
+            ``steps``.
+        scenes: None labels them in the folder.
+        progress: told steps done and in all.
+        labelling: which data set, its rows done and in all.
     """
     torch.set_num_threads(1)
     checkpoint = folder / NAME
@@ -162,8 +169,10 @@ class _Run:
         )
 
     def _restore(self, path: Path) -> None:
-        """Go back to the checkpoint. Raises InvalidInput where it is damaged or of another
-        configuration."""
+        """Go back to the checkpoint.
+
+        Raises InvalidInput where it is damaged or of another configuration.
+        """
         model = self._model
         header, self._curve = read_checkpoint(
             path, self._config, model.policy, model.policy.optimizer

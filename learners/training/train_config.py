@@ -22,8 +22,12 @@ from ..selectors.policy import EnvironmentName, PolicyShape
 
 @dataclass(frozen=True, kw_only=True)
 class PpoSettings:
-    """Knobs of PPO. rollout: steps of every sub-environment between updates; rate: falls linearly
-    to a tenth."""
+    """Knobs of PPO.
+
+    Arguments:
+        rollout: steps of every sub-environment between updates.
+        rate: falls linearly to a tenth.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -41,9 +45,12 @@ class PpoSettings:
 class PairedSettings:
     """Knobs of the paired score function (``training.paired``).
 
-    start: keys of ``NeuralSettings``, for the network that it begins with. scenes: of an update.
-    pairs: of opposite actions a scene. spread: standard deviation of an action's bounds,
-    non-dimensional. rate: Adam's; falls to a tenth.
+    Arguments:
+        start: keys of ``NeuralSettings``, for the network that it begins with.
+        scenes: of an update.
+        pairs: of opposite actions a scene.
+        spread: standard deviation of an action's bounds, non-dimensional.
+        rate: Adam's; falls to a tenth.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -62,16 +69,23 @@ class PairedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """One training run. Steps are rounded up to whole segments, and segments to whole rollouts.
+    """One training run.
 
-    problem: distribution; robot, terrain: files that it is of, where not the default hexapod and no
-    terrain's; legs: of a class whose scenes are given, and which no distribution draws. train,
-    held_out: how many labelled scenes to learn from and to evaluate on, and their seeds. envs:
-    sub-environments; workers: their processes (selection only). Selection: base, offset, spread:
-    the envelope that the policy moves the bounds of, how far it may, and the initial standard
-    deviation of that, as a share of offset. Refinement: budget of solves an episode. tensorboard:
-    write its logs, too. method: "ppo", or for selection "paired", with the settings of its name; it
-    has no use for envs, workers, base, offset and spread.
+    Steps are rounded up to whole segments, and segments to whole rollouts.
+
+    Arguments:
+        problem: distribution.
+        robot, terrain: files that it is of, where not the default hexapod and no terrain's.
+        legs: of a class whose scenes are given, and which no distribution draws.
+        train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
+        envs: sub-environments.
+        workers: their processes (selection only).
+        base, offset, spread: the envelope whose bounds the policy moves, how far it may, and the
+            initial standard deviation of that, as a share of offset (selection only).
+        budget: solves per episode (refinement only).
+        tensorboard: write its logs, too.
+        method: "ppo", or for selection "paired", with the settings of its name; it has no use for
+            envs, workers, base, offset and spread.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -108,8 +122,10 @@ class TrainConfig:
 
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
-        """Read a file, some of its keys replaced. Raises InvalidInput with every key that is
-        wrong."""
+        """Read a file, some of its keys replaced.
+
+        Raises InvalidInput with every key that is wrong.
+        """
         return validated(cls, read_yaml(path) | dict(overrides or {}), str(path))
 
     @cached_property

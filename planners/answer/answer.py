@@ -1,5 +1,6 @@
 """Answer of a planner to any kind of problem: a status, a solution or a certificate, and the
-effort."""
+effort.
+"""
 
 from __future__ import annotations
 
@@ -45,6 +46,7 @@ class Status(enum.StrEnum):
 
     Source:
         docs/decisions/0004: a status speaks of the problem, whatever relaxation of it was solved.
+
     Example:
         >>> from stancekit import Status
         >>> [status.value for status in Status]
@@ -72,6 +74,7 @@ class Effort:
             them apart; else 0 [s].
     Source:
         None: counts and clocks.
+
     Example:
         >>> import stancekit
         >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0]).effort.solves
@@ -116,6 +119,7 @@ class Answer(Generic[S]):
         details: further numbers of the method, for example the margin of a relaxation.
     Source:
         Lin et al. §II-§IV; docs/decisions/0004.
+
     Example:
         >>> import stancekit
         >>> answer = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
@@ -152,7 +156,8 @@ class Answer(Generic[S]):
     @property
     def sets(self) -> Sets | None:
         """The sets of the robot's legs that a course is over; None for a robot without legs, or
-        with other sets."""
+        with other sets.
+        """
         if not isinstance(self.problem, Problem) or self.problem.is_posture:
             return None
         from ..robot.contact_robot import sets_of
@@ -162,12 +167,16 @@ class Answer(Generic[S]):
     @property
     def residual_nm(self) -> float:
         """Norm of the net moment on the robot, at the worst stance of what was found [Nm]; NaN
-        without a report."""
+        without a report.
+        """
         return math.nan if self.report is None else self.report.figures.get("residual_nm", math.nan)
 
     def to_json(self, *, proof: bool = False) -> dict[str, Any]:
-        """JSON-ready values of an answer to a posture problem, a line of a file. proof: with the
-        certificate."""
+        """JSON-ready values of an answer to a posture problem, a line of a file.
+
+        Arguments:
+            proof: with the certificate.
+        """
         record: dict[str, Any] = {
             "status": self.status.value,
             "method": self.method,

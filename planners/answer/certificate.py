@@ -53,6 +53,7 @@ class Certificate:
     Source:
         Lagrangian bounds of Lin et al.'s P, branched where one bound does not do:
         docs/decisions/0003.
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("wall-3", rng=8)[0]
@@ -89,14 +90,18 @@ class Certificate:
 
     def of(self, problem: Problem | Leap) -> Certificate:
         """Certificate with the same tree and multipliers as a proof of this problem, right or
-        wrong."""
+        wrong.
+        """
         certificate = copy(self)
         object.__setattr__(certificate, "problem", problem)
         return certificate
 
     @property
     def refuted(self) -> Problem | Leap:
-        """The problem. Raises InvalidInput where the certificate does not know it."""
+        """The problem.
+
+        Raises InvalidInput where the certificate does not know it.
+        """
         if self.problem is None:
             raise InvalidInput(
                 "certificate: expected one that knows its problem, as certificate.of(problem), got none"
@@ -109,7 +114,9 @@ class Certificate:
 
     @classmethod
     def from_arrays(cls, tree: Array, multipliers: Array) -> Certificate:
-        """A certificate of this or an older form. Raises InvalidInput for tables of other shapes.
+        """A certificate of this or an older form.
+
+        Raises InvalidInput for tables of other shapes.
 
         Older trees have four columns (of postures: (1, contact, component, value) splits a force
         box, (2, contact, first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf,
@@ -136,7 +143,10 @@ class Certificate:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Certificate:
-        """Read what ``to_json`` wrote, now or in an older form. Raises InvalidInput."""
+        """Read what ``to_json`` wrote, now or in an older form.
+
+        Raises InvalidInput.
+        """
         if not isinstance(data, Mapping) or set(data) != {"tree", "multipliers"}:
             raise InvalidInput("certificate: expected an object with the keys tree and multipliers")
         try:

@@ -26,7 +26,8 @@ LONGEST = 0.25
 
 def groups_html(message: str, groups: Iterable[tuple[str, str, str, str, str]]) -> str:
     """A verdict, and a row per group: its name, its verdict, what was measured, where, and what is
-    said of it."""
+    said of it.
+    """
     rows = "".join(
         f'<tr><td>{escape(name)}</td><td style="color:{COLOURS.get(verdict, "#777")}">{verdict}</td>'
         f"<td>{escape(measured)}</td><td>{escape(where)}</td><td>{escape(text)}</td></tr>"
@@ -94,7 +95,8 @@ def _svg(polygons: Sequence[Array], toes: Array, forces: Array, way: Array) -> s
 
 def _seen(points: Array) -> tuple[Array, Array]:
     """Places of points in the picture, shape (K, 2), and their distances from the eye, shape
-    (K,)."""
+    (K,).
+    """
     ca, sa, ce, se = (
         np.cos(AZIMUTH_RAD),
         np.sin(AZIMUTH_RAD),

@@ -1,5 +1,6 @@
 """A plan of a leap: which patches, where the toes are, and what every limb pushes with in every
-interval."""
+interval.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +24,9 @@ LATER = ("legs_turn_rad", "gather")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapPlan:
-    """One answer to a leap, in the world frame and SI units. Nothing is checked here:
-    ``check_leap`` does it.
+    """One answer to a leap, in the world frame and SI units.
+
+    Nothing is checked here: ``check_leap`` does it.
 
     Arguments:
         problem: the leap that was answered.
@@ -44,6 +46,7 @@ class LeapPlan:
         provenance: what made it, names to texts or numbers.
     Source:
         Newton and Euler for one rigid body; docs/concepts/leaps.md.
+
     Example:
         >>> import numpy as np, stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
@@ -85,7 +88,8 @@ class LeapPlan:
 
     def _repr_html_(self) -> str:
         """HTML that a notebook shows: the first stance over the patches that are taken, and the way
-        of the body."""
+        of the body.
+        """
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]

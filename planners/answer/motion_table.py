@@ -1,5 +1,6 @@
 """A motion as a table: one row per moment, one column per number, with names, as other programs
-read and write it."""
+read and write it.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +91,10 @@ class MotionTable:
 
     @property
     def rotation(self) -> Array:
-        """R_WB, shape (T, 3, 3). Raises InvalidInput where it is not known."""
+        """R_WB, shape (T, 3, 3).
+
+        Raises InvalidInput where it is not known.
+        """
         if self.quaternion is None:
             raise InvalidInput("quaternion: expected how the body is turned, got nothing")
         return rotations_from(self.quaternion)
@@ -132,7 +136,8 @@ def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
 
 def check_times(times_s: Array) -> None:
     """Raise InvalidInput for times that are no uniform grid: fewer than two, backwards, with
-    gaps."""
+    gaps.
+    """
     if len(times_s) < 2:
         raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
     steps = np.diff(times_s)
@@ -152,8 +157,10 @@ def check_times(times_s: Array) -> None:
 
 
 def rotations_from(quaternions: Array) -> Array:
-    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3). Raises InvalidInput for other
-    lengths than 1."""
+    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3).
+
+    Raises InvalidInput for other lengths than 1.
+    """
     from scipy.spatial.transform import Rotation
 
     sizes = np.linalg.norm(quaternions, axis=1)

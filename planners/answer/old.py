@@ -11,7 +11,8 @@ from .plan import Plan
 
 class Posture(metaclass=OldName):
     """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside
-    it."""
+    it.
+    """
 
     @staticmethod
     def known(instance: object) -> bool:
@@ -30,7 +31,11 @@ class Posture(metaclass=OldName):
 
 
 def renamed(where: str) -> Any:
-    """``Posture``, after a ``DeprecationWarning``. where: the module that was asked for it."""
+    """``Posture``, after a ``DeprecationWarning``.
+
+    Arguments:
+        where: the module that was asked for it.
+    """
     warnings.warn(
         f"{where}.Posture is old: Plan.of_posture(problem, ...)", DeprecationWarning, stacklevel=3
     )

@@ -20,8 +20,9 @@ PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """M key frames over a problem of P footholds and S stances, for a robot with N limbs. Nothing
-    is checked here: ``verify`` does it.
+    """M key frames over a problem of P footholds and S stances, for a robot with N limbs.
+
+    Nothing is checked here: ``verify`` does it.
 
     The plan of a posture problem has M = S = 1.
 
@@ -44,6 +45,7 @@ class Plan:
         provenance: how the plan was made, for people.
     Source:
         Lin et al. §II and §IV-B, E11.
+
     Example:
         >>> import numpy as np, stancekit
         >>> plan = stancekit.plan("walls", frames=3).solution
@@ -96,7 +98,8 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """HTML that a notebook shows: the first stance over the patches that are taken, and the way
-        of the body."""
+        of the body.
+        """
         from .html import stance_html
 
         problem, first = self.problem, self.problem.holds[0]
@@ -173,7 +176,8 @@ class Plan:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready lists of a posture, as a line of answers has them: without the axes of frames
-        and stances."""
+        and stances.
+        """
         names = ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n")
         arrays = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         alone = {name for name in PER_FRAME if name in arrays and arrays[name].shape[:1] == (1,)}

@@ -105,6 +105,7 @@ class Group:
         figures: further measurements, for people and files.
     Source:
         E1-E11; W2-W7.
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -131,7 +132,8 @@ class Group:
     @property
     def worst(self) -> float:
         """The violation without its unit, 0 where there is none: the value in ``scale``, or what of
-        it is beyond the limit, as a share of the limit."""
+        it is beyond the limit, as a share of the limit.
+        """
         if self.scale is not None:
             return self.value / self.scale
         if self.value <= self.limit:
@@ -187,6 +189,7 @@ class Report(Generic[S]):
         defect: why there was nothing to check; empty when there was.
     Source:
         E1-E11; W2-W7, between the knots, too; Lagrangian bounds of E1-E11 of a proof.
+
     Example:
         >>> import stancekit
         >>> report = stancekit.plan("walls", frames=2).report
@@ -255,7 +258,8 @@ class Report(Generic[S]):
     @property
     def checked(self) -> tuple[str, ...]:
         """The groups that were judged; those of contacts are one, "contacts", of a posture and of a
-        plan."""
+        plan.
+        """
         judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
         if isinstance(self.answer, Plan | LeapPlan):
             names = WHOLE_BODY if isinstance(self.answer, Plan) else LEAP_BODY
@@ -289,7 +293,8 @@ class Report(Generic[S]):
     @property
     def body_message(self) -> str:
         """A line on the groups of a plan's whole body that somebody asked for; empty where nobody
-        did."""
+        did.
+        """
         remarks = list[tuple[str, str]]()
         for group in self._of_body:
             if group.verdict == "not asked for" or (
@@ -306,7 +311,8 @@ class Report(Generic[S]):
     @property
     def margin_message(self) -> str:
         """A line on what a plan's stances bear beyond the weight, or on how sure the feet of a walk
-        stand; empty where nobody measured it."""
+        stand; empty where nobody measured it.
+        """
         if isinstance(self.answer, Trajectory):
             return self._footing_line()
         margin = next((group for group in self.groups if group.name == MARGIN), None)
@@ -329,7 +335,8 @@ class Report(Generic[S]):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a
-        runner asks for."""
+        runner asks for.
+        """
         if isinstance(self.answer, Plan) and self._of_course:
             return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
         if isinstance(self.answer, Trajectory):
@@ -369,7 +376,8 @@ class Report(Generic[S]):
     @property
     def message(self) -> str:
         """One line: the verdict, what was not checked, the worst group, where and by how much, and
-        what hinders its execution."""
+        what hinders its execution.
+        """
         if self.defect:
             return f"rejected: {self.defect}"
         if isinstance(self.answer, Certificate):
@@ -586,7 +594,8 @@ def _sha256(content: Mapping[str, Any]) -> str:
 
 def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
-    posture."""
+    posture.
+    """
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
     soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
@@ -611,7 +620,8 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
 
 def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
     """The numbers of a plan by name; modes may be None, and joints are there only where they were
-    worked out."""
+    worked out.
+    """
     arrays = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
     return {
         name: array for name, array in arrays.items() if array is not None or name != "joints_rad"

@@ -61,10 +61,12 @@ class Trajectory:
         suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for
             no bound.
         provenance: what made it, names to texts or numbers.
+
     Raises:
         InvalidInput: for values that are no arrays of numbers.
     Source:
         Pan et al. §III, W2-W7.
+
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -122,7 +124,8 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way
-        of the torso."""
+        of the torso.
+        """
         from .html import mark, stance_html
 
         middle, step = self.samples // 2, max(1, self.samples // 100)
@@ -152,7 +155,8 @@ class Trajectory:
 
     def header(self) -> dict[str, Any]:
         """Header of the file: all but the arrays of samples and of the terrain, as JSON-ready
-        values."""
+        values.
+        """
         return {
             "robot": self.robot.to_json(),
             "terrain": self.terrain.name,
@@ -191,7 +195,8 @@ class Trajectory:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything the trajectory holds, to the last bit: header as canonical JSON,
-        then every array."""
+        then every array.
+        """
         content = hashlib.sha256(
             json.dumps(self.header(), sort_keys=True, separators=(",", ":")).encode()
         )
@@ -202,8 +207,10 @@ class Trajectory:
 
 
 def robot_from_json(data: Any) -> GaitRobot:
-    """Read the robot of a walk. Raises InvalidInput, also for one that is called as a built-in one
-    and is another."""
+    """Read the robot of a walk.
+
+    Raises InvalidInput, also for one that is called as a built-in one and is another.
+    """
     from ..robot.single_body import GaitRobot
 
     try:
@@ -216,7 +223,8 @@ def robot_from_json(data: Any) -> GaitRobot:
 
 def _check_built_in(robot: GaitRobot) -> None:
     """Raise InvalidInput for a robot that is called as one of the package's and has other
-    numbers."""
+    numbers.
+    """
     from ..robot.walker import BUILT_IN
 
     if not robot.source.own and robot.name in BUILT_IN:

@@ -22,7 +22,10 @@ from .scaled import Scaled, skew
 class ScaledBatch:
     """B problems that differ from ``like`` in their patches alone.
 
-    vertices: v_u, shape (B, N, U, 3); frames: R_WC, (B, N, 3, 3); friction: (B, N).
+    Arguments:
+        vertices: v_u, shape (B, N, U, 3).
+        frames: R_WC, (B, N, 3, 3).
+        friction: (B, N).
     """
 
     like: Scaled
@@ -32,8 +35,11 @@ class ScaledBatch:
 
     @classmethod
     def of(cls, batch: PostureBatch, like: Scaled | None = None) -> ScaledBatch:
-        """Scale a batch. like: that of a batch of the same ``like`` and as many corners, where
-        there was one."""
+        """Scale a batch.
+
+        Arguments:
+            like: that of a batch of the same ``like`` and as many corners, where there was one.
+        """
         if like is None:
             like, corners = Scaled.of(batch.like), (batch.vertices_m.shape[2],)
             like = replace(
@@ -59,12 +65,17 @@ class ScaledBatch:
         )
 
     def held(self, toes: Array) -> ScaledBatch:
-        """Batch with patches of one point each; toes: shape (B, N, 3)."""
+        """Batch with patches of one point each.
+
+        Arguments:
+            toes: shape (B, N, 3).
+        """
         return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
 
     def problem(self, index: int) -> Scaled:
         """One of them; they share one layout, and what else they share, or is worked out for all at
-        once."""
+        once.
+        """
         shared, (implied, bearing, arms) = self._shared, self._of_each
         scaled = object.__new__(Scaled)
         vars(scaled).update(
@@ -81,7 +92,8 @@ class ScaledBatch:
     @cached_property
     def near_corners(self) -> Array:
         """Corner of every patch that is nearest to its limb's shoulder, c and Θ nominal, shape (B,
-        N, 3)."""
+        N, 3).
+        """
         away = self.vertices - (self.like.com[0] + self.like.shoulders)[:, None]
         nearest = np.vecdot(away, away).argmin(axis=2)
         return np.asarray(
@@ -104,7 +116,11 @@ class ScaledBatch:
         return self.like.boxes_implied(self.friction), bearing, arms
 
     def plans(self, points: PointBatch, problems: Sequence[Problem]) -> list[Plan]:
-        """Give the points of these problems, one each, their units back. problems: in units."""
+        """Give the points of these problems, one each, their units back.
+
+        Arguments:
+            problems: in units.
+        """
         forces = np.matmul(self.frames, points.forces[..., None])[..., 0] * self.like.force_n
         com, toes = points.com * self.like.length_m, points.toes * self.like.length_m
         rest: dict[str, Any] = dict.fromkeys(("points_m", "point_forces_n", "joints_rad", "modes"))
@@ -139,7 +155,10 @@ class ScaledBatch:
 class PointBatch:
     """Points of B posture problems with N contacts, as in ``Point``.
 
-    com, rotation: shape (B, 3); toes: (B, N, 3); forces: contact frames, (B, N, 3).
+    Arguments:
+        com, rotation: shape (B, 3).
+        toes: (B, N, 3).
+        forces: contact frames, (B, N, 3).
     """
 
     com: Array

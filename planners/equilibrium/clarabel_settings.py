@@ -8,7 +8,8 @@ import clarabel
 def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.DefaultSettings:
     """Clarabel's settings for small programs on one thread; no clock ends a solve, iterations do.
 
-    careful: slower, for the rare problem that the fast settings end on without an answer.
+    Arguments:
+        careful: slower, for the rare problem that the fast settings end on without an answer.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False

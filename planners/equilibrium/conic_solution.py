@@ -1,5 +1,6 @@
 """Answer of a conic program: a status, a point and multipliers, by the names of variables and
-groups of rows."""
+groups of rows.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +49,12 @@ class Solved(NamedTuple):
 class ConicSolution:
     """One solve, by the names of variables and groups of rows.
 
-    answer: the solver's own. objective: of x; bound: of z, the dual objective; exact: whether the
-    solver met its own tolerances; seconds: in the solver alone [s].
+    Arguments:
+        answer: the solver's own.
+        objective: of x.
+        bound: of z, the dual objective.
+        exact: whether the solver met its own tolerances.
+        seconds: in the solver alone [s].
     """
 
     status: ConicStatus
@@ -83,7 +88,8 @@ class ConicSolution:
 
     def dual(self, name: str) -> Array:
         """Multipliers of the group of rows of this name, in its shape: L = objective + z'(A x −
-        b)."""
+        b).
+        """
         return _part(self.z, self.groups[name])
 
 

@@ -29,7 +29,8 @@ Axes = Literal["contact", "world"]
 
 class ContactBox(Protocol):
     """Bounds on [p, f] of every stance contact: p in world axes, f in those that the model is asked
-    for."""
+    for.
+    """
 
     @property
     def low(self) -> Array:
@@ -44,7 +45,8 @@ class ContactBox(Protocol):
 
 class PlanVariables:
     """c and Θ of every frame, (M, 3) each, and where the toes are: λ of every vertex, (V,); or
-    held, (P, 3)."""
+    held, (P, 3).
+    """
 
     def __init__(self, scaled: Scaled, held: Array | None = None) -> None:
         self.scaled, self.layout, self._held = scaled, scaled.layout, held
@@ -55,7 +57,8 @@ class PlanVariables:
     @property
     def toes(self) -> Any:
         """p_w = Σ_u λ_u v_u of every foothold, over all of its candidates (E1); or held; shape (P,
-        3)."""
+        3).
+        """
         if self._held is not None:
             return self._held
         parts = cp.multiply(self.weights[:, None], self.scaled.vertices)
@@ -93,7 +96,8 @@ class PlanVariables:
 
     def _half_spaces(self, inner: bool) -> Terms:
         """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, with
-        d = p_w − c."""
+        d = p_w − c.
+        """
         (frame, _, foothold), (which, row) = self.layout.standing, self.layout.standing_rows
         rows, limb = self.scaled.half_spaces, self.layout.row_limbs[row]
         leg = cp.Variable((len(frame), 3), name="leg")
@@ -122,7 +126,8 @@ class PlanVariables:
 
     def steps(self) -> Terms:
         """‖c[r] − c[r−1]‖, ‖Θ[r] − Θ[r−1]‖, ‖p_i[r] − p_i[r−1]‖ ≤ Δ_max (E11), and progress along
-        the nominal path."""
+        the nominal path.
+        """
         if self.layout.frames == 1:
             return {}
         com, toe, rotation = self.scaled.steps
@@ -180,7 +185,8 @@ class PlanVariables:
 
     def objective(self) -> cp.Expression:
         """Σ of squares: the last c to the goal, c to its nominal path, Θ, and the steps of c and of
-        the toes (§II)."""
+        the toes (§II).
+        """
         aim = self.scaled.aim
         cost = aim.goal * cp.sum_squares(self.com[-1] - self.scaled.goal)
         cost += aim.com_path * cp.sum_squares(self.com - self.scaled.com)
@@ -199,7 +205,8 @@ class PlanVariables:
 
 class ContactForces:
     """Forces f_n, f_y, f_z (E3), n of them: of which stance contact, on which candidate, how large
-    a share of it."""
+    a share of it.
+    """
 
     def __init__(
         self, scaled: Scaled, contact: Index, candidate: Index, share: cp.Expression | Array
@@ -218,7 +225,8 @@ class ContactForces:
     @classmethod
     def of_candidates(cls, plan: PlanVariables) -> ContactForces:
         """One for every candidate under a stance contact, as large as its share z, which is 1 of
-        one candidate."""
+        one candidate.
+        """
         if len(plan.layout.candidate_footholds) == plan.layout.footholds:
             return cls.of_contacts(plan.scaled)
         contact, candidate = plan.layout.contact_candidates
@@ -258,7 +266,8 @@ class ContactForces:
 
 def _borne(scaled: Scaled) -> Any:
     """The sum of the contacts' forces in every stance, shape (S, 3): the weight, less the force on
-    the body, both of which may be parameters."""
+    the body, both of which may be parameters.
+    """
     weight = scaled.weight * np.tile([0.0, 0.0, 1.0], (len(scaled.layout.stances), 1))
     return weight - scaled.wrench[:, :3] if scaled.layout.loaded else weight
 
@@ -273,8 +282,9 @@ def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:
 class Products:
     """m = p f of every stance contact as a variable (E8): m_jk in the column 3j + k, shape (B, 9).
 
-    axes: of f: the frame of a contact's first candidate, which is all candidates' where there are
-    several; or the world's, in which candidates of different slopes can be compared.
+    Arguments:
+        axes: of f: the frame of a contact's first candidate, which is all candidates' where there
+            are several; or the world's, in which candidates of different slopes can be compared.
     """
 
     def __init__(self, plan: PlanVariables, forces: ContactForces, axes: Axes) -> None:
@@ -325,7 +335,9 @@ def mccormick(
     """(p, f, m) ∈ z M_c(B) up to t: the envelope of m_jk = p_j f_k over a box, and the box itself
     (§III).
 
-    share: z of every stance contact, shape (B,); None for 1. margin: t.
+    Arguments:
+        share: z of every stance contact, shape (B,); None for 1.
+        margin: t.
     """
     position, forces, moments = parts
     one = np.ones((len(box.low), 1)) if share is None else share[:, None]
@@ -378,5 +390,9 @@ def cross(first: Vectors, second: Vectors) -> cp.Expression:
 
 
 def rotated(rotations: Array, vectors: cp.Expression) -> cp.Expression:
-    """R v, row by row; rotations: shape (n, 3, 3)."""
+    """R v, row by row.
+
+    Arguments:
+        rotations: shape (n, 3, 3).
+    """
     return cp.vstack([cp.sum(cp.multiply(rotations[:, k], vectors), axis=1) for k in range(3)]).T

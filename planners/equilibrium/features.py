@@ -1,5 +1,6 @@
 """Features of a posture problem for a policy: its non-dimensional numbers, clipped to a bounded
-room."""
+room.
+"""
 
 from __future__ import annotations
 

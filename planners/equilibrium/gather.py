@@ -1,5 +1,6 @@
 """The numbers of a problem laid end to end, and arrays gathered from them: how a program is
-loaded."""
+loaded.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ D = TypeVar("D")
 class Of:
     """Values that are numbers of the problem as they are, times a factor.
 
-    name: of an attribute of the data, dotted; index: into it; None: all of it.
+    Arguments:
+        name: of an attribute of the data, dotted.
+        index: into it; None: all of it.
     """
 
     name: str
@@ -44,7 +47,8 @@ Values: TypeAlias = float | Of | Fill[D]
 class GatheredNumbers:
     """Places of the numbers that some values are made of, laid end to end; the first one is 1.
 
-    data: any problem, for their shapes.
+    Arguments:
+        data: any problem, for their shapes.
     """
 
     def __init__(self, values: Sequence[object], data: object) -> None:
@@ -73,7 +77,8 @@ class GatheredNumbers:
 
 class Gather(Generic[D]):
     """An array whose entries are numbers of the problem times factors, added up, and values of
-    functions."""
+    functions.
+    """
 
     def __init__(self, size: int, numbers: GatheredNumbers) -> None:
         self._size, self._numbers = size, numbers

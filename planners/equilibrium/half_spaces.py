@@ -1,5 +1,6 @@
 """Half-spaces of reach: their numbers, and the rows that stand in for a·R(Θ)ᵀ(p − c) ≤ b
-(``robot.reach``)."""
+(``robot.reach``).
+"""
 
 from __future__ import annotations
 
@@ -22,8 +23,12 @@ from .rows import Rows
 class HalfSpaces:
     """Non-dimensional numbers of H half-spaces, by limb.
 
-    normals: a; bounds: b. Of the inner sets levers: a × z; arms: t(a) [a]×; offsets: t(a) a × z. Of
-    the outer ones outer_levers: a × s; outer_bounds: b + t(a) (ρ + t(s)).
+    Arguments:
+        normals: a.
+        bounds: b. Of the inner sets levers: a × z.
+        arms: t(a) [a]×.
+        offsets: t(a) a × z. Of the outer ones outer_levers: a × s.
+        outer_bounds: b + t(a) (ρ + t(s)).
     """
 
     normals: Array  # (H, 3)
@@ -105,8 +110,12 @@ def within_half_spaces(
     """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖
     ≤ b, the inner one.
 
-    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all
-    half-spaces of the limbs that stand, frame by frame; d = p_w − c has columns of its own.
+    The rows are all half-spaces of the limbs that stand, frame by frame; d = p_w − c has columns of
+    its own.
+
+    Arguments:
+        com, rotation: columns of c and Θ, (M, 3).
+        put_toes: see ``terms.Toes``.
     """
     frame, _, foothold = layout.standing
     leg, is_leg = rows.variable("leg", len(frame), 3), rows.equal("leg", len(frame), 3)
@@ -130,7 +139,8 @@ def within_half_spaces(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelativeHalfSpaces:
     """Non-dimensional numbers of half-spaces a·(p_other − p_limb) ≤ b, by pair of feet
-    (``robot.reach``)."""
+    (``robot.reach``).
+    """
 
     normals: Array  # (G, 3)
     bounds: Array  # (G,)
@@ -164,7 +174,8 @@ def within_relative_reach(
     rows: Rows[Any], layout: Layout, put_toes: Callable[[Index, Index, float], None]
 ) -> None:
     """a·(p_other − p_limb) ≤ b wherever the limb has moved; the difference has columns of its
-    own."""
+    own.
+    """
     (half_space, which), (moved, other, _) = layout.relative_rows, layout.relative_pairs.T
     apart, is_apart = rows.variable("apart", len(moved), 3), rows.equal("apart", len(moved), 3)
     rows.put(is_apart, apart, 1.0)

@@ -30,15 +30,20 @@ class Layout:
     """Shape that decides the rows and columns of a program; programs of equal layouts differ in
     their numbers only.
 
-    holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N); stances:
-    (frame, limbs) of each; corners: how many vertices each open candidate has, by foothold;
-    reach_rows: how many half-spaces each limb's reach has, by limb; empty where none has any.
-    points: how many each limb's foot has; empty where all are point feet. linear: how many further
-    rows a step of the body has (``problem.limits.LINEAR``). stands: whether toes are drawn to where
-    they are as the robot stands (``Weights.stance``). pushes: how often all stances come again at
-    the end, with the same feet and a push that they bear. wrench: whether forces and moments in any
-    direction are on the body beside its weight, not pushes alone. relative: (limb, other, how many
-    half-spaces) of every pair of feet whose distance is limited where the limb moves.
+    Arguments:
+        holds: the foothold under each limb at each frame, LIFTED where there is none, (M, N).
+        stances: (frame, limbs) of each.
+        corners: how many vertices each open candidate has, by foothold.
+        reach_rows: how many half-spaces each limb's reach has, by limb; empty where none has any.
+        points: how many each limb's foot has; empty where all are point feet.
+        linear: how many further rows a step of the body has (``problem.limits.LINEAR``).
+        stands: whether toes are drawn to where they are as the robot stands (``Weights.stance``).
+        pushes: how often all stances come again at the end, with the same feet and a push that they
+            bear.
+        wrench: whether forces and moments in any direction are on the body beside its weight, not
+            pushes alone.
+        relative: (limb, other, how many half-spaces) of every pair of feet whose distance is
+            limited where the limb moves.
     """
 
     holds: tuple[tuple[int, ...], ...]
@@ -79,7 +84,8 @@ class Layout:
     @property
     def loaded(self) -> bool:
         """Tell whether the body bears anything beside its weight: ``Scaled.wrench`` then has a row
-        for every stance."""
+        for every stance.
+        """
         return self.wrench or self.pushes > 0
 
     @property
@@ -108,7 +114,11 @@ class Layout:
         return np.array([k for limb in limbs for k in range(self.points[limb])], dtype=np.int_)
 
     def check_point_feet(self, what: str) -> None:
-        """Raise InvalidInput where a foot is a sole. what: is made for point feet alone."""
+        """Raise InvalidInput where a foot is a sole.
+
+        Arguments:
+            what: is made for point feet alone.
+        """
         if self.points:
             raise InvalidInput(
                 f"{what}: expected point feet, got soles, which the lift can plan for"
@@ -127,7 +137,8 @@ class Layout:
     @cached_arrays
     def standing(self) -> tuple[Index, Index, Index]:
         """(frame, limb, foothold) wherever a limb stands, by frame, then limb, each of shape
-        (T,)."""
+        (T,).
+        """
         table = np.array(self.holds, dtype=np.int_)
         frame, limb = np.nonzero(table != LIFTED)
         return frame, limb, table[frame, limb]
@@ -135,7 +146,8 @@ class Layout:
     @cached_arrays
     def standing_rows(self) -> tuple[Index, Index]:
         """(row in ``standing``, half-space) of every half-space of a limb that stands, by frame;
-        each of shape (·,)."""
+        each of shape (·,).
+        """
         number = np.full((self.frames, self.limbs), LIFTED)
         number[self.standing[:2]] = np.arange(len(self.standing[0]))
         table = number[:, self.row_limbs]
@@ -160,7 +172,8 @@ class Layout:
     @cached_arrays
     def relative_pairs(self) -> Index:
         """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame;
-        shape (pairs, 3)."""
+        shape (pairs, 3).
+        """
         table = np.array(self.holds, dtype=np.int_)
         triples = [
             (table[k + 1, limb], table[k + 1, other], pair)
@@ -173,7 +186,8 @@ class Layout:
     @cached_arrays
     def relative_rows(self) -> tuple[Index, Index]:
         """(number of its half-space, row in ``relative_pairs``) of every row of relative reach,
-        each of shape (R,)."""
+        each of shape (R,).
+        """
         which, half_space = _expanded(
             self.relative_pairs[:, 2], np.array([n for *_, n in self.relative], dtype=np.int_)
         )
@@ -203,7 +217,8 @@ class Layout:
     @cached_arrays
     def contact_vertices(self) -> tuple[Index, Index]:
         """(stance contact, vertex) for every vertex of every candidate under a contact, each of
-        shape (F,)."""
+        shape (F,).
+        """
         return self.under(self.contacts[2])
 
     @cached_arrays
@@ -215,7 +230,8 @@ class Layout:
 
     def under(self, footholds: Index) -> tuple[Index, Index]:
         """(which of these footholds, vertex) for every vertex of their candidates; ``footholds``
-        may repeat."""
+        may repeat.
+        """
         return _expanded(
             footholds, np.array([sum(counts) for counts in self.corners], dtype=np.int_)
         )
@@ -228,8 +244,11 @@ def shared(layout: Layout) -> Layout:
 
 
 def _expanded(groups: Index, sizes: Index) -> tuple[Index, Index]:
-    """Every member of every group asked for: members are numbered group by group. sizes: of each
-    group."""
+    """Every member of every group asked for: members are numbered group by group.
+
+    Arguments:
+        sizes: of each group.
+    """
     starts = np.concatenate([[0], np.cumsum(sizes)])
     counts = sizes[groups]
     which = np.repeat(np.arange(len(groups)), counts)

@@ -1,5 +1,6 @@
 """A convex model as cvxpy has it, with the answer that the programs written as rows give: rays, and
-both bounds."""
+both bounds.
+"""
 
 from __future__ import annotations
 

@@ -32,8 +32,12 @@ CONES = (clarabel.ZeroConeT, clarabel.NonnegativeConeT, clarabel.SecondOrderCone
 class MoreauSolver(Generic[D]):
     """Solves a program for many problems at once; ``Rows.solve_together`` takes its ``solve_all``.
 
-    rows: the program. device: where. Batches are filled up to a power of two, so that few sizes are
-    compiled. Raises InvalidInput where Moreau or the device is not there.
+    Arguments:
+        rows: the program.
+        device: where. Batches are filled up to a power of two, so that few sizes are compiled.
+
+    Raises:
+        InvalidInput: where Moreau or the device is not there.
     """
 
     def __init__(self, rows: Rows[D], device: Device) -> None:
@@ -90,7 +94,8 @@ class MoreauSolver(Generic[D]):
 
     def _compile(self, hessian: Columns, matrix: Columns, size: int) -> Any:
         """Moreau's solver for this many problems: all of P, and A with its rows in the order of
-        ``CONES``, by rows."""
+        ``CONES``, by rows.
+        """
         import moreau
 
         (m, n), cones = matrix.shape, self._rows.cone_list
@@ -147,7 +152,8 @@ def check_device(device: Device) -> None:
 
 def _by_rows(rows: Index, columns: Index, count: int) -> tuple[Index, Index, Index]:
     """Entries sorted by rows: their order, where each of ``count`` rows begins and the last one
-    ends, their columns."""
+    ends, their columns.
+    """
     order = np.lexsort((columns, rows))
     return order, np.searchsorted(rows[order], np.arange(count + 1)), columns[order]
 

@@ -1,5 +1,6 @@
 """The multipliers of a solve as a certificate has them: any program of the terms proves by the same
-Lagrangian."""
+Lagrangian.
+"""
 
 from __future__ import annotations
 

@@ -20,9 +20,9 @@ def objective(
     et al. §II); and of every COM to the nominal path, which no paper has: without it bodies sink as
     low as legs are long.
 
-    toes: explicit; None where they are held, and their steps a constant.
+    Arguments:
+        toes: explicit; None where they are held, and their steps a constant.
     """
-
     _near(rows, body.com[-1], lambda d: d.scaled.aim.goal, lambda d: d.scaled.goal)
     _near(rows, body.com, lambda d: d.scaled.aim.com_path, lambda d: d.scaled.com)
     rows.square(body.rotation, None, lambda d: d.scaled.aim.tilt / d.scaled.length_m**2)
@@ -38,8 +38,11 @@ def objective(
 def _as_it_stands(
     rows: Rows[Given], layout: Layout, body: BodyVariables, points: Index | None
 ) -> None:
-    """weight · Σ ‖p − c − n‖² over every limb that stands; points: columns of the toes, None where
-    they are held."""
+    """weight · Σ ‖p − c − n‖² over every limb that stands.
+
+    Arguments:
+        points: columns of the toes, None where they are held.
+    """
     frame, _, foothold = layout.standing
 
     def by(index: Index, count: int, values: Array) -> Array:

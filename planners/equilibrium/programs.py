@@ -1,5 +1,6 @@
 """Programs of the layouts met last, so that rows are written once a layout; shared by planners and
-environments."""
+environments.
+"""
 
 from __future__ import annotations
 
@@ -29,21 +30,26 @@ class Written(Protocol):
 
     def reference(self, given: Any) -> Reference:
         """The model of ``equilibrium.reference`` that the rows say again, for what they are loaded
-        with."""
+        with.
+        """
         ...
 
 
 class Programs:
-    """Keeps the programs that were used last. What they answer does not depend on whether they were
-    kept.
+    """Keeps the programs that were used last.
 
-    engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference in
-    their place; "moreau" solves as they are written, and where many problems are asked about
-    together, those on a CUDA device ("moreau-cpu": on the processor). Raises InvalidInput where
-    that is not there.
+    What they answer does not depend on whether they were kept.
 
     One thread at a time may use them: a program holds the numbers of the problem that it solves. A
     copy (deepcopy, pickle) has none yet and writes its own.
+
+    Arguments:
+        engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference
+            in their place; "moreau" solves as they are written, and where many problems are asked
+            about together, those on a CUDA device ("moreau-cpu": on the processor).
+
+    Raises:
+        InvalidInput: where that is not there.
     """
 
     def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
@@ -85,5 +91,6 @@ _THREAD = _Thread()
 
 def programs_of_this_thread() -> Programs:
     """The programs of the thread that asks: for tasks in a worker process, which come one by one
-    and are alike."""
+    and are alike.
+    """
     return _THREAD.programs

@@ -33,8 +33,12 @@ def without_moments(scaled: Scaled, *, inner: bool = False) -> ConicModel:
     """P̄: everything but m = p f (Lin et al. §III); with m free, the moments' balance E9 says
     nothing.
 
-    scaled: the problem, with any number of candidates. inner: see ``_on_toes``. Returns a model
-    without an objective: where it has no answer, neither has the problem.
+    Arguments:
+        scaled: the problem, with any number of candidates.
+        inner: see ``_on_toes``.
+
+    Returns:
+        A model without an objective: where it has no answer, neither has the problem.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_candidates(plan)
@@ -44,8 +48,10 @@ def without_moments(scaled: Scaled, *, inner: bool = False) -> ConicModel:
 def p1(scaled: Scaled, box: ContactBox, *, soft: bool, axes: Axes = "contact") -> ConicModel:
     """P1: m = p f replaced by its envelope over one box a stance contact (§III).
 
-    soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else the
-    objective. axes: of the box's forces (``Products``).
+    Arguments:
+        soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else
+            the objective.
+        axes: of the box's forces (``Products``).
     """
     plan, products, terms = coupled(scaled, axes)
     if not soft:
@@ -59,8 +65,9 @@ def joint(
 ) -> ConicModel:
     """The lift and P1 over a box, linked in all nine components of Σ p fᵀ (``relaxation.joint``).
 
-    about, price: where the gap is linearised, and the price of the margin beside it; None: the
-    signed margin alone.
+    Arguments:
+        about, price: where the gap is linearised, and the price of the margin beside it; None: the
+            signed margin alone.
     """
     scaled.layout.check_point_feet("envelopes")
     plan = PlanVariables(scaled)
@@ -100,7 +107,9 @@ def p1_of_modes(
     """P1 over several boxes, one chosen a stance (§IV-A): the convex hull of the choices.
 
     Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e).
-    allowed: bounds of z, shape (S, E).
+
+    Arguments:
+        allowed: bounds of z, shape (S, E).
     """
     plan, products, terms = coupled(scaled, axes)
     modes = cp.Variable(allowed.shape, name="modes")
@@ -122,9 +131,10 @@ def lift(scaled: Scaled, *, least_moment: bool) -> ConicModel:
     """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear
     (``relaxation.lift``).
 
-    scaled: with any number of candidates. least_moment: minimise the largest component of the
-    moments (E6, E9); else they are zero and the objective is the course's. Its optimum is a lower
-    bound on that of the problem.
+    Arguments:
+        scaled: with any number of candidates.
+        least_moment: minimise the largest component of the moments (E6, E9); else they are zero and
+            the objective is the course's. Its optimum is a lower bound on that of the problem.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_vertices(plan)
@@ -136,8 +146,13 @@ def least_gap(scaled: Scaled, about: Point) -> ConicModel:
     """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ,
     linearised at (p̂, f̂).
 
-    scaled: one candidate a foothold. about: the point that has p̂ and f̂. Returns the model of
-    least Σ g² over all nine components of every stance contact, moments being zero.
+    Arguments:
+        scaled: one candidate a foothold.
+        about: the point that has p̂ and f̂.
+
+    Returns:
+        The model of least Σ g² over all nine components of every stance contact, moments being
+        zero.
     """
     plan = PlanVariables(scaled)
     forces = ContactForces.of_vertices(plan)
@@ -152,8 +167,10 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
     """Toes held, with hold_body c and Θ, too (fix-p, Lin et al. §IV-A). Σ f is fixed, so that Σ p ×
     f is linear in (c, f).
 
-    held: the point whose toes, and body, are kept; one candidate a foothold. least_moment: minimise
-    the moments that are left; else they are zero and the objective is the course's.
+    Arguments:
+        held: the point whose toes, and body, are kept; one candidate a foothold.
+        least_moment: minimise the moments that are left; else they are zero and the objective is
+            the course's.
     """
     plan = PlanVariables(scaled, held.toes)
     forces = ContactForces.of_contacts(scaled)
@@ -168,8 +185,9 @@ def fix_forces(scaled: Scaled, held: Point) -> ConicModel:
     """Contact-frame forces held (fix-f, Lin et al. §II): the least moment residual over toes, c and
     Θ.
 
-    held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen
-    candidates, so that the forces in the world are kept, too, and p × f is linear in p.
+    Arguments:
+        held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen
+            candidates, so that the forces in the world are kept, too, and p × f is linear in p.
     """
     plan = PlanVariables(scaled)
     stance, _, foothold = scaled.layout.contacts
@@ -183,8 +201,9 @@ def linearised(scaled: Scaled, about: Point, *, price: float | None) -> ConicMod
     """A step of SCP: p × F is replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every
     stance.
 
-    about: that point; one candidate a foothold. price: of the largest moment that is left, beside
-    the objective; None minimises it alone.
+    Arguments:
+        about: that point; one candidate a foothold.
+        price: of the largest moment that is left, beside the objective; None minimises it alone.
     """
     plan, foothold = PlanVariables(scaled), scaled.layout.contacts[2]
     forces, before = ContactForces.of_contacts(scaled), scaled.in_world(about.forces)
@@ -206,9 +225,14 @@ def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]
     """Common part of P1 and the mixed-integer program: everything but what stands for m = p f, and
     the cost.
 
-    axes: of the forces that the products are taken of, those of contacts or of the world. Returns
-    the variables of body and toes, those of p, f and m, and the constraints by name. Raises
-    InvalidInput for soles.
+    Arguments:
+        axes: of the forces that the products are taken of, those of contacts or of the world.
+
+    Returns:
+        The variables of body and toes, those of p, f and m, and the constraints by name.
+
+    Raises:
+        InvalidInput: for soles.
     """
     scaled.layout.check_point_feet("envelopes")
     plan = PlanVariables(scaled)
@@ -218,7 +242,11 @@ def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]
 
 
 def _on_toes(plan: PlanVariables, *, inner: bool = False) -> Terms:
-    """inner: of half-spaces of reach, for plans; relaxations have the outer sets."""
+    """Terms on the toes: patches, reach, limits and steps.
+
+    Arguments:
+        inner: of half-spaces of reach, for plans; relaxations have the outer sets.
+    """
     return {
         **plan.on_patches(),
         **plan.within_reach(inner=inner),

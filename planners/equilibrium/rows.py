@@ -51,7 +51,8 @@ EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
 class Rows(Generic[D]):
     """A conic program whose numbers come from problems of the type D.
 
-    keep: keep one solver and update its data, without equilibration (see the module).
+    Arguments:
+        keep: keep one solver and update its data, without equilibration (see the module).
     """
 
     def __init__(self, *, keep: bool) -> None:
@@ -71,7 +72,8 @@ class Rows(Generic[D]):
 
     def variable(self, name: str, *shape: int) -> Index:
         """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by
-        its name."""
+        its name.
+        """
         size = int(np.prod(shape, dtype=int))
         self.columns[name] = self.shape[1] + np.arange(size).reshape(shape)
         self.shape = (self.shape[0], self.shape[1] + size)
@@ -88,8 +90,11 @@ class Rows(Generic[D]):
     def cones(self, name: str, count: int, size: int) -> Index:
         """New second-order cones: with b − A x = (t, v) a row of the group, ‖v‖ ≤ t.
 
-        count, size: how many, and of how many rows each. Returns the numbers of the rows, shape
-        (count, size).
+        Arguments:
+            count, size: how many, and of how many rows each.
+
+        Returns:
+            The numbers of the rows, shape (count, size).
         """
         rows = self.shape[0] + np.arange(count * size).reshape(count, size)
         self._cones += [clarabel.SecondOrderConeT(size)] * count
@@ -99,8 +104,9 @@ class Rows(Generic[D]):
     def put(self, rows: Index, columns: Index, values: Values[D]) -> None:
         """Entries of A at ``rows`` × ``columns``, which are broadcast against each other.
 
-        values: numbers, or what gives them for a problem, of the broadcast shape or one that
-        broadcasts to it. An entry may be put once only: entries are not added up.
+        Arguments:
+            values: numbers, or what gives them for a problem, of the broadcast shape or one that
+                broadcasts to it. An entry may be put once only: entries are not added up.
         """
         rows, columns = np.broadcast_arrays(rows, columns)
         self._blocks.append((rows, columns, values))
@@ -113,7 +119,9 @@ class Rows(Generic[D]):
         """Add weight · Σ (x[first] − x[second])² to the objective, or weight · Σ x[first]² where
         second is None.
 
-        first, second: columns of one shape. weight: a number ≥ 0, or what gives it for a problem.
+        Arguments:
+            first, second: columns of one shape.
+            weight: a number ≥ 0, or what gives it for a problem.
         """
         pairs = [(first, first, 2.0)]
         if second is not None:
@@ -131,7 +139,8 @@ class Rows(Generic[D]):
 
     def solve_instead(self, reference: Callable[[D], Reference]) -> None:
         """From now on ``solve`` asks another formulation of the same program, with its names and
-        shapes."""
+        shapes.
+        """
         self._reference = reference
 
     def solve_together(self, solver: Callable[[Sequence[D]], list[ConicSolution]]) -> None:
@@ -141,9 +150,12 @@ class Rows(Generic[D]):
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
 
-        data: of the layout that the rows were written for. Returns an answer whose status is
-        SOLVED, INFEASIBLE (with a Farkas ray as dual) or FAILED; where the solver gave up it was
-        asked again with smaller steps.
+        Arguments:
+            data: of the layout that the rows were written for.
+
+        Returns:
+            An answer whose status is SOLVED, INFEASIBLE (with a Farkas ray as dual) or FAILED;
+            where the solver gave up it was asked again with smaller steps.
         """
         if self._reference is not None:
             return self._reference(data).solve_as(self.columns, self.groups)
@@ -182,8 +194,9 @@ class Rows(Generic[D]):
     ) -> list[ConicSolution]:
         """``solve`` of each, one by one, or together by what ``solve_together`` was given.
 
-        doubtful: which answers of a batch are asked for again of ``solve``, as those that failed
-        are.
+        Arguments:
+            doubtful: which answers of a batch are asked for again of ``solve``, as those that
+                failed are.
         """
         if self._together is None:
             return [self.solve(one) for one in data]
@@ -217,8 +230,10 @@ class Rows(Generic[D]):
         """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z,
         shape (n,).
 
-        No x that satisfies the constraints makes it positive. without: groups of rows that are left
-        out.
+        No x that satisfies the constraints makes it positive.
+
+        Arguments:
+            without: groups of rows that are left out.
         """
         _, _, matrix, b = self.load(data)
         z = solution.z.copy()
@@ -251,7 +266,11 @@ class Rows(Generic[D]):
         return rows
 
     def _compile(self, data: D) -> None:
-        """Sort the entries by columns. data: any problem, for the shapes of its numbers."""
+        """Sort the entries by columns.
+
+        Arguments:
+            data: any problem, for the shapes of its numbers.
+        """
         self._numbers = GatheredNumbers(
             [values for *_, values in (*self._blocks, *self._right, *self._linear)], data
         )

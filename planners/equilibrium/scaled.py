@@ -30,10 +30,13 @@ class Point:
     """A point in the space of plans, non-dimensional; on the bilinear surface m = p f where
     ``residual`` is about zero.
 
-    com, rotation: shape (M, 3); toes: one a foothold, (P, 3); forces: contact frames, a row a
-    stance contact, (B, 3); residual: largest component of a net moment, inf where there is no
-    answer. objective: of a course, where it was minimised; solves, seconds: what it took to get
-    here.
+    Arguments:
+        com, rotation: shape (M, 3).
+        toes: one a foothold, (P, 3).
+        forces: contact frames, a row a stance contact, (B, 3).
+        residual: largest component of a net moment, inf where there is no answer.
+        objective: of a course, where it was minimised.
+        solves, seconds: what it took to get here.
     """
 
     com: Array
@@ -50,19 +53,33 @@ class Point:
 class Scaled:
     """The numbers of a problem; see ``Layout`` for the counts.
 
-    options: most candidates of a foothold in the problem; which: the number, in the problem, of
-    every open candidate, by foothold. vertices: v_u, shape (V, 3); a toe that already stands is a
-    candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,); half_spaces: of reach; relative: of feet from one another.
-    offsets: from the toe to the points of its foot, on every candidate, with zeros after them,
-    shape (K, points, 3); of point feet (0, 1, 3). force_min, force_max: on (f_n, f_y, f_z) of every
-    stance contact, (B, 3). weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad].
-    steps: largest step of the COM, of a toe and of the rotation; direction: of the nominal steps,
-    (M − 1, 3); progress: least along them, (M − 1,). goal: (3,). linear: further rows of a step of
-    the body, see ``StepLimits.linear_rows``. weights: of the objective, None for a posture, which
-    has none. wrench: on the body beside its weight in each stance, force and moment about the
-    centre of mass, shape (S, 6); without any (0, 6). standing: from the centre of mass to each toe
-    as the robot stands, a row for each of ``Layout.standing``, (T, 3); without any (0, 3).
+    Arguments:
+        options: most candidates of a foothold in the problem.
+        which: the number, in the problem, of every open candidate, by foothold.
+        vertices: v_u, shape (V, 3); a toe that already stands is a candidate of one vertex.
+        frames: R_WC, columns n, y, z, shape (K, 3, 3).
+        friction: (K,).
+        shoulders: (N, 3).
+        reach: (N,).
+        half_spaces: of reach.
+        relative: of feet from one another.
+        offsets: from the toe to the points of its foot, on every candidate, with zeros after them,
+            shape (K, points, 3); of point feet (0, 1, 3).
+        force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
+        weight: m·g.
+        com: nominal, (M, 3).
+        com_radius: (M,).
+        tilt: limit [rad].
+        steps: largest step of the COM, of a toe and of the rotation.
+        direction: of the nominal steps, (M − 1, 3).
+        progress: least along them, (M − 1,).
+        goal: (3,).
+        linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
+        weights: of the objective, None for a posture, which has none.
+        wrench: on the body beside its weight in each stance, force and moment about the centre of
+            mass, shape (S, 6); without any (0, 6).
+        standing: from the centre of mass to each toe as the robot stands, a row for each of
+            ``Layout.standing``, (T, 3); without any (0, 3).
     """
 
     layout: Layout
@@ -157,14 +174,16 @@ class Scaled:
     @cached_property
     def arms(self) -> Array:
         """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment,
-        shape (F, 3, 3)."""
+        shape (F, 3, 3).
+        """
         candidate = self.layout.vertex_candidates[self.layout.contact_vertices[1]]
         return np.asarray(np.matmul(skew(self.bearing_vertices), self.frames[candidate]))
 
     @cached_property
     def bearing_vertices(self) -> Array:
         """Points at which the force of a stance contact acts, its toe being at each vertex under
-        it, shape (F, 3)."""
+        it, shape (F, 3).
+        """
         contact, vertex = self.layout.contact_vertices
         if not self.layout.points:
             return np.asarray(self.vertices[vertex])
@@ -175,8 +194,11 @@ class Scaled:
         return np.asarray(self.vertices[vertex] + self.offsets[candidate, point])
 
     def bearing_points(self, toes: Array) -> Array:
-        """Points at which the forces of the stance contacts act; one candidate a foothold; toes:
-        (P, 3); shape (B, 3)."""
+        """Points at which the forces of the stance contacts act; one candidate a foothold.
+
+        Arguments:
+            toes: (P, 3); shape (B, 3).
+        """
         foothold = self.layout.contacts[2]
         if not self.layout.points:
             return np.asarray(toes[foothold])
@@ -229,8 +251,9 @@ class Scaled:
         """The problem with one candidate confined to a piece of its patch, as a search in space
         cuts it.
 
-        candidate: its number, 0 ≤ candidate < K. border: the corners of the piece in order, shape
-        (U, 3), non- dimensional.
+        Arguments:
+            candidate: its number, 0 ≤ candidate < K.
+            border: the corners of the piece in order, shape (U, 3), non- dimensional.
         """
         pieces = (*self.pieces[:candidate], border, *self.pieces[candidate + 1 :])
         sizes = iter(len(piece) for piece in pieces)
@@ -244,14 +267,16 @@ class Scaled:
         """The problem with these bounds on the forces of its stance contacts in place of f_min and
         f_max of E10.
 
-        low, high: in contact frames, shape (B, 3) each, non-dimensional.
+        Arguments:
+            low, high: in contact frames, shape (B, 3) each, non-dimensional.
         """
         return replace(self, force_min=low, force_max=high)
 
     @cached_property
     def borne(self) -> Array:
         """The sum of the contacts' forces in every stance: the weight, less the force on the body;
-        shape (S, 3)."""
+        shape (S, 3).
+        """
         weight = np.tile([0.0, 0.0, self.weight], (len(self.layout.stances), 1))
         return weight - self.wrench[:, :3] if self.layout.loaded else weight
 
@@ -262,7 +287,8 @@ class Scaled:
 
     def in_world(self, forces: Array) -> Array:
         """Forces of the stance contacts turned from contact frames to the world; one candidate a
-        foothold; (B, 3)."""
+        foothold; (B, 3).
+        """
         return np.asarray(np.matmul(self.contact_frames, forces[..., None])[..., 0])
 
     @property
@@ -300,7 +326,8 @@ class Scaled:
 
     def point(self, posture: Plan) -> Array:
         """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the
-        frames; shape (N, 6)."""
+        frames; shape (N, 6).
+        """
         position = (posture.toes_m - posture.com_m) / self.length_m
         forces = (
             np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[0, ..., None])[..., 0]
@@ -324,8 +351,12 @@ def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tup
     """Force boxes met with the box around their friction cones (E10): f_n ≥ 0, |f_y|, |f_z| ≤ μ
     f_n,max.
 
-    low, high: in contact frames, shape (B, 3) each. friction: μ, shape (B,). Returns both bounds
-    anew, shape (B, 3) each; no force of cone and box is lost.
+    Arguments:
+        low, high: in contact frames, shape (B, 3) each.
+        friction: μ, shape (B,).
+
+    Returns:
+        Both bounds anew, shape (B, 3) each; no force of cone and box is lost.
     """
     shear = (np.asarray(friction) * np.maximum(high[:, 0], 0.0))[:, None]
     low, high = low.copy(), high.copy()

@@ -87,7 +87,8 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
 
 def _force_min(low: Array, layout: Layout) -> Array:
     """``Scaled.force_min``, from those of all footholds; under a push a foot may press less than it
-    has to at rest."""
+    has to at rest.
+    """
     least = low[layout.contacts[2]]
     if not layout.pushes:
         return np.asarray(least)
@@ -107,7 +108,8 @@ def _standing(course: Problem, layout: Layout) -> Array:
 
 def _wrench(course: Problem, layout: Layout) -> Array:
     """``Scaled.wrench`` of a course: its own, and then with the corners of a square about the disc
-    of pushes that it asks for, each on all stances."""
+    of pushes that it asks for, each on all stances.
+    """
     corner = np.sqrt(2.0) * course.push_n / course.force_n
     corners = [(0.0, 0.0), (corner, 0.0), (0.0, corner), (-corner, 0.0), (0.0, -corner)]
     if course.push_n == 0.0:

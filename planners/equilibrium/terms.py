@@ -25,7 +25,8 @@ from .scaled import Point, Scaled, skew
 @dataclass(frozen=True, eq=False)
 class Given:
     """Data that a program is loaded with: a problem, and the point that is held or linearised
-    about, where there is one."""
+    about, where there is one.
+    """
 
     scaled: Scaled
     about: Point | None = None
@@ -39,7 +40,8 @@ class Given:
     @cached_property
     def held_arms(self) -> Array:
         """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B,
-        3, 3)."""
+        3, 3).
+        """
         return np.asarray(
             np.matmul(skew(self.scaled.bearing_points(self.held.toes)), self.scaled.contact_frames)
         )
@@ -54,15 +56,21 @@ class Toes(Protocol):
     """Toes of a program: variables on their patches, or held."""
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
-        """Add sign · p_w of these footholds to rows of A x − b; at: shape (n, 3)."""
+        """Add sign · p_w of these footholds to rows of A x − b.
+
+        Arguments:
+            at: shape (n, 3).
+        """
         ...
 
 
 class FreeToes:
     """Toes as convex combinations of their candidates' vertices, p_w = Σ λ_u v_u (E1).
 
-    explicit: give p_w columns of their own, so that an objective in it does not depend on the data.
-    implied: λ ≥ 0 follows from the forces of the stance contacts (``Scaled.box_implied``).
+    Arguments:
+        explicit: give p_w columns of their own, so that an objective in it does not depend on the
+            data.
+        implied: λ ≥ 0 follows from the forces of the stance contacts (``Scaled.box_implied``).
     """
 
     def __init__(
@@ -88,7 +96,11 @@ class FreeToes:
             self.points = points
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
-        """Add sign · p_w of these footholds to rows of A x; at: shape (n, 3)."""
+        """Add sign · p_w of these footholds to rows of A x.
+
+        Arguments:
+            at: shape (n, 3).
+        """
         if self.points is not None:
             self._rows.put(at, self.points[footholds], sign)
             return
@@ -105,7 +117,11 @@ class HeldToes:
         self._rows = rows
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
-        """Add −sign · p_w of these footholds to b; at: shape (n, 3)."""
+        """Add −sign · p_w of these footholds to b.
+
+        Arguments:
+            at: shape (n, 3).
+        """
         self._rows.right(at, -sign * Of("held.toes", footholds))
 
 
@@ -160,7 +176,8 @@ class BodyVariables:
         """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of
         c along its path.
 
-        toes: None where they are held, and their steps are what they are.
+        Arguments:
+            toes: None where they are held, and their steps are what they are.
         """
         layout, rows, count = self._layout, self._rows, self._layout.frames - 1
         if not count:
@@ -189,7 +206,8 @@ class BodyVariables:
 
     def _linear_steps(self) -> None:
         """a·(c[r] − c[r−1], Θ[r] − Θ[r−1]) ≤ b of every further row
-        (``StepLimits.linear_rows``)."""
+        (``StepLimits.linear_rows``).
+        """
         row = np.tile(np.arange(self._layout.linear), self._layout.frames - 1)
         step = np.repeat(np.arange(self._layout.frames - 1), self._layout.linear)
         at = self._rows.at_most("linear_step", len(row))
@@ -204,8 +222,10 @@ class Forces:
     """Forces (f_n, f_y, f_z) in contact frames (E3), n of them, with their cones, boxes and
     balance.
 
-    contact, candidate: whose each is, shape (n,). share: how much of the foothold each belongs to,
-    as (row, column) pairs whose columns add up to it; None where it is all of it.
+    Arguments:
+        contact, candidate: whose each is, shape (n,).
+        share: how much of the foothold each belongs to, as (row, column) pairs whose columns add up
+            to it; None where it is all of it.
     """
 
     def __init__(
@@ -230,8 +250,11 @@ class Forces:
     @classmethod
     def of_candidates(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
         """One force for every candidate under a contact, as large as its share Σ_u λ_u of the
-        foothold (P1); where each has one candidate, ``of_contacts``. toes: whose λ are these
-        shares."""
+        foothold (P1); where each has one candidate, ``of_contacts``.
+
+        Arguments:
+            toes: whose λ are these shares.
+        """
         contact, candidate = layout.contact_candidates
         if all(len(counts) == 1 for counts in layout.corners):
             return cls.of_contacts(rows, layout)
@@ -250,7 +273,9 @@ class Forces:
         """f_u := λ_u f of every vertex under a contact: the lift's forces, in the frame of the
         vertex's candidate.
 
-        toes: whose λ_u scale cone and box of each, so that a vertex without weight carries nothing.
+        Arguments:
+            toes: whose λ_u scale cone and box of each, so that a vertex without weight carries
+                nothing.
         """
         contact, vertex = layout.contact_vertices
         share = (np.arange(len(vertex)), toes.weights[vertex])
@@ -263,8 +288,11 @@ class Forces:
         self._rows.put(cone[:, 1:], self.columns[:, 1:], -1.0)
 
     def in_box(self, *, implied: bool) -> None:
-        """share · f_min ≤ f ≤ share · f_max; implied: f_n ≤ share · f_max alone
-        (``Scaled.box_implied``)."""
+        """share · f_min ≤ f ≤ share · f_max.
+
+        Arguments:
+            implied: f_n ≤ share · f_max alone (``Scaled.box_implied``).
+        """
         axes = [0] if implied else [0, 1, 2]
         self._side("most", 1.0, axes, "scaled.force_max")
         if not implied:
@@ -284,8 +312,11 @@ class Forces:
             self._rows.right(net[:, axes], -Of("scaled.wrench", (slice(None), axes)))
 
     def _side(self, name: str, sign: float, axes: list[int], bound: str) -> None:
-        """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts,
-        shape (B, 3)."""
+        """sign · f ≤ sign · share · bound, for these components.
+
+        Arguments:
+            bound: of the stance contacts, shape (B, 3).
+        """
         side = self._rows.at_most(name, len(self.contact), len(axes))
         self._rows.put(side, self.columns[:, axes], sign)
         if self._share is None:
@@ -315,14 +346,17 @@ class Moments:
     def add(self, stance: Index, columns: Index, values: Of | Fill[Given]) -> None:
         """Add a linear part, values · x[columns], to the net moment of stances.
 
-        stance: which, shape (n,). columns: shape (n, k). values: arms in the world, shape (n, 3,
-        k), numbers or what gives them for a problem.
+        Arguments:
+            stance: which, shape (n,).
+            columns: shape (n, k).
+            values: arms in the world, shape (n, 3, k), numbers or what gives them for a problem.
         """
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: BodyVariables) -> None:
         """−w c × e_z = −w (c_y, −c_x, 0); with a force F and a moment M on the body −c × (w e_z −
-        F) + M."""
+        F) + M.
+        """
         self._com = body.com[self._layout.stance_frames]
 
     def shift(self, values: Fill[Given]) -> None:
@@ -334,8 +368,11 @@ class Moments:
         self._put(rows, rows.equal("moment", len(self._layout.stances), 3), 1.0)
 
     def within(self, rows: Rows[Given], *, each: bool = False) -> Index:
-        """Every component is at most the residual s ≥ 0, either way; its column. each: one residual
-        a stance, (S,)."""
+        """Every component is at most the residual s ≥ 0, either way; its column.
+
+        Arguments:
+            each: one residual a stance, (S,).
+        """
         stances = len(self._layout.stances)
         residual = rows.variable("residual", stances if each else 1)
         for name, sign in (("above", 1.0), ("below", -1.0)):

@@ -1,5 +1,6 @@
 """The speed of a computer, by cold solves of one cone program in which nothing is this package's
-own."""
+own.
+"""
 
 from __future__ import annotations
 

@@ -34,7 +34,10 @@ SAID = "expected arrays without pickle"
 
 
 def read_archive(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file by name. Raises InvalidInput."""
+    """The arrays of an .npz file by name.
+
+    Raises InvalidInput.
+    """
     return unpacked(read_bytes(path, MOST_BYTES), str(path))
 
 
@@ -60,7 +63,10 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
 
 
 def array_of(content: bytes, where: str) -> NDArray[Any]:
-    """The array of an .npy file, read-only. Raises InvalidInput as ``unpacked`` does."""
+    """The array of an .npy file, read-only.
+
+    Raises InvalidInput as ``unpacked`` does.
+    """
     try:
         return _array(io.BytesIO(content), len(content))
     except Exception as error:
@@ -69,7 +75,8 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
 
 def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
     """Raise InvalidInput for names that are no arrays' or come twice, and for sizes that cannot
-    be."""
+    be.
+    """
     names = [entry.filename for entry in entries]
     if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
         raise InvalidInput(f"{where}: {SAID}: its entries are not NAME.npy, each once")
@@ -88,8 +95,10 @@ def _entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 def _array(stream: IO[bytes], size: int) -> NDArray[Any]:
-    """The array of a stream of so many bytes, header included. Raises ValueError, and what its
-    parsers raise."""
+    """The array of a stream of so many bytes, header included.
+
+    Raises ValueError, and what its parsers raise.
+    """
     version = npy.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"expected version 1.0 or 2.0 of .npy, got {version[0]}.{version[1]}")

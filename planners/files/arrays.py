@@ -1,5 +1,6 @@
 """Read-only arrays and numbers for value classes, shape and range checked once where a value enters
-the house."""
+the house.
+"""
 
 from __future__ import annotations
 
@@ -68,9 +69,11 @@ def cached_arrays(make: Callable[[Any], T]) -> cached_property[T]:
 
 
 def plain_numbers(value: ArrayLike) -> Array:
-    """A float copy of numbers. Raises TypeError, ValueError or OverflowError for anything else:
-    texts, which NumPy reads as numbers in any script, truth values, nulls, complex numbers, rows of
-    different lengths."""
+    """A float copy of numbers.
+
+    Raises TypeError, ValueError or OverflowError for anything else: texts, which NumPy reads as
+    numbers in any script, truth values, nulls, complex numbers, rows of different lengths.
+    """
     raw = np.asarray(value)
     large = raw.dtype.kind == "O" and all(
         type(each) in (int, float) for each in raw.flat
@@ -88,8 +91,10 @@ def checked(
     above: float | None = None,
     most: float = LARGEST,
 ) -> float:
-    """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises
-    InvalidInput."""
+    """Return ``value`` as a float in [least, most], or in (above, most] with ``above``.
+
+    Raises InvalidInput.
+    """
     number = float(read_only(value, (), where))
     if above is not None and not number > above:
         wanted = f"above {above:g}" if most == LARGEST else f"in ({above:g}, {most:g}]"
@@ -101,8 +106,10 @@ def checked(
 
 
 def checked_int(value: Any, where: str, *, least: int = 0, most: int | None = None) -> int:
-    """Return ``value`` as an int in [least, most], without an end where most is None. Raises
-    InvalidInput."""
+    """Return ``value`` as an int in [least, most], without an end where most is None.
+
+    Raises InvalidInput.
+    """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         wanted = f"{least} or more" if most is None else f"{least} to {most}"
@@ -111,7 +118,10 @@ def checked_int(value: Any, where: str, *, least: int = 0, most: int | None = No
 
 
 def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
-    """Return ``value`` where it is one of these. Raises InvalidInput that lists them."""
+    """Return ``value`` where it is one of these.
+
+    Raises InvalidInput that lists them.
+    """
     known = tuple(among)
     if value not in known:
         came = shown(value) if isinstance(value, str) else f"{value!r:.80}"
@@ -120,8 +130,10 @@ def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
 
 
 def checked_name(value: Any, where: str) -> str:
-    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters. Raises
-    InvalidInput."""
+    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters.
+
+    Raises InvalidInput.
+    """
     if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
         raise InvalidInput(
             f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}"
@@ -130,8 +142,10 @@ def checked_name(value: Any, where: str) -> str:
 
 
 def checked_members(value: Any, kind: type[Member], where: str) -> tuple[Member, ...]:
-    """Return a list or tuple as a tuple where all that is in it is of this kind. Raises
-    InvalidInput."""
+    """Return a list or tuple as a tuple where all that is in it is of this kind.
+
+    Raises InvalidInput.
+    """
     if not isinstance(value, list | tuple):
         raise InvalidInput(f"{where}: expected a list of {kind.__name__}, got {shown(value)}")
     for index, each in enumerate(value):
@@ -151,7 +165,10 @@ def check_numbers(
     """Check numbers that a value has, or None in their place: those above 0, those that are 0 or
     more, finite ones.
 
-    key: what their names begin with. Raises one InvalidInput that says all that is wrong.
+    Raises one InvalidInput that says all that is wrong.
+
+    Arguments:
+        key: what their names begin with.
     """
     limits = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
     limits += [(name, {}) for name in finite]
@@ -183,7 +200,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def lengths(v: Array) -> Array:
     """Euclidean norms along the last axis; of a few vectors ``np.linalg.norm`` takes three times as
-    long."""
+    long.
+    """
     return np.asarray(np.sqrt(np.add.reduce(v * v, axis=-1)))
 
 

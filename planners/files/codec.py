@@ -63,7 +63,8 @@ PLAIN = ConfigDict(
 
 def to_json(value: Any) -> Any:
     """JSON-ready values of a value: of a dataclass, an array, a tuple, a mapping, or plain as it
-    is."""
+    is.
+    """
     if type(value) in (float, int, str, bool, types.NoneType):
         return value
     if isinstance(value, np.ndarray):
@@ -79,7 +80,11 @@ def to_json(value: Any) -> Any:
 
 
 def fields_to_json(value: Any, leave: tuple[str, ...] = ()) -> dict[str, Any]:
-    """JSON-ready values of a dataclass, field by field. leave: fields that are not written."""
+    """JSON-ready values of a dataclass, field by field.
+
+    Arguments:
+        leave: fields that are not written.
+    """
     record: dict[str, Any] = {"format": value.FORMAT} if hasattr(value, "FORMAT") else {}
     for name, key, default in _written(cast(Any, type(value))):
         member = getattr(value, name)
@@ -102,6 +107,7 @@ def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = 
         whole: every key has to be there but those of ``LATER``, as in files that programs write;
             else a key that is not there has its default, as in files that people write.
         where: the file, which the message begins with.
+
     Raises:
         InvalidInput: with every key that is wrong, separated by "; ".
     """
@@ -161,7 +167,8 @@ def _keys(kind: Any, whole: bool) -> dict[str, Any]:
 
 def key_of(hint: Any, *, whole: bool = True) -> Any:
     """An annotation of a field as a file has it: numbers strictly, lists for tuples and arrays,
-    objects for values."""
+    objects for values.
+    """
     part = partial(key_of, whole=whole)
     if hint in (float, int, str, bool):
         return Annotated[hint, Strict()]
@@ -183,7 +190,8 @@ def key_of(hint: Any, *, whole: bool = True) -> Any:
 
 class _Keys:
     """Metadata of a field of a pydantic model that is a value, read by its class's keys; not all
-    have to be there."""
+    have to be there.
+    """
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         def read(data: Any, of_keys: core_schema.ValidatorFunctionWrapHandler) -> Any:
@@ -230,8 +238,9 @@ class Within:
     """Limits of a number, given as the metadata of its field; the class that has the field, the
     reader of its files and the reference of keys all take the limits from here.
 
-    above: the number must be larger than this; None for no such limit.
-    least, most: the number must lie in [least, most].
+    Arguments:
+        above: the number must be larger than this; None for no such limit.
+        least, most: the number must lie in [least, most].
     """
 
     above: float | None = None
@@ -239,7 +248,10 @@ class Within:
     most: float = LARGEST
 
     def check(self, number: Any, where: str = "") -> float:
-        """The number, where it is within. Raises InvalidInput."""
+        """The number, where it is within.
+
+        Raises InvalidInput.
+        """
         try:
             return checked(number, where, above=self.above, least=self.least, most=self.most)
         except InvalidInput as error:
@@ -256,8 +268,10 @@ class Within:
 
 
 def check_limits(value: Any) -> None:
-    """Check the fields of a dataclass that say ``Within``, but for None. Raises InvalidInput with
-    all that is wrong."""
+    """Check the fields of a dataclass that say ``Within``, but for None.
+
+    Raises InvalidInput with all that is wrong.
+    """
     collect_errors(
         *(
             partial(limits.check, getattr(value, name), name)
@@ -280,15 +294,20 @@ def _limits(kind: Any) -> dict[str, Within]:
 
 
 def _value(kind: Any, keys: BaseModel) -> Any:
-    """The value of these keys, whatever its form. Raises InvalidInput."""
+    """The value of these keys, whatever its form.
+
+    Raises InvalidInput.
+    """
     form = _form(kind)
     made = _made(form, keys)
     return made if form is kind else made.value()
 
 
 def _made(kind: Any, keys: BaseModel) -> Any:
-    """The value of these keys. Raises InvalidInput with all that is wrong with it and with what is
-    inline."""
+    """The value of these keys.
+
+    Raises InvalidInput with all that is wrong with it and with what is inline.
+    """
     inline, wrong = _inline(kind), list[str]()
     members = {
         field.name: getattr(keys, field.name)
@@ -329,7 +348,8 @@ def _in_files(kind: Any) -> tuple[Field[Any], ...]:
 @lru_cache(maxsize=128)
 def _written(kind: Any) -> tuple[tuple[str, str | None, Any], ...]:
     """Name, key (None where the value's own stand in its place), and the default that is not
-    written (or ``MISSING``) of each field."""
+    written (or ``MISSING``) of each field.
+    """
     return tuple(
         (
             field.name,

@@ -18,8 +18,9 @@ class Columns:
     """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer
     than most solves.
 
-    data, indices: values and rows of the entries, in order; indptr: where each column begins and
-    the last one ends.
+    Arguments:
+        data, indices: values and rows of the entries, in order.
+        indptr: where each column begins and the last one ends.
     """
 
     data: Array

@@ -14,7 +14,8 @@ otherwise."""
 
 def first_difference(said: Any, expected: Any, where: str = "") -> str:
     """The first place where ``said`` is not ``expected``, as "key[3].name: expected this, got
-    that"; empty where there is none. Numbers may differ by ``SAME``."""
+    that"; empty where there is none. Numbers may differ by ``SAME``.
+    """
     if isinstance(said, Mapping) and isinstance(expected, Mapping):
         for name in dict.fromkeys((*expected, *said)):
             place = f"{where}.{name}" if where else str(name)

@@ -45,8 +45,11 @@ _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[IO[bytes]]:
-    """A file, open to be read. Raises InvalidInput for what is missing, cannot be read or is no
-    file: a folder, or a pipe or a device, which might be waited for."""
+    """A file, open to be read.
+
+    Raises InvalidInput for what is missing, cannot be read or is no file: a folder, or a pipe or a
+    device, which might be waited for.
+    """
     path = Path(path)
     try:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -68,8 +71,10 @@ def open_file(path: str | Path) -> Iterator[IO[bytes]]:
 
 
 def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
-    """Return a file's bytes, ``most`` at most. Raises InvalidInput as ``open_file`` does, and for a
-    larger file."""
+    """Return a file's bytes, ``most`` at most.
+
+    Raises InvalidInput as ``open_file`` does, and for a larger file.
+    """
     with open_file(path) as stream:
         try:
             content = stream.read(most + 1)
@@ -81,8 +86,10 @@ def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Return a file's text. Raises InvalidInput for a file that is missing, no file, too large,
-    empty or not UTF-8."""
+    """Return a file's text.
+
+    Raises InvalidInput for a file that is missing, no file, too large, empty or not UTF-8.
+    """
     text = decoded(read_bytes(path), str(path))
     if not text.strip():
         raise InvalidInput(f"{path}: expected some text, the file is empty")
@@ -101,7 +108,10 @@ def decoded(content: bytes, where: str) -> str:
 
 
 def read_json(path: str | Path) -> Any:
-    """Parse a file that holds one JSON document. Raises InvalidInput."""
+    """Parse a file that holds one JSON document.
+
+    Raises InvalidInput.
+    """
     return parse_json(read_text(path), str(path))
 
 
@@ -143,7 +153,10 @@ def parse_json(text: str, where: str) -> Any:
 
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
-    """The keys and values of a YAML file. Raises InvalidInput."""
+    """The keys and values of a YAML file.
+
+    Raises InvalidInput.
+    """
     return parse_yaml(read_text(path), str(path))
 
 
@@ -230,7 +243,8 @@ def _no_number(name: str) -> float:
 
 def _check_depth(value: Any) -> None:
     """Raise RecursionError for lists and objects in one another beyond the limit, without
-    recursion."""
+    recursion.
+    """
     level = [value]
     for _ in range(DEEPEST + 1):
         parts = (
@@ -246,7 +260,8 @@ def _check_depth(value: Any) -> None:
 
 def _check_growth(text: str) -> None:
     """Raise InvalidInput where the document is too deep or holds too many values once its aliases
-    are replaced."""
+    are replaced.
+    """
     count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
     stack = list[tuple[str | None, int]]()
     deepest = [0]  # below each open collection

@@ -1,5 +1,6 @@
 """Arrays inside a JSON file: a NumPy archive (.npz) as base64, so that one file has all and is
-replaced at once."""
+replaced at once.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +23,10 @@ def embedded(arrays: Mapping[str, NDArray[Any]]) -> str:
 
 
 def extracted(text: str, where: str) -> bytes:
-    """The archive that ``embedded`` made a text of. Raises InvalidInput for a text that is no
-    base64."""
+    """The archive that ``embedded`` made a text of.
+
+    Raises InvalidInput for a text that is no base64.
+    """
     try:
         return base64.b64decode(text, validate=True)
     except ValueError as error:

@@ -1,5 +1,6 @@
 """Phrases of refusals: what came, in few letters however large it is, and what pydantic refused in
-a file."""
+a file.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ Value = TypeVar("Value")
 
 class _Shown(reprlib.Repr):
     """``repr`` that looks at no more of a value than it shows: what is cut off is never made into
-    text."""
+    text.
+    """
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -61,7 +63,8 @@ class _Shown(reprlib.Repr):
 
 def shown(value: Any, most: int = 60) -> str:
     """Text of a value, as Python writes it, cut after ``most`` letters; its cost does not grow with
-    the value."""
+    the value.
+    """
     return _Shown(most).repr(value)[:most]
 
 
@@ -69,8 +72,12 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
     """Read a file or a mapping as a pydantic model, or as a dataclass whose fields say what they
     may be.
 
-    where: the file, which the message begins with; key: what every key in it begins with. Raises
-    InvalidInput with every key that is wrong.
+    Arguments:
+        where: the file, which the message begins with.
+        key: what every key in it begins with.
+
+    Raises:
+        InvalidInput: with every key that is wrong.
     """
     try:
         value: Value = _reader(cast(Any, kind)).validate_python(data)
@@ -83,8 +90,12 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
 def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:
     """The settings of a dataclass from a mapping, whose wrong keys are refused by name.
 
-    kind: the dataclass. where: what every key begins with. Raises InvalidInput with every key that
-    is wrong.
+    Arguments:
+        kind: the dataclass.
+        where: what every key begins with.
+
+    Raises:
+        InvalidInput: with every key that is wrong.
     """
     prefix = f"{where}." if where else ""
     known = [field.name for field in fields(cast(Any, kind))]
@@ -101,7 +112,11 @@ def check_fields(value: Any, key: str = "") -> None:
     """Check a dataclass's fields against their annotations, as pydantic reads them; called in
     ``__post_init__``.
 
-    key: what every key begins with. Raises InvalidInput with every field that is wrong.
+    Arguments:
+        key: what every key begins with.
+
+    Raises:
+        InvalidInput: with every field that is wrong.
     """
     try:
         _model(cast(Any, type(value))).model_validate(vars(value))
@@ -127,7 +142,8 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
 
 def neighbour(name: str, known: Iterable[str]) -> str:
     """Hint that follows "unknown key" in a refusal: the known one that is most like it, if one
-    is."""
+    is.
+    """
     near = get_close_matches(name, sorted(known), n=1)
     return f", did you mean {near[0]!r}?" if near else ""
 
@@ -135,8 +151,9 @@ def neighbour(name: str, known: Iterable[str]) -> str:
 def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
     """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
 
-    kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with its
-    place before it. Of a file of another format, that alone.
+    Arguments:
+        kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with
+            its place before it. Of a file of another format, that alone.
     """
     errors = error.errors(include_url=False)
     other = [
@@ -187,7 +204,8 @@ _SAID = re.compile(r"; (?=[a-z_]+[\w\[\].]*: expected)")
 
 def _placed(key: str, said: str) -> str:
     """Sentence about the value of a key, or about a key or an entry in it, or about a value by its
-    name."""
+    name.
+    """
     if not key or said.startswith(f"{key} "):  # as in "robot go1: ..."
         return said
     return (
@@ -218,7 +236,8 @@ def _kinds(hint: Any) -> set[type]:
 
 def _hints(kind: Any) -> dict[str, Any]:
     """Types of the fields of a class; nothing where names are in them that only a type checker
-    knows."""
+    knows.
+    """
     names = kind.__dataclass_fields__ if is_dataclass(kind) else kind.model_fields
     try:
         return {

@@ -51,10 +51,15 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     leads to.
 
     Whatever was there stays until then, also when the process is killed, the disk is full or the
-    machine stops; a link stays a link. folder: a new folder, to take the place of an empty one or
-    of none. The new file is locked while it is written, and those that no process has locked any
-    more are removed: they are what killed writers of this path left. Raises InvalidInput where
-    nothing can be written, also for an OSError from the block.
+    machine stops; a link stays a link.
+
+    Arguments:
+        folder: a new folder, to take the place of an empty one or of none. The new file is locked
+            while it is written, and those that no process has locked any more are removed: they are
+            what killed writers of this path left.
+
+    Raises:
+        InvalidInput: where nothing can be written, also for an OSError from the block.
     """
     target = Path(path).resolve() if folder else check_writable(path)
     if is_special(target):
@@ -97,8 +102,10 @@ def check_new_folder(path: Path) -> None:
 
 
 def check_writable(path: str | Path) -> Path:
-    """The file behind a path, asked for before the work whose result goes there. Raises
-    InvalidInput if none can be."""
+    """The file behind a path, asked for before the work whose result goes there.
+
+    Raises InvalidInput if none can be.
+    """
     path = Path(path)
     try:
         target = path.resolve()
@@ -134,7 +141,8 @@ def unwritable(path: str | Path, error: Exception) -> InvalidInput:
 
 def failure_of(name: str, said: str) -> OSError:
     """Reason why another program, or a library in a process of its own, failed to write, by its
-    last words."""
+    last words.
+    """
     known = (
         number
         for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -175,7 +183,10 @@ def _locked(target: Path, folder: bool) -> tuple[Path, int]:
 
 
 def _remove_unlocked(path: Path) -> None:
-    """Remove what no process has locked. Raises OSError for what is locked."""
+    """Remove what no process has locked.
+
+    Raises OSError for what is locked.
+    """
     lock = os.open(
         path, (os.O_RDONLY if path.is_dir() else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK
     )

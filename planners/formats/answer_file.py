@@ -77,17 +77,26 @@ def read_problems(
 
 
 def read_envelopes(path: str | Path) -> EnvelopeSet:
-    """Read an envelope file. Raises InvalidInput."""
+    """Read an envelope file.
+
+    Raises InvalidInput.
+    """
     return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
 
 
 def read_modes(path: str | Path) -> Modes:
-    """Read a file of modes. Raises InvalidInput."""
+    """Read a file of modes.
+
+    Raises InvalidInput.
+    """
     return _located(path, lambda: Modes.from_json(read_json(path)))
 
 
 def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
-    """Read an envelope file, or one of modes. Raises InvalidInput."""
+    """Read an envelope file, or one of modes.
+
+    Raises InvalidInput.
+    """
     data = read_json(path)
     return (
         read_modes(path)

@@ -21,6 +21,7 @@ class FileCheck:
         founded: somebody can check what the file lists as checked.
     Source:
         docs/formats.md.
+
     Example:
         >>> import stancekit
         >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")

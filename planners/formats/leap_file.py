@@ -1,5 +1,6 @@
 """Leap files ``stancekit/leap/1``: a question, and with it a plan or a certificate where there is
-one."""
+one.
+"""
 
 from __future__ import annotations
 
@@ -82,8 +83,10 @@ def write_leap(
     plan: LeapPlan | None = None,
     certificate: Certificate | None = None,
 ) -> None:
-    """Write a leap, with what answers it, whole or not at all. Raises InvalidInput where nothing
-    can be written."""
+    """Write a leap, with what answers it, whole or not at all.
+
+    Raises InvalidInput where nothing can be written.
+    """
     content = leap_to_json(leap)
     if plan is not None:
         content["plan"] = plan_to_json(plan)
@@ -102,7 +105,8 @@ def is_leap(data: Any) -> bool:
 
 def is_leap_file(path: str | Path) -> bool:
     """Tell whether a JSON or YAML file that is there holds a leap, or a name is that of a drawn
-    one."""
+    one.
+    """
     if _is_drawn(path):
         return True
     path = Path(path)

@@ -52,7 +52,10 @@ def columns_of(table: MotionTable) -> dict[str, Array]:
 
 
 def csv_of(table: MotionTable) -> bytes:
-    """A table as CSV. Numbers are written so that the same ones are read back, to the last bit."""
+    """A table as CSV.
+
+    Numbers are written so that the same ones are read back, to the last bit.
+    """
     columns, text = columns_of(table), io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -75,8 +78,10 @@ def npz_of(table: MotionTable) -> bytes:
 
 
 def joint_trajectory(table: MotionTable) -> dict[str, Any]:
-    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone. Raises
-    InvalidInput without any."""
+    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone.
+
+    Raises InvalidInput without any.
+    """
     known = table.known()
     if "angles_rad" not in known:
         raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
@@ -94,7 +99,8 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
 
 def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
     """Content of a file with the joint trajectory of a table: YAML for ".yaml" and ".yml", else
-    JSON."""
+    JSON.
+    """
     message = joint_trajectory(table)
     if suffix not in (".yaml", ".yml"):
         return (json.dumps(message) + "\n").encode()
@@ -107,7 +113,8 @@ def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
 
 def is_motion_file(path: str | Path) -> bool:
     """Tell whether a file holds a motion as a table, by its name, and by its beginning where other
-    files have such names."""
+    files have such names.
+    """
     suffix = Path(path).suffix
     if suffix == ".csv":
         return True
@@ -131,8 +138,10 @@ def is_joint_trajectory(data: object) -> bool:
 
 
 def read_motion(path: str | Path) -> MotionTable:
-    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml. Raises InvalidInput,
-    with what is wrong."""
+    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml.
+
+    Raises InvalidInput, with what is wrong.
+    """
     path = Path(path)
     try:
         match path.suffix:
@@ -202,8 +211,10 @@ def _from_csv(text: str, where: str) -> MotionTable:
 
 
 def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints and limbs in the order in which columns name them first. Raises InvalidInput for a
-    column nobody knows."""
+    """Joints and limbs in the order in which columns name them first.
+
+    Raises InvalidInput for a column nobody knows.
+    """
     joints, limbs = dict[str, None](), dict[str, None]()
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)

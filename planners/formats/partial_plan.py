@@ -18,9 +18,10 @@ from .plan_file import check_name, read_plan, write_plan
 class PartialPlan:
     """The beginning of a course's plan, in a file that is written after every piece.
 
-    path: of the file, None keeps nothing. A run goes on from what stands there already as far as it
-    begins the same course, and if the verifier accepts all of it anew, joints and bodies too; else
-    it counts for nothing, and is written over.
+    Arguments:
+        path: of the file, None keeps nothing. A run goes on from what stands there already as far
+            as it begins the same course, and if the verifier accepts all of it anew, joints and
+            bodies too; else it counts for nothing, and is written over.
     """
 
     def __init__(self, path: Path | None) -> None:

@@ -84,9 +84,12 @@ def plan_paths(path: str | Path) -> tuple[Path, Path]:
 def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
     """Write NAME.json, whole or not at all.
 
-    report: what the verifier said of this very plan; a plan that it rejected is written with
-    ``verified: false``. Raises InvalidInput for another plan's report, and where nothing can be
-    written.
+    Arguments:
+        report: what the verifier said of this very plan; a plan that it rejected is written with
+            ``verified: false``.
+
+    Raises:
+        InvalidInput: for another plan's report, and where nothing can be written.
     """
     check_name(path)
     if report.answer is not plan:
@@ -119,7 +122,10 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
 
 
 def check_name(path: str | Path) -> Path:
-    """The name of a plan that is to be written. Raises InvalidInput for one that cannot be."""
+    """The name of a plan that is to be written.
+
+    Raises InvalidInput for one that cannot be.
+    """
     if Path(path).suffix != ".json":
         raise InvalidInput(
             f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}"
@@ -181,10 +187,14 @@ def check_file(
 ) -> FileCheck:
     """Verify a plan file anew, whatever it says of itself.
 
-    robot: whose legs the file's robot has to have; without it the file is believed what its robot
-    is. course: of so many key frames, the one that the plan has to be of; without it the file is
-    believed what was asked. Raises InvalidInput for a file that cannot be read, and for one of
-    another robot or course.
+    Arguments:
+        robot: whose legs the file's robot has to have; without it the file is believed what its
+            robot is.
+        course: of so many key frames, the one that the plan has to be of; without it the file is
+            believed what was asked.
+
+    Raises:
+        InvalidInput: for a file that cannot be read, and for one of another robot or course.
     """
     plan, header = read_plan(path)
     model = plan.problem.robot.model
@@ -239,8 +249,10 @@ def check_file(
 
 
 def is_plan_file(path: str | Path) -> bool:
-    """Does the file say that it is a plan? False for what cannot be read, is no JSON or has another
-    name."""
+    """Does the file say that it is a plan?
+
+    False for what cannot be read, is no JSON or has another name.
+    """
     try:
         header, _ = plan_paths(path)
         data = read_json(header)
@@ -289,8 +301,10 @@ def _seal(content: Mapping[str, Any]) -> str:
 
 
 def _header(path: Path) -> dict[str, Any]:
-    """Read the keys of a plan's file, with their values as they are in the file. Raises
-    InvalidInput for a file of another format, and for missing or unknown keys."""
+    """Read the keys of a plan's file, with their values as they are in the file.
+
+    Raises InvalidInput for a file of another format, and for missing or unknown keys.
+    """
     data = read_json(path)
     version = data.get("format") if isinstance(data, dict) else type(data).__name__
     if version not in tuple(ARRAYS):
@@ -319,8 +333,10 @@ def _header(path: Path) -> dict[str, Any]:
 
 
 def _beside(path: Path, sha256: str) -> bytes:
-    """The archive beside a header of ``stancekit/plan/1``, as it was written. Raises
-    InvalidInput."""
+    """The archive beside a header of ``stancekit/plan/1``, as it was written.
+
+    Raises InvalidInput.
+    """
     if not path.exists():
         raise InvalidInput(
             f"{path}: expected the plan's numbers beside its .json, found nothing there"
@@ -335,7 +351,8 @@ def _beside(path: Path, sha256: str) -> bytes:
 
 def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Problem) -> None:
     """Raise InvalidInput unless every array is there, of the course's shape, of numbers and
-    finite."""
+    finite.
+    """
     shapes = plan_shapes(course)
     if set(numbers) - {*OPTIONAL} != set(shapes) - {*OPTIONAL} or set(numbers) - set(shapes):
         raise InvalidInput(

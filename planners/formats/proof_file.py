@@ -71,8 +71,10 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
 
 
 def check_proof_file(path: str | Path) -> FileCheck:
-    """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be
-    read."""
+    """Check a proof file by the independent checker.
+
+    Raises InvalidInput for a file that cannot be read.
+    """
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
     of_course = not subject.is_posture
@@ -92,7 +94,10 @@ def _is_posture(data: Any) -> bool:
 
 
 def _table(data: Mapping[str, Any], name: str) -> Array:
-    """A table of numbers. Raises InvalidInput for anything else."""
+    """A table of numbers.
+
+    Raises InvalidInput for anything else.
+    """
     try:
         numbers = plain_numbers(data[name])
         if numbers.ndim != 2:

@@ -44,8 +44,11 @@ TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkRecord:
-    """A trajectory as it stood in a file. verified: the file says that the verifier accepted it,
-    and what it said."""
+    """A trajectory as it stood in a file.
+
+    Arguments:
+        verified: the file says that the verifier accepted it, and what it said.
+    """
 
     trajectory: Trajectory
     verified: bool
@@ -75,8 +78,10 @@ def write_trajectory(path: str | Path, trajectory: Trajectory, report: Report[Tr
 
 
 def check_name(path: str | Path) -> Path:
-    """The file of a trajectory, asked for before the work whose result goes there. Raises
-    InvalidInput."""
+    """The file of a trajectory, asked for before the work whose result goes there.
+
+    Raises InvalidInput.
+    """
     path = Path(path)
     if path.suffix != ".json" or not path.stem:
         raise InvalidInput(f"{path}: expected a name that ends in .json")
@@ -85,8 +90,10 @@ def check_name(path: str | Path) -> Path:
 
 
 def read_trajectory(path: str | Path) -> WalkRecord:
-    """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was
-    written."""
+    """Read a file, or an older pair.
+
+    Raises InvalidInput, one line, for whatever is not as it was written.
+    """
     path = Path(path)
     data = read_json(path)
     if not is_trajectory(data):
@@ -121,8 +128,11 @@ def read_trajectory(path: str | Path) -> WalkRecord:
 def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Trajectory]:
     """Read a trajectory and verify it again, by the usual limits, whatever the file says.
 
-    robot: the one that the file's has to be; without it the file is believed what its robot is.
-    Raises InvalidInput for a file that cannot be read, and for one of another robot.
+    Arguments:
+        robot: the one that the file's has to be; without it the file is believed what its robot is.
+
+    Raises:
+        InvalidInput: for a file that cannot be read, and for one of another robot.
     """
     trajectory = read_trajectory(path).trajectory
     if robot is not None and (other := _difference(trajectory.robot, robot)):
@@ -144,8 +154,10 @@ def is_trajectory(data: Any) -> bool:
 
 
 def copied(trajectory: Trajectory) -> Trajectory:
-    """Copy of a trajectory, made anew of the contents of its file. Raises InvalidInput where that
-    is none."""
+    """Copy of a trajectory, made anew of the contents of its file.
+
+    Raises InvalidInput where that is none.
+    """
     header = trajectory.header() | {
         "verified": False,
         "verdict": {},

@@ -1,2 +1,3 @@
 """Gait optimisation over height fields, after Pan et al. §III, §IV-C and §IV-D, whose method goes
-back to TOWR."""
+back to TOWR.
+"""

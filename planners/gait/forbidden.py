@@ -70,7 +70,8 @@ class GradientBoxes:
 
     def normals(self, xy_m: Array | None = None, radius_m: float = np.inf) -> Array:
         """Corners of the boxes of all cells that come within a distance of a point, as unit
-        normals, shape (N, 3)."""
+        normals, shape (N, 3).
+        """
         chosen = [np.ones(len(line) - 1, dtype=bool) for line in self._lines]
         for axis, line in enumerate(self._lines):
             if xy_m is not None:
@@ -115,7 +116,8 @@ def _suction(task: Walk) -> str:
 
 def _tips_over(normals: Array, friction: float, pull: float) -> bool:
     """Tell whether a direction below the horizon suits all normals, so far below that suction does
-    not hold the weight."""
+    not hold the weight.
+    """
     level = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
     angles = BELOW[np.sin(BELOW) > pull]
     below = [
@@ -127,7 +129,8 @@ def _tips_over(normals: Array, friction: float, pull: float) -> bool:
 
 def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
     """Reason why the net impulse of all the ground there is does not bring the body to the goal in
-    time."""
+    time.
+    """
     ahead = task.goal_xy_m - task.start_xy_m
     away = float(np.linalg.norm(ahead))
     if away == 0.0:

@@ -1,5 +1,6 @@
 """The optimisation program of a gait: a short list of constraints, written for a chart of the space
-(W1 in ambient coordinates, W7 in warped ones)."""
+(W1 in ambient coordinates, W7 in warped ones).
+"""
 
 from __future__ import annotations
 
@@ -57,11 +58,15 @@ def formulate(
 ) -> GaitProgram:
     """Write a task down as a program (W1 in the ambient chart, W7 in a warped one).
 
-    warp: the terrain's map for charts that need it, or what gives it; made by
-    ``warp.conformal.flatten`` if missing. Raises InvalidInput for settings that do not fit the task
-    and for a map of another terrain, and PlanningFailed where no map of the terrain can be made.
-
     >>> plan = formulate(task, GaitSettings(chart="shear")).solve()  # doctest: +SKIP
+
+    Arguments:
+        warp: the terrain's map for charts that need it, or what gives it; made by
+            ``warp.conformal.flatten`` if missing.
+
+    Raises:
+        InvalidInput: for settings that do not fit the task and for a map of another terrain, and
+            PlanningFailed where no map of the terrain can be made.
     """
     settings = sure(task, settings or GaitSettings())
 

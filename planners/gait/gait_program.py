@@ -1,5 +1,6 @@
 """A task written down as a program, to be solved from many guesses, and what a solve of it
-found."""
+found.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ from .variables.structure import Structure
 @dataclass(frozen=True, kw_only=True)
 class Costs:
     """Weights of the objective ½ proximal ‖x − x₁‖² + ½ acceleration ∫… + ½ force_rate ∫…
-    (``constraints.cost``)."""
+    (``constraints.cost``).
+    """
 
     proximal: float = 0.3
     acceleration: float = 0.0
@@ -52,8 +54,9 @@ class SolveOptions(TypedDict, total=False):
 class GaitProgram:
     """A task written down once, to be solved from many guesses (W1, W7).
 
-    structure: chart, variables and features; nlp: values and derivatives of its terms; guess: the
-    terrain-following initial guess, shape (size,). ``formulation.formulate`` makes one.
+    Arguments:
+        structure: chart, variables and features; nlp: values and derivatives of its terms; guess:
+            the terrain-following initial guess, shape (size,). ``formulation.formulate`` makes one.
     """
 
     def __init__(
@@ -79,7 +82,8 @@ class GaitProgram:
 
     def perturbed(self, rng: np.random.Generator, size: float = 0.02) -> Array:
         """The guess with normal noise of this deviation on every variable, shape (size,) [m, rad,
-        m·g]."""
+        m·g].
+        """
         return perturbed(self.guess, rng, self.structure, size)
 
     def violations(self, x: Array) -> Mapping[str, float]:
@@ -112,14 +116,24 @@ class GaitProgram:
     ) -> GaitSolution:
         """Solve from a guess until the first feasible iterate.
 
-        guess: shape (size,), the program's own if missing. callback(iteration, violation, cost):
-        may return True to stop. costs: weights of the objective; without any, the distance from the
-        reference alone keeps the answer near. reference: x₁, shape (size,), the guess if missing.
-        height_factor: on the terrain's heights (homotopy), for charts that have no map of their
-        own. stop_when_feasible: else IPOPT goes on to its own end or to max_iterations, of the
-        settings if missing. options: further options of IPOPT. Returns the first feasible point or,
-        with ``success`` False, the last. Raises InvalidInput for arrays of another shape and for a
-        height_factor other than 1 in a chart with a map.
+        Arguments:
+            guess: shape (size,), the program's own if missing. callback(iteration, violation,
+                cost): may return True to stop.
+            costs: weights of the objective; without any, the distance from the reference alone
+                keeps the answer near.
+            reference: x₁, shape (size,), the guess if missing.
+            height_factor: on the terrain's heights (homotopy), for charts that have no map of their
+                own.
+            stop_when_feasible: else IPOPT goes on to its own end or to max_iterations, of the
+                settings if missing.
+            options: further options of IPOPT.
+
+        Returns:
+            The first feasible point or, with ``success`` False, the last.
+
+        Raises:
+            InvalidInput: for arrays of another shape and for a height_factor other than 1 in a
+                chart with a map.
         """
         costs = costs or Costs()
         checked(height_factor, "height_factor", least=0.0)
@@ -165,10 +179,15 @@ class GaitProgram:
 class GaitSolution:
     """Result of one solve.
 
-    success: a point of largest violation below the tolerance; x: that point, else the last one,
-    shape (size,). iterations: of IPOPT until then. history: (violation, cost) at every iteration
-    from the guess on. violations: by term, at x. seconds: CPU time of the solve, in all, in
-    functions and derivatives, and in IPOPT with its linear solver. status: what IPOPT said.
+    Arguments:
+        success: a point of largest violation below the tolerance.
+        x: that point, else the last one, shape (size,).
+        iterations: of IPOPT until then.
+        history: (violation, cost) at every iteration from the guess on.
+        violations: by term, at x.
+        seconds: CPU time of the solve, in all, in functions and derivatives, and in IPOPT with its
+            linear solver.
+        status: what IPOPT said.
     """
 
     program: GaitProgram

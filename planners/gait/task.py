@@ -46,6 +46,7 @@ class GaitSettings:
         mean_forces: balance a node's motion by the mean of the forces about it, as p₊ − 2 p + p₋ is
             one, instead of by those at the node; what balances add up to over time is right then,
             but some walks are harder to find. Centred dynamics and fixed timings alone.
+
     Raises:
         InvalidInput: for an unknown chart or word, and for numbers out of range.
     """

@@ -50,10 +50,14 @@ Place = tuple[float, float]
 class WalkKeys(BaseModel):
     """The keys of NAME.yaml.
 
-    program: what made the walk. robot, terrain: as ``stancekit gait`` has them; paths are from the
-    file's folder; spacing_m: of a terrain's grid file. friction: ν. start_xy_m, goal_xy_m: where
-    the centre of mass was to begin and end. cpu_process_s, cpu_solver_s: CPU time of the whole
-    process and of its solver. task: number of the paper's.
+    Arguments:
+        program: what made the walk.
+        robot, terrain: as ``stancekit gait`` has them; paths are from the file's folder.
+        spacing_m: of a terrain's grid file.
+        friction: ν.
+        start_xy_m, goal_xy_m: where the centre of mass was to begin and end.
+        cpu_process_s, cpu_solver_s: CPU time of the whole process and of its solver.
+        task: number of the paper's.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -79,8 +83,10 @@ class WalkTable:
 
 
 def walk_names(folder: str | Path) -> tuple[Path, ...]:
-    """The walks of a folder, by their YAML files. Raises InvalidInput for a folder that is none or
-    has none."""
+    """The walks of a folder, by their YAML files.
+
+    Raises InvalidInput for a folder that is none or has none.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise InvalidInput(f"{folder}: expected a folder of walks, found none")
@@ -134,7 +140,10 @@ def _from(path: Path, name: str) -> str:
 
 
 def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
-    """The samples of a CSV file. Raises InvalidInput."""
+    """The samples of a CSV file.
+
+    Raises InvalidInput.
+    """
     rows = list(csv.reader(io.StringIO(read_text(path))))
     head, body = [name.strip() for name in rows[0]], [row for row in rows[1:] if row]
     names = [foot.name for foot in robot.feet]
@@ -179,8 +188,10 @@ def _of_archive(path: Path, robot: GaitRobot) -> dict[str, Any]:
 
 
 def _samples(arrays: Mapping[str, Array], robot: GaitRobot) -> dict[str, Any]:
-    """Arrays as a trajectory has them. Raises InvalidInput for one that is missing, unknown or of
-    another shape."""
+    """Arrays as a trajectory has them.
+
+    Raises InvalidInput for one that is missing, unknown or of another shape.
+    """
     feet = len(robot.feet)
     if "t_s" not in arrays:
         raise InvalidInput("t_s: expected this array, got nothing")

@@ -67,7 +67,8 @@ NEAR_M = 0.06
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
     """A plan with what its whole body does. short_m: by how much the reach of every limb was
-    shortened for it, and has to be for the next, shape (N,)."""
+    shortened for it, and has to be for the next, shape (N,).
+    """
 
     plan: LeapPlan
     body: LeapBodyMeasurements
@@ -78,7 +79,8 @@ class Judged:
     @property
     def next_share(self) -> float:
         """Share that the next rows ask for: less where it was kept and something between them was
-        not."""
+        not.
+        """
         over = [
             group.value / group.limit
             for group in self.groups
@@ -111,7 +113,8 @@ class Judged:
 
 class LeapBender:
     """Bends one leap's plans. Raises InvalidInput for a robot without legs, or without limits of
-    their joints."""
+    their joints.
+    """
 
     def __init__(
         self,
@@ -130,7 +133,8 @@ class LeapBender:
         self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
     ) -> Judged:
         """Joints of a plan, and its bodies where they can do it. shortened_m, share: as of
-        ``Judged``."""
+        ``Judged``.
+        """
         model = plan.problem.robot.source.own_model()
         if self._body is None:
             if unlimited := no_motors(model):
@@ -165,7 +169,8 @@ class LeapBender:
 
     def _hard(self, measured: LeapBodyMeasurements, *, air: bool = True) -> float:
         """Largest share of a limit that joints have in the air, or while some limb stands; a foot
-        that is off its path counts a unit per centimetre."""
+        that is off its path counts a unit per centimetre.
+        """
         flies = ~measured.path.contact.any(axis=1)
         rows = (flies if air else ~flies)[1:-1]
         off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
@@ -175,7 +180,8 @@ class LeapBender:
 
     def bent(self, plan: LeapPlan) -> tuple[Judged, Judged]:
         """The plan as it was judged, and the best that bending finds: the first that is accepted,
-        or the one that lacks least."""
+        or the one that lacks least.
+        """
         first = best = self.judge(plan)
         if first.accepted:
             return first, best
@@ -196,7 +202,8 @@ class LeapBender:
         self, plan: LeapPlan, before: float, flight: float, after: float
     ) -> LeapPlan | None:
         """The leap over the same contacts in another timing; None where no step solves it, or the
-        leap says how long it lasts."""
+        leap says how long it lasts.
+        """
         leap = plan.problem
         if leap.duration_s is not None:
             return None
@@ -238,7 +245,8 @@ class LeapBender:
 
     def _stepped(self, judged: Judged, near_m: float, share: float) -> LeapPlan | None:
         """One round: the plan of the convex steps with the joints' rows; None where its own rows do
-        not hold."""
+        not hold.
+        """
         plan = judged.plan
         leap = plan.problem
         numbers = legged_numbers(judged.body)
@@ -264,7 +272,8 @@ class LeapBender:
 
 def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:
     """The numbers of a leap whose body turns as it was measured to turn: J⁻¹ of the whole robot in
-    every interval, and the rest by legs that swing."""
+    every interval, and the rest by legs that swing.
+    """
     body = measured.leap_body
     plan = body.plan
     ends = np.concatenate(

@@ -28,8 +28,12 @@ MARGIN = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cut:
-    """C + Σ_j a_j(r_j). constant: C; table: a, shape (P, options), inf where there is no
-    candidate."""
+    """C + Σ_j a_j(r_j).
+
+    Arguments:
+        constant: C.
+        table: a, shape (P, options), inf where there is no candidate.
+    """
 
     constant: float
     table: Array
@@ -99,7 +103,8 @@ def _multipliers(numbers: LeapNumbers, solution: ConicSolution) -> dict[str, Arr
 
 def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
     """Radii of the limbs and bounds of the half-spaces with room for exact rotations, by ½ |Θ|² of
-    what they turn."""
+    what they turn.
+    """
     scaled, tilt = numbers.scaled, numbers.scaled.tilt
     bend = 1.5 * tilt**2  # ½ |Θ|² where every component is at the limit
     far = np.linalg.norm(scaled.shoulders, axis=1)
@@ -113,7 +118,8 @@ def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
 
 def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
     """Cut that multipliers prove of any leap, with all of the friction and reach with room for
-    exact rotations."""
+    exact rotations.
+    """
     reach, rows = widened(numbers)
     scaled = numbers.scaled
     return _cut(
@@ -123,7 +129,8 @@ def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
 
 def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
     """Cut that multipliers prove of the steps of SCP, which have a share of the friction and keep
-    some of the reach."""
+    some of the reach.
+    """
     scaled = numbers.scaled
     friction, bounds = (
         np.maximum(share * scaled.friction, LEAST_FRICTION),
@@ -135,7 +142,8 @@ def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
 
 def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
     """The cost of the first step's slack as a sum over toes, by its multipliers: c × F linearised,
-    p × f as it is."""
+    p × f as it is.
+    """
     solution, layout, problem, lasts = (
         found.solution,
         numbers.layout,
@@ -185,7 +193,8 @@ def _cut(
     tilt: float,
 ) -> Cut:
     """C and a of multipliers, for these cones, radii, bounds of half-spaces, heights and
-    rotations."""
+    rotations.
+    """
     parts, layout, scaled, leap = split(numbers, row), numbers.layout, numbers.scaled, numbers.leap
     (frame, limb, _), (which, half) = layout.standing, layout.standing_rows
     rows, normals = parts["reach_rows"], scaled.half_spaces.normals[half]
@@ -242,8 +251,11 @@ def _table(
     """The least of P·p + Σ (y + w × (p − ĉ))·f over a candidate's toes and the forces in its cone,
     (P, options).
 
-    pulls: P of every foothold; slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3).
     The toe's least is at a vertex, since the forces' least is concave in it.
+
+    Arguments:
+        pulls: P of every foothold.
+        slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3).
     """
     scaled: Scaled = numbers.scaled
     layout = scaled.layout

@@ -1,5 +1,6 @@
 """Candidates of a leap as numbers: what the hand rule, learned scores and environments see of each
-of them."""
+of them.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +62,11 @@ without any foothold."""
 class LeapFeatures:
     """Features of a leap with one timing before any choice is tried.
 
-    candidates: shape (P, R, F), by foothold and candidate, the F of ``OF_CANDIDATE``, 0 where there
-    is no candidate; mask: where there is one, shape (P, R); leap: shape (G,), the G of ``OF_LEAP``.
+    Arguments:
+        candidates: shape (P, R, F), by foothold and candidate, the F of ``OF_CANDIDATE``, 0 where
+            there is no candidate.
+        mask: where there is one, shape (P, R).
+        leap: shape (G,), the G of ``OF_LEAP``.
     """
 
     candidates: Array
@@ -140,7 +144,8 @@ class LeapFeatures:
 
 def _grip(numbers: LeapNumbers) -> tuple[Array, Array]:
     """Friction left over at the nominal force of every candidate, in units of that force, shape
-    (K,); and the mean nominal force of every foothold in units of the weight, shape (P, 3)."""
+    (K,); and the mean nominal force of every foothold in units of the weight, shape (P, 3).
+    """
     scaled, layout, nominal = numbers.scaled, numbers.layout, numbers.nominal
     contacts = layout.contacts[2]
     pushes = np.zeros((layout.footholds, 3))
@@ -153,7 +158,8 @@ def _grip(numbers: LeapNumbers) -> tuple[Array, Array]:
 
 def _room(numbers: LeapNumbers, middles: Array) -> Array:
     """The least of what is left of reach and height where the limb stands, at a patch's middle,
-    shape (K,) [m]."""
+    shape (K,) [m].
+    """
     scaled, layout = numbers.scaled, numbers.layout
     frame, limb, foothold = layout.standing
     com = numbers.nominal.com[frame]

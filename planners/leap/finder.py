@@ -1,5 +1,6 @@
 """Planners of leaps: choose contacts, try them by SCP, learn cuts from what fails, and prove what
-no choice solves."""
+no choice solves.
+"""
 
 from __future__ import annotations
 
@@ -47,10 +48,12 @@ class LeapFinder:
         share: of the friction, that plans use.
         proof: convex problems at most in search of a proof, after no plan was found; 0 for none.
         seed: of noise and of random choices.
+
     Raises:
         InvalidInput: for another order, and numbers out of range.
     Source:
         Newton and Euler for one rigid body; docs/concepts/leaps.md.
+
     Example:
         >>> import stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
@@ -164,8 +167,9 @@ class LeapSearch:
     def attempts(self, order: Order | None = None) -> Iterator[LeapAttempt]:
         """Attempts, timing by timing in turn, until the solves are spent or nothing is left to try.
 
-        order: another one than the method's; it goes on from what the search has tried and learned
-        so far.
+        Arguments:
+            order: another one than the method's; it goes on from what the search has tried and
+                learned so far.
         """
         method = self._method
         self._order, self._before = order or method.order, self.tries
@@ -190,7 +194,8 @@ class LeapSearch:
 
     def choices(self) -> Iterator[tuple[int, Index]]:
         """Choices as ``attempts`` would try them, each with its timing, for whoever tries them in
-        another way."""
+        another way.
+        """
         for timing in self._turns():
             choice = self._choice(timing)
             if choice is None:

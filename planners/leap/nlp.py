@@ -33,8 +33,13 @@ rad."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NlpPoint:
-    """Point at which IPOPT ended. violation: the largest of any row, scaled; toes_m: (P, 3) [m];
-    forces_n: (M, N, 3) [N]."""
+    """Point at which IPOPT ended.
+
+    Arguments:
+        violation: the largest of any row, scaled.
+        toes_m: (P, 3) [m].
+        forces_n: (M, N, 3) [N].
+    """
 
     violation: float
     toes_m: Array
@@ -54,9 +59,12 @@ class LeapNlp:
     state at the ends of intervals, which the polynomials of an interval tie together (multiple
     shooting).
 
-    leap: one of those leaps. timing: which of its timings. corners: most corners of a patch.
-    reserve: keep of friction, reach, height, tilt and speed what plans keep, as instants between
-    the program's own are judged, too.
+    Arguments:
+        leap: one of those leaps.
+        timing: which of its timings.
+        corners: most corners of a patch.
+        reserve: keep of friction, reach, height, tilt and speed what plans keep, as instants
+            between the program's own are judged, too.
     """
 
     def __init__(
@@ -101,8 +109,11 @@ class LeapNlp:
         self._low, self._high = low, high
 
     def solve(self, leap: Leap, choice: Index, start: tuple[Array, Array, Array]) -> NlpPoint:
-        """Solve by IPOPT and return the point where it ends. start: toes (P, 3), forces per contact
-        (B, 3) and states (M + 1, 12) to begin at."""
+        """Solve by IPOPT and return the point where it ends.
+
+        Arguments:
+            start: toes (P, 3), forces per contact (B, 3) and states (M + 1, 12) to begin at.
+        """
         x0 = np.concatenate([part.ravel() for part in start])
         p = np.concatenate([self._numbers(leap, choice).ravel(), leap.start.com_m, leap.goal.com_m])
         result = self._solver(x0=x0, p=p, lbg=self._low, ubg=self._high)["x"]
@@ -130,7 +141,8 @@ class LeapNlp:
         self, leap: Leap, choice: Index, starts: int, rng: np.random.Generator
     ) -> NlpPoint:
         """The point of least violation from a straight line and random forces, the first that is
-        solved."""
+        solved.
+        """
         middles = self._middles(leap, choice)
         count = np.bincount([k for k, *_ in self.contacts], minlength=len(self.holds))
         normals = np.array([leap.patch(j, choice).normal for _, _, j in self.contacts])
@@ -151,7 +163,8 @@ class LeapNlp:
 
     def _numbers(self, leap: Leap, choice: Index) -> Array:
         """The parameters of the chosen patches: normal, middle, friction, and normal and point of
-        every edge."""
+        every edge.
+        """
         rows = []
         for j in range(len(leap.footholds)):
             patch, toe = leap.patch(j, choice), leap.footholds[j].toe_m
@@ -269,7 +282,8 @@ class LeapNlp:
         ask: Ask,
     ) -> None:
         """Reach, height, length, speed and power of a leg at one instant, by the rotation I + [Θ]×
-        + ½ [Θ]×²."""
+        + ½ [Θ]×².
+        """
         leap, limb = self.leap, self.leap.robot.limbs[i]
         leg = leap.leg(limb)
         cross = ca.skew(angle)

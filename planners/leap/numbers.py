@@ -32,9 +32,11 @@ UNLIMITED = 1e3
 class LeapPoint:
     """A motion and its forces, as a program is linearised about it and as it answers.
 
-    com, rotation: at the frames, shape (2M + 1, 3); velocity, momentum: at the ends of intervals,
-    shape (M + 1, 3); toes: shape (P, 3); forces: in the world in units of the weight, one per
-    stance contact, shape (B, 3).
+    Arguments:
+        com, rotation: at the frames, shape (2M + 1, 3).
+        velocity, momentum: at the ends of intervals, shape (M + 1, 3).
+        toes: shape (P, 3).
+        forces: in the world in units of the weight, one per stance contact, shape (B, 3).
     """
 
     com: Array
@@ -82,7 +84,8 @@ class LeapNumbers:
         spins: Array | None = None,
     ) -> LeapNumbers:
         """The numbers of a leap for one of its timings; legs_turn: 0 where it is not said; spins:
-        those of a rigid body."""
+        those of a rigid body.
+        """
         times, robot = leap.times_s(timing), leap.robot
         legs: list[LegLimits] = [leap.leg(limb) for limb in robot.limbs]
         inertia = robot.inertia
@@ -134,8 +137,11 @@ class LeapNumbers:
         return np.asarray(self.stance_intervals[self.layout.contacts[0]])
 
     def total(self, forces: Array) -> Array:
-        """F, the sum of the forces in every interval, shape (M, 3); forces: of the stance contacts,
-        shape (B, 3)."""
+        """F, the sum of the forces in every interval, shape (M, 3).
+
+        Arguments:
+            forces: of the stance contacts, shape (B, 3).
+        """
         total = np.zeros((self.intervals, 3))
         np.add.at(total, self.contact_intervals, forces)
         return total
@@ -143,7 +149,8 @@ class LeapNumbers:
     @cached_property
     def nominal(self) -> LeapPoint:
         """The motion of least forces beside the weight that gets there, whatever the toes; toes are
-        at no place."""
+        at no place.
+        """
         standing = np.unique(self.stance_intervals)
         weight = self._weights(np.array([self.times[-1]]))[0][standing]  # of F on c at the end
         rows = [GRAVITY_M_S2 * weight, GRAVITY_M_S2 * self.lasts[standing]]
@@ -180,7 +187,8 @@ class LeapNumbers:
 
     def _weights(self, times: Array) -> Array:
         """∫ (T − t) dt over the part of each interval before T, which c at T has of g F; shape (·,
-        M) [s²]."""
+        M) [s²].
+        """
         left = np.maximum(times[:, None] - self.times[:-1:2], 0.0)
         after = np.maximum(times[:, None] - self.times[2::2], 0.0)
         return np.asarray(0.5 * (left**2 - after**2))
@@ -192,7 +200,8 @@ class LeapNumbers:
 
     def ballistic(self, total: Array) -> tuple[Array, Array]:
         """c at the frames, (2M + 1, 3), and v at the ends of intervals, (M + 1, 3), for forces F,
-        shape (M, 3)."""
+        shape (M, 3).
+        """
         push = GRAVITY_M_S2 * (total - np.array([0.0, 0.0, 1.0]))
         com = self.start[0] + self.times[:, None] * self.velocity[0] + self.fallen @ push
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(self.lasts[:, None] * push, axis=0)])
@@ -244,7 +253,8 @@ class JointRows:
 
     def over(self, given: LeapGiven) -> tuple[Array, Array]:
         """By how much the worst row of every joint exceeds the share at the point of ``given``,
-        ahead and back, shape (2B, n) each."""
+        ahead and back, shape (2B, n) each.
+        """
         point, at = given.point, given.numbers.contact_intervals
         node = np.concatenate([at, at + 1])
         frames = np.concatenate([given.scaled.contact_frames] * 2)
@@ -294,7 +304,8 @@ class LeapGiven(Given):
     @cached_property
     def legs(self) -> tuple[Array, Array, Array]:
         """ê, J⁻ᵀ(h × ê) and h × ê of every limb that stands at a frame, of the point; h the turned
-        hip; (T, 3) each."""
+        hip; (T, 3) each.
+        """
         frame, limb, foothold = self.scaled.layout.standing
         hips = self.numbers.hips[limb]
         hips = hips + cross(self.point.rotation[frame], hips)
@@ -306,7 +317,8 @@ class LeapGiven(Given):
     @cached_property
     def hip_velocities(self) -> Array:
         """v + ω × h at both ends of the interval of every stance contact, first ends first, shape
-        (2B, 3)."""
+        (2B, 3).
+        """
         limb, at = self.scaled.layout.contacts[1], self.numbers.contact_intervals
         node = np.concatenate([at, at + 1])
         spin = self.point.momentum[node] @ self.numbers.spin.T
@@ -316,7 +328,8 @@ class LeapGiven(Given):
     @cached_property
     def powers(self) -> tuple[Array, Array, Array, Array]:
         """f̂ in the world, J⁻ᵀ(h × f̂), Rᵀ v̂ in contact frames, and f̂·v̂, at both ends of every
-        contact's interval."""
+        contact's interval.
+        """
         limb = self.scaled.layout.contacts[1]
         forces = np.concatenate([self.point.forces] * 2)
         hips = self.numbers.hips[np.concatenate([limb, limb])]
@@ -328,7 +341,8 @@ class LeapGiven(Given):
     @cached_property
     def planes(self) -> tuple[Array, Array, Array]:
         """a + Θ̂ × a, a × d̂, and Θ̂·(a × d̂), d̂ = p̂ − ĉ, of every half-space that holds
-        somewhere."""
+        somewhere.
+        """
         (frame, _, foothold), (which, half) = (
             self.scaled.layout.standing,
             self.scaled.layout.standing_rows,
@@ -397,7 +411,8 @@ def _scaled(leap: Leap) -> Scaled:
 
 def _ramps(leap: Leap, layout: Layout) -> Array:
     """The share of the largest force of every stance contact, shape (B,): less just after a toe
-    lands and before it lifts."""
+    lands and before it lifts.
+    """
     stance, limb, _ = layout.contacts
     interval = layout.stance_frames[stance] // 2
     by_interval = leap.holds[leap.interval_phases]

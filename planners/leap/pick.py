@@ -1,5 +1,6 @@
 """The next choice of candidates: the best sum of scores under all cuts, over two halves of the
-footholds."""
+footholds.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +21,9 @@ MOST = 8_192
 class Picker:
     """Choices of one leap, what was tried, and the cuts so far.
 
-    scores: of every candidate, shape (P, options), −inf where there is none. price: what a unit of
-    predicted cost takes off a score.
+    Arguments:
+        scores: of every candidate, shape (P, options), −inf where there is none.
+        price: what a unit of predicted cost takes off a score.
     """
 
     def __init__(self, scores: Array, price: float) -> None:

@@ -1,5 +1,6 @@
 """The convex programs of a leap: one step of SCP for given contacts, and the relaxation over open
-candidates."""
+candidates.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ LITTLE = 1e-5
 @dataclass(frozen=True, eq=False)
 class Step:
     """An answer of ``LeapProgram``: the conic solution, its point, and what its slack costs (NaN
-    without a point)."""
+    without a point).
+    """
 
     solution: ConicSolution
     point: LeapPoint | None
@@ -101,7 +103,10 @@ class LeapLift:
         body.limits()
 
     def solve(self, given: LeapGiven) -> ConicSolution:
-        """Is there a point of the relaxation? ``dual`` of an answer that is infeasible is a ray."""
+        """Is there a point of the relaxation?
+
+        ``dual`` of an answer that is infeasible is a ray.
+        """
         return self.rows.solve(given)
 
 

@@ -1,5 +1,6 @@
 """A proof that no leap exists: a tree over the toes' candidates with one cut per leaf
-(``verify.leap_proof``)."""
+(``verify.leap_proof``).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ LEAF, CHOICE, TIMING = 0.0, 1.0, 4.0
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProofSearch:
     """Result of a search for a proof: rows of the tree and of multipliers, None without a proof;
-    solves."""
+    solves.
+    """
 
     tree: list[tuple[float, ...]] | None
     rows: list[Array]
@@ -35,8 +37,9 @@ class ProofSearch:
 class Prover:
     """Branch and bound over the candidates of one timing.
 
-    rows: multipliers from earlier solves, which may refute something. solves: convex problems at
-    most.
+    Arguments:
+        rows: multipliers from earlier solves, which may refute something.
+        solves: convex problems at most.
     """
 
     def __init__(
@@ -123,7 +126,8 @@ class Prover:
 
 def refuting_ray(programs: Programs, numbers: LeapNumbers, choice: Index) -> Array | None:
     """Multipliers that refute one choice of contacts, by one convex problem; None where it has an
-    answer."""
+    answer.
+    """
     single = np.zeros_like(numbers.scaled.opened())
     single[np.arange(len(choice)), choice] = 1.0
     solution, _ = _relaxed(programs, numbers, single)

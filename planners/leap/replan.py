@@ -20,8 +20,10 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
         plan: that is under way.
         time_s: since its beginning, before its end [s].
         state: of the body at that time.
+
     Returns:
         A ``Leap`` with the timing of the plan, for ``find_leap``. It may begin in the air.
+
     Raises:
         InvalidInput: for a time that is not within the plan.
     """

@@ -1,5 +1,6 @@
 """The hand rule: a number per candidate that adds up over the toes, from friction and reach on the
-nominal motion."""
+nominal motion.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +16,13 @@ from .numbers import LeapNumbers
 
 class Scorer(Protocol):
     """Whatever gives every candidate a score before anything is tried: the hand rule, or a learned
-    one."""
+    one.
+    """
 
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there
-        is none."""
+        is none.
+        """
         ...
 
 
@@ -28,8 +31,9 @@ class Rule:
     """The four constants of the hand rule, chosen on training scenes by
     ``benchmarks/leap_rule.py``.
 
-    grip, room: weights of the friction that is left over and of the reach; grip_cap, room_cap [m]:
-    more than this of either is worth nothing.
+    Arguments:
+        grip, room: weights of the friction that is left over and of the reach; grip_cap, room_cap
+            [m]: more than this of either is worth nothing.
     """
 
     grip: float = 3.0
@@ -42,7 +46,8 @@ class Rule:
 
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there
-        is none."""
+        is none.
+        """
         seen = LeapFeatures.of(numbers)
         grip, room = (
             seen.candidates[:, :, OF_CANDIDATE.index(name)] for name in ("grip", "room_m")

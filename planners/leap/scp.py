@@ -1,5 +1,6 @@
 """A leap with given contacts: convex steps about the point so far, until the bilinear rows hold
-(SCP)."""
+(SCP).
+"""
 
 from __future__ import annotations
 
@@ -41,10 +42,14 @@ FRICTION_SHARE = 0.8
 class LeapAttempt:
     """An attempt at one choice of contacts.
 
-    choice: a candidate per foothold, shape (P,). point: the best one, None where the first step has
-    none; cost: of what is left of its rows; first: cost of the first step's slack, which nearly
-    decides. solution: of that step, about ``given``. solves: convex problems. share: of the
-    friction.
+    Arguments:
+        choice: a candidate per foothold, shape (P,).
+        point: the best one, None where the first step has none.
+        cost: of what is left of its rows.
+        first: cost of the first step's slack, which nearly decides.
+        solution: of that step, about ``given``.
+        solves: convex problems.
+        share: of the friction.
     """
 
     choice: Index
@@ -64,7 +69,8 @@ class LeapAttempt:
     @cached_property
     def refuted(self) -> bool:
         """Tell whether the first step's hard rows have no answer, so that its multipliers are a
-        Farkas ray."""
+        Farkas ray.
+        """
         return self.solution.status is ConicStatus.INFEASIBLE
 
 
@@ -79,8 +85,10 @@ def attempt(
 ) -> LeapAttempt:
     """Try one choice of contacts from the nominal motion.
 
-    share: of the friction. stop: cost of the first step's slack above which there is no second
-    one; inf never stops. steps: convex problems at most.
+    Arguments:
+        share: of the friction.
+        stop: cost of the first step's slack above which there is no second one; inf never stops.
+        steps: convex problems at most.
     """
     scaled = reserved(numbers, choice, share)
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
@@ -117,7 +125,8 @@ def attempt(
 
 def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
     """Numbers of chosen contacts, with what plans keep of reach, tilt and friction, and of the
-    borders of patches where feet are to stand on them."""
+    borders of patches where feet are to stand on them.
+    """
     scaled = numbers.scaled.chosen(choice)
     if numbers.leap.robot.source.own:
         pieces = [_inside(piece, EDGE_M) for piece in scaled.pieces]
@@ -132,7 +141,8 @@ def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
 
 def _inside(border_m: Array, edge_m: float) -> Array:
     """A convex patch drawn in towards its middle until it is so far from its border, or a tenth as
-    large, shape (U, 3); a point stays one."""
+    large, shape (U, 3); a point stays one.
+    """
     middle = border_m.mean(axis=0)
     along = np.roll(border_m, -1, axis=0) - border_m
     long = np.linalg.norm(along, axis=1)
@@ -146,7 +156,8 @@ def descend(
     program: LeapProgram, given: LeapGiven, point: LeapPoint, *, steps: int = STEPS
 ) -> tuple[LeapPoint, float, int]:
     """Step from a point until all rows hold or little can be won: the best point, its cost, and the
-    convex problems, one more than were solved here."""
+    convex problems, one more than were solved here.
+    """
     best, cost, radius, solves = point, cost_of(given, point), RADIUS_M, 1
     while cost > HOLDS and solves < steps and radius > LEAST_RADIUS_M:
         near = nearby(given, best, radius)
@@ -231,8 +242,10 @@ def plan_from(
 ) -> LeapPlan:
     """The plan of toes and forces on chosen patches, what the body does worked out from them.
 
-    choice: a candidate per foothold, shape (P,); toes_m: shape (P, 3); forces_n: of every limb in
-    every interval, shape (M, N, 3).
+    Arguments:
+        choice: a candidate per foothold, shape (P,).
+        toes_m: shape (P, 3).
+        forces_n: of every limb in every interval, shape (M, N, 3).
     """
     leap = numbers.leap
     pushes = forces_n[numbers.contact_intervals, numbers.layout.contacts[1]] / leap.weight_n

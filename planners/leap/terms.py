@@ -49,7 +49,8 @@ class Dynamics:
 
     def linear(self, forces: Forces) -> None:
         """v′ = v + g dt (F − e_z), c′ = c + dt (v + v′)/2, c in the middle, both ends, and rest in
-        still intervals."""
+        still intervals.
+        """
         rows, com, v, m = self._rows, self._body.com, self.velocity, self.intervals
         faster = rows.equal("faster", m, 3)
         rows.put(faster, v[1:], 1.0)
@@ -182,7 +183,8 @@ class Turning:
 
 class Legs:
     """Limits of legs: height of the body, and speed, power and length about a point, which cost
-    where they fail."""
+    where they fail.
+    """
 
     def __init__(
         self,
@@ -211,7 +213,8 @@ class Legs:
 
     def speed(self, momentum: Index) -> None:
         """|ê·(v + ω × h)| ≤ speed at the ends of intervals, ê along the leg of the point, ω = J⁻¹
-        L."""
+        L.
+        """
         rows, (frame, limb, _) = self._rows, self._layout.standing
         ends = np.flatnonzero(frame % 2 == 0)
         node = frame[ends] // 2
@@ -267,7 +270,8 @@ class Legs:
 
     def inside(self) -> None:
         """a·R(Θ)ᵀ(p − c) ≤ b of every half-space of reach, about a point; the outer ones are hard
-        rows beside it."""
+        rows beside it.
+        """
         rows, layout = self._rows, self._layout
         (frame, _, foothold), (which, half) = layout.standing, layout.standing_rows
         slack, row = _one_slack(rows, "inside", len(half)), rows.at_most("within", len(half))
@@ -280,7 +284,8 @@ class Legs:
 
     def joints(self, forces: Forces, momentum: Index, count: int) -> None:
         """|q̇|/q̇_max, |τ|/τ_max and, where they drive, the sum of both within their share, at both
-        ends of every interval, for ``count`` joints per leg; linear about what a judge measured."""
+        ends of every interval, for ``count`` joints per leg; linear about what a judge measured.
+        """
         rows, (stance, _, _) = self._rows, self._layout.contacts
         at = self._layout.stance_frames[stance] // 2
         node = np.concatenate([at, at + 1])
@@ -328,7 +333,8 @@ def still_moments(
     rows: Rows[LeapGiven], layout: Layout, body: BodyVariables, forces: Forces, dynamics: Dynamics
 ) -> None:
     """Σ p × f = c × e_z in still intervals, over the forces of vertices: the quasi-static balance
-    of moments."""
+    of moments.
+    """
     interval = layout.stance_frames[forces.stance] // 2
     still = rows.equal("moment_still", len(dynamics.still_intervals), 3)
     for row, k in zip(still, dynamics.still_intervals, strict=True):

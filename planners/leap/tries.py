@@ -1,5 +1,6 @@
 """Tries of a leap: choices of contacts, each solved with a plan, refuted by a cut, or unsolved
-without a claim."""
+without a claim.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +33,16 @@ LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECI
 class Try:
     """One choice of contacts, and what is known of it.
 
-    order: how it was chosen; timing: number of the timing; choice: a candidate per foothold, shape
-    (P,). status: feasible with a plan that ``check_leap`` accepted, infeasible with a row of
-    multipliers that refutes the choice by ``verify.leap_proof``, else undecided. first: cost of the
-    first convex step; cost: of what is left at the end; inf where the first step has no answer.
-    solves: convex problems; seconds: wall clock.
+    Arguments:
+        order: how it was chosen.
+        timing: number of the timing.
+        choice: a candidate per foothold, shape (P,).
+        status: feasible with a plan that ``check_leap`` accepted, infeasible with a row of
+            multipliers that refutes the choice by ``verify.leap_proof``, else undecided.
+        first: cost of the first convex step.
+        cost: of what is left at the end; inf where the first step has no answer.
+        solves: convex problems.
+        seconds: wall clock.
     """
 
     order: Order
@@ -68,6 +74,7 @@ def tries_of(
         seed: of random choices and of noise.
         stop: cost of a first step above which a choice is given up.
         share: of the friction, that plans use.
+
     Returns:
         The tries in the order in which they were made. What one of them is refuted by is held
         against all others.
@@ -118,7 +125,9 @@ class _Labeller:
 
     def _learn(self, numbers: LeapNumbers, found: LeapAttempt) -> int:
         """Keep a cut that refutes a choice: of its own multipliers, or else of the relaxation's.
-        Returns solves."""
+
+        Returns solves.
+        """
         if any(
             cut.value(found.choice) > MARGIN
             for timing, cut, _ in self._cuts
@@ -137,7 +146,8 @@ class _Labeller:
 
     def _refuting(self, timing: int, choice: Index) -> Array | None:
         """Multipliers that the verifier accepts against a choice, of the cut that says most; None
-        without any."""
+        without any.
+        """
         values = [(cut.value(choice), row) for at, cut, row in self._cuts if at == timing]
         value, row = max(values, key=lambda each: each[0], default=(0.0, None))
         if (

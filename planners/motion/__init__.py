@@ -1,2 +1,3 @@
 """The motion that a plan stands for: what the runner executes, planning keeps clear and the
-verifier judges."""
+verifier judges.
+"""

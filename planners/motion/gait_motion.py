@@ -28,11 +28,13 @@ KNOT_S = 0.05
 
 
 class GaitMotion:
-    """A trajectory over time. Feet are spheres: a radius above what they touch. ``Samples.frame``
-    counts seconds.
+    """A trajectory over time.
 
-    radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of
-    all feet; ``Samples.foothold`` counts them.
+    Feet are spheres: a radius above what they touch. ``Samples.frame`` counts seconds.
+
+    Arguments:
+        radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called,
+            of all feet; ``Samples.foothold`` counts them.
     """
 
     counted = "seconds"
@@ -109,14 +111,16 @@ class GaitMotion:
     @cached_property
     def _turns(self) -> Array:
         """By how much the body turns from each sample to the next, world frame, shape (K − 1, 3)
-        [rad]."""
+        [rad].
+        """
         turns = Rotation.from_matrix(self.trajectory.rotation)
         return np.asarray((turns[1:] * turns[:-1].inv()).as_rotvec())
 
 
 def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Number of the stance that every foot is in, counted over all feet, −1 in the air; contact and
-    result: shape (K, E)."""
+    result: shape (K, E).
+    """
     begins = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=np.bool_), contact[:-1]])
     count = np.cumsum(begins, axis=0)
     before = np.concatenate([[0], np.cumsum(count[-1])[:-1]])

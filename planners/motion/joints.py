@@ -39,8 +39,10 @@ them."""
 class PathPostures:
     """A robot at T moments, J joints, N limbs.
 
-    rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m]. angles:
-    shape (T, J) [rad]. error_m: how far feet stay from where they should be, shape (T, N).
+    Arguments:
+        rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m].
+        angles: shape (T, J) [rad].
+        error_m: how far feet stay from where they should be, shape (T, N).
     """
 
     rotations: Array
@@ -54,7 +56,10 @@ class JointPath:
 
     They are drawn to the straight line between those of two key frames. Where a limb in the air
     does not follow its foot's path so, the line goes by way of comfortable postures at the two
-    corners of its swing. apart_m: of the moments at which that is looked at, those that are judged.
+    corners of its swing.
+
+    Arguments:
+        apart_m: of the moments at which that is looked at, those that are judged.
     """
 
     def __init__(self, path: PlanPath, kinematics: Kinematics, apart_m: float = APART_M) -> None:
@@ -171,8 +176,11 @@ def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) ->
 
 
 def key_postures(plan: Plan, angles: Array) -> WholeBody:
-    """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M,
-    J) [rad]."""
+    """The postures of the key frames as they are drawn, rotations taken exactly.
+
+    Arguments:
+        angles: shape (M, J) [rad].
+    """
     robot, frames = plan.problem.robot, range(len(angles))
     turns = rotations_of(plan.rotation_rad)
     return WholeBody(
@@ -187,7 +195,8 @@ def key_postures(plan: Plan, angles: Array) -> WholeBody:
 
 def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, Array]:
     """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what
-    they miss."""
+    they miss.
+    """
     angles, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
     for i, leg in enumerate(kinematics.model.legs):
         joints = kinematics.joints_of(i)

@@ -118,7 +118,8 @@ class LeapBody:
 
     def _feet(self) -> None:
         """Centres of the feet, and the normals below them: in the air they go from one surface's to
-        the other's."""
+        the other's.
+        """
         plan, leap = self.plan, self.plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
         facing = np.array([patch.normal for patch in patches])
@@ -134,7 +135,8 @@ class LeapBody:
 
     def _fly(self, limb: int, first: int, last: int) -> None:
         """One limb's way through the air, between the samples at which it stands last and first
-        again; the ends of a leap have none beyond them."""
+        again; the ends of a leap have none beyond them.
+        """
         from scipy.interpolate import CubicSpline  # slow to import
 
         rows = np.arange(max(first, 0), min(last, len(self.times_s) - 1) + 1)
@@ -245,7 +247,8 @@ class LeapBody:
 
 def gaps(stands: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Rows before and behind every stretch in which a limb does not stand; −1 and K beyond the
-    ends."""
+    ends.
+    """
     padded = np.concatenate([[True], stands, [True]])
     begins = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
     ends = np.flatnonzero(~padded[:-1] & padded[1:])

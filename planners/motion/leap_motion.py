@@ -1,5 +1,6 @@
 """The motion of a leap: the body as its forces move it, and feet that go from foothold to
-foothold."""
+foothold.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +95,8 @@ class LeapMotion:
     @cached_property
     def _surface(self) -> NDArray[np.int_]:
         """The foothold that every limb has, comes to, or else had last, in every interval, shape
-        (M, N)."""
+        (M, N).
+        """
         surface = self._holds.copy()
         for i in range(surface.shape[1]):
             stands = np.flatnonzero(surface[:, i] >= 0)
@@ -105,7 +107,8 @@ class LeapMotion:
     @cached_property
     def _flights(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Ends of intervals at which each limb left last and lands next, itself where it stands,
-        shape (M, N) each."""
+        shape (M, N) each.
+        """
         left, lands = np.zeros_like(self._holds), np.full_like(self._holds, len(self._holds))
         for k in range(len(left)):
             before = left[k - 1] if k else np.zeros(left.shape[1], dtype=int)
@@ -118,7 +121,8 @@ class LeapMotion:
     @cached_property
     def _from_body(self) -> Array:
         """Toes seen from the body at the ends of intervals, of the foothold before and after each
-        of them, shape (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's."""
+        of them, shape (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's.
+        """
         none = np.full((1, self._holds.shape[1]), -1)
         before = np.concatenate([none, self._holds])
         after = np.concatenate([self._holds, none])

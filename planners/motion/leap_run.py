@@ -68,7 +68,8 @@ class LeapRun:
     @cached_property
     def committed_s(self) -> tuple[float, float]:
         """From when the body goes into the air whatever its legs do, and when it rests again [s]:
-        from the beginning of the last interval before the first flight to the end."""
+        from the beginning of the last interval before the first flight to the end.
+        """
         leap, ends = self.plan.problem, self.plan.times_s
         air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
         if not air.any():

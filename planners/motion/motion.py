@@ -1,5 +1,6 @@
 """The one form in which motions are sampled: what body, feet and joints should do at given
-times."""
+times.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +69,8 @@ class Samples:
     @property
     def toes_m(self) -> Array:
         """Lowest points of the feet, a radius below their centres along the normal, shape (T, N,
-        3)."""
+        3).
+        """
         return np.asarray(self.feet_m - self.radii_m[:, None] * self.normals)
 
     @cached_arrays
@@ -79,7 +81,8 @@ class Samples:
     @cached_arrays
     def steep(self) -> NDArray[np.bool_]:
         """Tell whether the slope exceeds atan μ, so that friction alone holds no weight, shape (T,
-        N)."""
+        N).
+        """
         return np.asarray(self.normals[..., 2] * np.hypot(1.0, self.friction) < 1.0)
 
     @cached_arrays
@@ -107,19 +110,22 @@ class Samples:
     @cached_arrays
     def wrench(self) -> Array:
         """Sum of the forces [N] and of their moments about the centre of mass [Nm], world frame,
-        shape (T, 6)."""
+        shape (T, 6).
+        """
         turning = cross(self.arms_m, self.forces_n).sum(axis=-2)
         return np.concatenate([self.forces_n.sum(axis=-2), turning], axis=-1)
 
     @cached_arrays
     def frames(self) -> Array:
         """R_WC of the surfaces, each with the axis that lies nearest to it as its shear reference,
-        (T, N, 3, 3)."""
+        (T, N, 3, 3).
+        """
         return contact_frames(self.normals, np.eye(3)[np.abs(self.normals).argmin(axis=-1)])
 
     def rows(self) -> list[Self]:
         """The samples at T times one by one, with what follows from them, which is worked out for
-        all at once."""
+        all at once.
+        """
         names = [
             name
             for name in self.__annotations__
@@ -151,12 +157,14 @@ class Motion(Protocol):
     @property
     def knots_s(self) -> Array:
         """Times from 0 to the end at which postures are chosen, the same moments at every pace,
-        shape (K,) [s]."""
+        shape (K,) [s].
+        """
         ...
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the
-        ends are held."""
+        ends are held.
+        """
         ...
 
 

@@ -34,10 +34,12 @@ class Segment:
     """A straight part of the path, N limbs: body between two key frames, or at one, feet from here
     to there.
 
-    frames: between which the body goes. foothold: what every limb stands on, −1 in the air.
-    surface: the foothold that it stands on, leaves or comes to, shape (N,). feet_m: centres of the
-    feet at both ends, shape (2, N, 3). part: of a step: 0 lifts, 1 goes across, 2 comes down; −1 of
-    none.
+    Arguments:
+        frames: between which the body goes.
+        foothold: what every limb stands on, −1 in the air.
+        surface: the foothold that it stands on, leaves or comes to, shape (N,).
+        feet_m: centres of the feet at both ends, shape (2, N, 3).
+        part: of a step: 0 lifts, 1 goes across, 2 comes down; −1 of none.
     """
 
     frames: tuple[int, int]
@@ -56,10 +58,12 @@ class Segment:
 class PathMoments:
     """T moments of a path, N limbs.
 
-    before, after, share: the key frames that the body is between, and how far, (T,) each. com_m,
-    rotation_rad: of the body, shape (T, 3). feet_m: centres, shape (T, N, 3). foothold, surface: as
-    of ``Segment``, shape (T, N). part, passed: of a step, as of ``Segment``, and how much of it is
-    behind, (T,) each.
+    Arguments:
+        before, after, share: the key frames that the body is between, and how far, (T,) each.
+        com_m, rotation_rad: of the body, shape (T, 3).
+        feet_m: centres, shape (T, N, 3).
+        foothold, surface: as of ``Segment``, shape (T, N).
+        part, passed: of a step, as of ``Segment``, and how much of it is behind, (T,) each.
     """
 
     before: NDArray[np.int_]
@@ -81,7 +85,8 @@ class PathMoments:
     @property
     def lifted(self) -> Array:
         """Share of their lift that feet have behind them, 0 where they stand and 1 later on, shape
-        (T, N)."""
+        (T, N).
+        """
         return np.where(self.foothold >= 0, 0.0, np.where(self.part > 0, 1.0, self.passed)[:, None])
 
     @property
@@ -91,13 +96,16 @@ class PathMoments:
 
 
 class PlanPath:
-    """The path of a plan. clearance_m: how far feet are lifted. uncarried: all limbs may lift at
-    once.
+    """The path of a plan.
 
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m];
     touch_downs_m: how far beyond that it may come down until it feels, shape (P,) [m]. Raises
     InvalidInput where all limbs lift at once unless they may: nobody carries, and no position
     control can do that.
+
+    Arguments:
+        clearance_m: how far feet are lifted.
+        uncarried: all limbs may lift at once.
     """
 
     def __init__(
@@ -137,12 +145,14 @@ class PlanPath:
     @cached_property
     def steps(self) -> tuple[tuple[Segment, ...], ...]:
         """Segments of the steps to every key frame but the first: lift, across and down; across
-        alone where no limb moves."""
+        alone where no limb moves.
+        """
         return tuple(self._step(k) for k in range(1, self.plan.problem.frames))
 
     def support(self, frame: int) -> tuple[int, ...]:
         """The limbs that carry while those of ``frame`` lift; after the last frame, while the next
-        would."""
+        would.
+        """
         course = self.plan.problem
         lifted = course.lifts[frame] if frame < course.frames else course.next_lift
         support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
@@ -184,7 +194,8 @@ class PlanPath:
 
     def swing(self, foothold: int, shares: Array) -> Array:
         """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and
-        down."""
+        down.
+        """
         foothold_ahead = self.plan.problem.footholds[foothold]
         step, limb = self.steps[foothold_ahead.frame - 1], self._names.index(foothold_ahead.limb)
         ends = [(segment.feet_m[:, limb], self.normals[segment.surface[limb]]) for segment in step]
@@ -203,8 +214,10 @@ class PlanPath:
         return self.divided(self.counts(apart_m))
 
     def counts(self, apart_m: float = APART_M) -> NDArray[np.int_]:
-        """Number of moments of every segment at this spacing, the one before it left out. Raises
-        InvalidInput as above."""
+        """Number of moments of every segment at this spacing, the one before it left out.
+
+        Raises InvalidInput as above.
+        """
         lengths = np.array([self._length(segment) for segment in self._segments()])
         if not lengths.sum() <= MOST * apart_m:
             raise InvalidInput(

@@ -25,11 +25,16 @@ def plan_angles(
 ) -> list[JointAnswer]:
     """Angles of every key frame, rotations taken exactly.
 
-    start_rad: of a robot that stands already, shape (J,): no joint leaves them at the first key
-    frame but to put feet where the plan has them, and no limb jumps to another posture before it
-    lifts; None: comfortable ones. Where a foot is out of reach, those that bring it nearest. The
-    torques are those of the mean force of the frame's stances. Raises InvalidInput without
-    pinocchio, and TimeEnded after the deadline (``time.perf_counter()``).
+    The torques are those of the mean force of the frame's stances.
+
+    Arguments:
+        start_rad: of a robot that stands already, shape (J,): no joint leaves them at the first key
+            frame but to put feet where the plan has them, and no limb jumps to another posture
+            before it lifts; None: comfortable ones. Where a foot is out of reach, those that bring
+            it nearest.
+
+    Raises:
+        InvalidInput: without pinocchio, and TimeEnded after the deadline (``time.perf_counter()``).
     """
     course = plan.problem
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)

@@ -31,9 +31,13 @@ KNOTS = 10
 class Timing:
     """Durations of the phases, and distances of feet from surfaces.
 
-    settle_s: at rest before and after. transfer_s: load from one stance to the next. lift_s,
-    place_s: along the patch's normal. foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a
-    swing, which lasts swing_s or longer. clearance_m: how far feet are lifted.
+    Arguments:
+        settle_s: at rest before and after.
+        transfer_s: load from one stance to the next.
+        lift_s, place_s: along the patch's normal.
+        foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a swing, which lasts swing_s or
+            longer.
+        clearance_m: how far feet are lifted.
     """
 
     settle_s: float = 0.4
@@ -70,14 +74,18 @@ class _Phase:
 
 
 class PlanMotion:
-    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
-    longer: so many times as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of
-    all limbs where nobody lifts, at its beginning and while the body moves alone, by key frame,
-    shape (N, 3) [N] each; where there are none those carry that are to carry next. uncarried: all
-    limbs may lift at once.
+    """A plan over time.
 
     Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no
     position control can do that.
+
+    Arguments:
+        forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
+        longer: so many times as long as ``Timing`` says every phase lasts, shape (P,).
+        standing_n: of all limbs where nobody lifts, at its beginning and while the body moves
+            alone, by key frame, shape (N, 3) [N] each; where there are none those carry that are to
+            carry next.
+        uncarried: all limbs may lift at once.
     """
 
     counted = "key frames"
@@ -300,7 +308,8 @@ class PlanMotion:
 
     def _support_forces(self, frame: int, step: int) -> Array:
         """Forces at a frame of those that carry during the step to key frame ``step``; where all of
-        them do, those with which all stand, or else the mean of what the plan has there."""
+        them do, those with which all stand, or else the mean of what the plan has there.
+        """
         support = self.path.support(step)
         if len(support) == len(self.plan.problem.robot.limbs) and frame in self.standing_n:
             return self.standing_n[frame]

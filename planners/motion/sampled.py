@@ -55,7 +55,8 @@ def table_of(
 
 def quaternions_of(rotations: Array) -> Array:
     """Quaternions w, x, y, z of rotation matrices, shape (T, 4), each on the side of the one
-    before."""
+    before.
+    """
     from scipy.spatial.transform import Rotation
 
     quaternions = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))

@@ -1,5 +1,6 @@
 """The path of a foot from one toe to the next: up along the patch's normal, across, down along the
-next one's."""
+next one's.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +28,11 @@ SHARES = np.linspace(0.0, 1.0, 21)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Swing:
-    """start, lifted, lowered, end: centres of the foot, shape (3,) [m]; straight lines join
-    them."""
+    """The path of a foot in the air.
+
+    Arguments:
+        start, lifted, lowered, end: centres of the foot, shape (3,) [m]; straight lines join them.
+    """
 
     start: Array
     lifted: Array
@@ -58,8 +62,10 @@ def clear_swing(
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
     where none does.
 
-    ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least
-    lift. radius_m: of the foot.
+    Arguments:
+        ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m].
+        clearance_m: least lift.
+        radius_m: of the foot.
     """
     lifted = ends[0] + (clearance_m + RAISES_M[:, :1]) * normals[0]
     lowered = ends[1] + (clearance_m + RAISES_M[:, 1:]) * normals[1]

@@ -20,7 +20,8 @@ from .path import PlanPath
 def path_torques(plan: Plan, solver: Kinematics) -> Array:
     """Torques of all joints at the moments in which the body moves, the first and the last of every
     step among them, shape (T, J) [Nm]. Forces run along the straight line between those of a step's
-    two stances."""
+    two stances.
+    """
     path = PlanPath(plan)
     moments, postures = JointPath(path, solver).judged()
     rows = np.flatnonzero((moments.part == 1) | ((moments.part == 0) & (moments.passed == 1.0)))
@@ -41,7 +42,11 @@ def path_torques(plan: Plan, solver: Kinematics) -> Array:
 
 def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:
     """Forces at a frame with these limbs only, shape (N, 3) [N]; where none are for them, as where
-    all stand, the mean of what there is. forces_n: of the plan's stances, shape (S, N, 3)."""
+    all stand, the mean of what there is.
+
+    Arguments:
+        forces_n: of the plan's stances, shape (S, N, 3).
+    """
     course = plan.problem
     at = [i for i, stance in enumerate(course.stances) if stance.frame == frame]
     rows = [i for i in at if tuple(course.stances[i].limbs) == support] or at

@@ -23,13 +23,15 @@ ONE_IN = 2.0 * NormalDist().cdf(-3.0)
 
 def deviations(toes: int) -> float:
     """Number of standard deviations that a foot comes down, for as many toes; 3 for one, 3.9 for
-    thirty."""
+    thirty.
+    """
     return -NormalDist().inv_cdf(0.5 * ONE_IN / max(toes, 1))
 
 
 def touch_downs_m(plan: Plan) -> Array:
     """Distance beyond its place that each foot comes down along its patch's normal, 0 where the
-    ground is exact, (P,) [m]."""
+    ground is exact, (P,) [m].
+    """
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
     spread = np.zeros(len(patches))

@@ -1,5 +1,6 @@
 """Joint angles for every sample of a walk, by the robot's own model: is every foot where the walk
-has it?"""
+has it?
+"""
 
 from __future__ import annotations
 
@@ -39,9 +40,12 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPost
 class WalkPostures:
     """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
 
-    angles: shape (K, J) [rad]. origin_m: p_WB of the base's frame, shape (K, 3): it is where the
-    whole robot's centre of mass is at the walk's. normals: of the ground under every foot, shape
-    (K, N, 3). kinematics: of the robot.
+    Arguments:
+        angles: shape (K, J) [rad].
+        origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre of
+            mass is at the walk's.
+        normals: of the ground under every foot, shape (K, N, 3).
+        kinematics: of the robot.
     """
 
     angles: Array
@@ -52,7 +56,8 @@ class WalkPostures:
 
 class MovingBody:
     """The robot of a model along a motion of its centre of mass and its toes; it is kept for
-    several motions."""
+    several motions.
+    """
 
     def __init__(self, model: RobotModel) -> None:
         self.model, self.kinematics = model, Kinematics(robot_of(model))
@@ -115,7 +120,8 @@ class MovingBody:
 
 def walk_postures(trajectory: Trajectory) -> WalkPostures:
     """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that
-    does."""
+    does.
+    """
     return MovingBody(_model(trajectory)).postures(
         trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)
     )

@@ -1,5 +1,6 @@
 """Problems of one key frame or several, their files, and the features that a policy sees of
-them."""
+them.
+"""
 
 from __future__ import annotations
 

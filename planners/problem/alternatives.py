@@ -45,7 +45,11 @@ class Alternative:
     gait: Literal["wave"] | None = None
 
     def of(self, spec: CourseSpec, robot: Robot) -> CourseSpec:
-        """The description with these changes. robot: whose limbs are placed."""
+        """The description with these changes.
+
+        Arguments:
+            robot: whose limbs are placed.
+        """
         update: dict[str, object] = {}
         if (self.spread, self.height) != (1.0, 1.0):
             scale = np.array([self.spread, self.spread, self.height])
@@ -107,7 +111,8 @@ Missing = Literal["contacts", "body"]
 
 def ordered(layouts: Iterable[Alternative], missing: Missing) -> list[Alternative]:
     """Sort layouts in the order that the table of successes gives; those that it does not have come
-    last as they are."""
+    last as they are.
+    """
     names = [row["layout"] for row in json.loads(TABLE.read_text(encoding="utf-8"))[missing]]
     places = {name: place for place, name in enumerate(names)}
     return sorted(layouts, key=lambda each: places.get(each.message, len(places)))

@@ -1,5 +1,6 @@
 """Candidate patches for toes on a terrain: the nearest surfaces to a wanted toe, within reach of
-its shoulder."""
+its shoulder.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +28,14 @@ class NoPlace(InvalidInput):
 
 class NoFooting(NoPlace):
     """A limb has nothing to stand on within its reach wherever the body may be: there is no
-    plan."""
+    plan.
+    """
 
 
 class CandidatePatches:
     """The surfaces of a terrain that toes may stand on, with spheres about them to sort out the far
-    ones."""
+    ones.
+    """
 
     def __init__(self, terrain: Terrain, margin_m: float) -> None:
         standing = [

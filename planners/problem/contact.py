@@ -31,11 +31,13 @@ class Contact:
         sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the
             yaw ``yaw_rad`` [rad], whose centre is the toe (``terrain.sole``); None for a point
             foot.
+
     Raises:
         InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all
             that is wrong.
     Source:
         Lin et al. §II, E2, E3 and E11.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import Contact, Patch, hexapod
@@ -84,7 +86,8 @@ class Contact:
     @cached_property
     def offsets_m(self) -> Array:
         """From the toe to the points that bear forces: its own place, or a sole's points, shape (K,
-        3) [m]."""
+        3) [m].
+        """
         return (
             np.zeros((1, 3))
             if self.sole_m is None
@@ -94,7 +97,8 @@ class Contact:
     @property
     def region(self) -> Patch:
         """Region in which the toe may be: the patch, or the part of it from which a sole stays on
-        it. Raises InvalidInput."""
+        it. Raises InvalidInput.
+        """
         return self.patch if self.sole_m is None else self._region
 
     @cached_property

@@ -50,10 +50,15 @@ def course_between(
     """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along
     x.
 
-    robot: the hexapod unless named; frames: M, by the length of the way if missing; avoid_m: as for
-    ``guide_path``. Raises InvalidInput for a start or goal in a solid, off the terrain or without
-    footholds for all toes, and PlanningFailed where no way is found, which names what is in the way
-    and proves nothing.
+    Arguments:
+        robot: the hexapod unless named.
+        frames: M, by the length of the way if missing.
+        avoid_m: as for ``guide_path``.
+
+    Raises:
+        InvalidInput: for a start or goal in a solid, off the terrain or without footholds for all
+            toes, and PlanningFailed where no way is found, which names what is in the way and
+            proves nothing.
     """
     keys: dict[str, Any] = {
         "name": name or _called(terrain.file),
@@ -123,7 +128,8 @@ def laid_between(
     """Generator that lays out the course over a terrain from one place (x, y) [m] to another, see
     ``course_between``.
 
-    terrain: its footholds, or its file.
+    Arguments:
+        terrain: its footholds, or its file.
     """
     start, goal = (
         read_only(place, (2,), name).tolist()
@@ -145,7 +151,8 @@ def laid_between(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaidBetween:
     """Generator of the course over a terrain from one place (x, y) [m] to another, and on from
-    where a plan failed."""
+    where a plan failed.
+    """
 
     terrain: FileTerrain
     start_m: tuple[float, ...]
@@ -154,8 +161,10 @@ class LaidBetween:
     frames: int | None
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
-        """The course over the inner or outer sets of the robot's legs. Raises InvalidInput and
-        PlanningFailed."""
+        """The course over the inner or outer sets of the robot's legs.
+
+        Raises InvalidInput and PlanningFailed.
+        """
         return self._laid(self.start_m, self.frames, sets, alternative, ())
 
     def onward(
@@ -164,7 +173,8 @@ class LaidBetween:
         """The course from a place of the centre of mass, shape (3,) [m], to the goal by another way
         than these places.
 
-        Raises InvalidInput and PlanningFailed."""
+        Raises InvalidInput and PlanningFailed.
+        """
         return self._laid(tuple(com_m[:2].tolist()), None, "inner", alternative, avoid_m)
 
     def _laid(

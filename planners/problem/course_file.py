@@ -1,5 +1,6 @@
 """Courses as YAML files: read, checked all at once, laid out as a ``Problem``. Some come with the
-package."""
+package.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +41,21 @@ def read_course(
 
     A YAML file with surfaces is a published scene (``scene_keys``).
 
-    frames: M, where another one is wanted than the file says; not for JSON files, whose footholds
-    are fixed. robot: in place of the file's, a built-in name, a .urdf file or a .yaml file that
-    names one, or a ``Robot``; of a posture's JSON file the robot whose limbs stand, and not for
-    other JSON files. sets: of the legs of a robot's file, what they surely reach, for plans, or
-    what they might, for proofs. reach: a folder of reach polytopes for the limbs, in place of their
-    own (``robot.reach_file``); not for JSON files. alternative: another way to lay out a YAML file.
-    Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no
-    place to stand.
+    Arguments:
+        frames: M, where another one is wanted than the file says; not for JSON files, whose
+            footholds are fixed.
+        robot: in place of the file's, a built-in name, a .urdf file or a .yaml file that names one,
+            or a ``Robot``; of a posture's JSON file the robot whose limbs stand, and not for other
+            JSON files.
+        sets: of the legs of a robot's file, what they surely reach, for plans, or what they might,
+            for proofs.
+        reach: a folder of reach polytopes for the limbs, in place of their own
+            (``robot.reach_file``); not for JSON files.
+        alternative: another way to lay out a YAML file.
+
+    Raises:
+        InvalidInput: with every key that is wrong, or with the frame and the limb that have no
+            place to stand.
     """
     if Path(course).suffix == ".json":
         if frames is not None:
@@ -92,7 +100,10 @@ def read_course(
 
 
 def _robot(robot: Robot | str) -> Robot:
-    """A robot by its name. Raises InvalidInput."""
+    """A robot by its name.
+
+    Raises InvalidInput.
+    """
     from ..robot.robot_file import robot_of  # loads pinocchio for a file
 
     return robot_of(robot)
@@ -108,13 +119,18 @@ def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpe
 
 
 def is_scene(course: str | Path) -> bool:
-    """Tell whether a name or a YAML file is a published scene, whose layout is given. Raises
-    InvalidInput."""
+    """Tell whether a name or a YAML file is a published scene, whose layout is given.
+
+    Raises InvalidInput.
+    """
     return "surfaces" in described(course)
 
 
 def described(course: str | Path) -> Mapping[str, Any]:
-    """The keys of a built-in name, of FAMILY:LEVEL:SEED or of a YAML file. Raises InvalidInput."""
+    """The keys of a built-in name, of FAMILY:LEVEL:SEED or of a YAML file.
+
+    Raises InvalidInput.
+    """
     name = str(course)
     if drawn_name(name) and not Path(name).exists():
         return family_keys(name)
@@ -161,8 +177,10 @@ def _spec(course: str | Path, data: Mapping[str, Any], robot: Robot | str | None
 
 
 def spec_from(data: Mapping[str, Any]) -> CourseSpec:
-    """The description in a mapping of keys, as YAML has it. Raises InvalidInput with every key that
-    is wrong."""
+    """The description in a mapping of keys, as YAML has it.
+
+    Raises InvalidInput with every key that is wrong.
+    """
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected keys and values, got {type(data).__name__}")
     try:
@@ -175,7 +193,8 @@ def spec_from(data: Mapping[str, Any]) -> CourseSpec:
 
 def _plain(text: str, data: Mapping[str, Any]) -> str:
     """A refusal whose key is that of the file, without the tags by which pydantic tells kinds of
-    values apart."""
+    values apart.
+    """
     terrain = data.get("terrain")
     kind = terrain.get("kind") if isinstance(terrain, Mapping) else None
     for tag in (PLAIN, MADE_UP):

@@ -127,7 +127,8 @@ class StanceSpec(_Keys):
     """Place that a limb likes for its toe: this far outward from the shoulder, away from the body's
     axis, and below it [m].
 
-    limbs: other offsets (x, y, z) from the shoulder, in the body frame, of single limbs.
+    Arguments:
+        limbs: other offsets (x, y, z) from the shoulder, in the body frame, of single limbs.
     """
 
     outward_m: Length = 0.15
@@ -136,7 +137,11 @@ class StanceSpec(_Keys):
 
 
 class ViaSpec(_Keys):
-    """A point that the nominal path goes through; stance: how to stand from there on."""
+    """A point that the nominal path goes through.
+
+    Arguments:
+        stance: how to stand from there on.
+    """
 
     at_m: Point
     stance: StanceSpec | None = None
@@ -170,7 +175,8 @@ ViaKey = Annotated[
 class BodySpec(_Keys):
     """Bounds of the COM about its nominal path, and at the first and last frame; and the largest
     body rotation. Of a robot of a file the former is a fifth of its height where that is more, and
-    the latter 0.1 rad for plans."""
+    the latter 0.1 rad for plans.
+    """
 
     com_radius_m: Least = 0.06
     first_radius_m: Least = 0.02
@@ -185,8 +191,10 @@ class CandidateSpec(_Keys):
     is. A sole is offered each with every one of ``yaws_rad`` that it has room for, a window being
     larger by as much as the sole.
 
-    everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the
-    body may be, so that a proof that there is no plan is one for the whole terrain."""
+    Arguments:
+        everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the
+            body may be, so that a proof that there is no plan is one for the whole terrain.
+    """
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
     window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
@@ -223,19 +231,20 @@ class WrenchSpec(_Keys):
 class CourseSpec(_Keys):
     """A course as a person writes it.
 
-    frames: M. gait: which limbs move between frames; a list of sets of limbs is gone through again
-    and again. start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m
-    may be x and y alone, and the height is that in which the robot stands on the terrain there.
-    stride_m: distance of neighbouring frames along it; the last line is then gone on, or cut short,
-    as the number of frames has it, and where that ends is the goal. Without it the frames are
-    spread evenly from start to goal.
-
-    push_n: horizontal push at the centre of mass that every stance has to bear in every direction.
-
-    wrench: what is on the body beside its weight, all of it added up.
-
-    mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body
-    has the difference.
+    Arguments:
+        frames: M.
+        gait: which limbs move between frames; a list of sets of limbs is gone through again and
+            again.
+        start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m may be x
+            and y alone, and the height is that in which the robot stands on the terrain there.
+        stride_m: distance of neighbouring frames along it; the last line is then gone on, or cut
+            short, as the number of frames has it, and where that ends is the goal. Without it the
+            frames are spread evenly from start to goal.
+        push_n: horizontal push at the centre of mass that every stance has to bear in every
+            direction.
+        wrench: what is on the body beside its weight, all of it added up.
+        mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the
+            body has the difference.
     """
 
     name: str
@@ -259,7 +268,8 @@ class CourseSpec(_Keys):
 
     def of_robot(self, robot: Robot | str) -> CourseSpec:
         """Specification for another robot: a name or a file, as the key ``robot`` has it, or a
-        ``Robot`` as it is."""
+        ``Robot`` as it is.
+        """
         if isinstance(robot, str):
             return type(self).model_validate({**self.model_dump(), "robot": robot})
         made = self.model_copy()
@@ -293,7 +303,8 @@ class CourseSpec(_Keys):
         """Specification with toes where the model has them as it stands, if the file does not say
         where they should be: so far from borders of surfaces, where a riser may be, that the feet
         have room, and near the nominal path, from which a high body may be farther than a low one.
-        Inner sets, which shrink with the tilt, get less tilt. Without a model nothing changes."""
+        Inner sets, which shrink with the tilt, get less tilt. Without a model nothing changes.
+        """
         if model is None:
             return self
         from ..robot.reach_sets import standing_toes
@@ -331,8 +342,12 @@ class CourseSpec(_Keys):
         return self.model_copy(update=update)
 
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
-        """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see
-        ``contact_robot``."""
+        """The robot of the course.
+
+        Arguments:
+            model: what ``robot_model`` gives.
+            sets: of its legs, see ``contact_robot``.
+        """
         if self._given is not None and model is self._given.model:
             if model is None or sets == "inner":
                 return (
@@ -349,7 +364,10 @@ class CourseSpec(_Keys):
         return robot if self.mass_kg is None else replace(robot, mass_kg=self.mass_kg)
 
     def with_frames(self, frames: int) -> CourseSpec:
-        """Specification with another number of key frames. Raises InvalidInput."""
+        """Specification with another number of key frames.
+
+        Raises InvalidInput.
+        """
         if (
             isinstance(frames, bool)
             or not isinstance(frames, int)

@@ -1,5 +1,6 @@
 """From a course's description to the course: nominal path, schedule, and the candidate patches of
-every foothold."""
+every foothold.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +40,13 @@ def build_course(
 ) -> Problem:
     """The course that a description means.
 
-    folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a
-    folder of polytopes in place of the robot's reach. alternative: another way to lay it out.
     Raises InvalidInput.
+
+    Arguments:
+        folder: where relative paths of files begin.
+        sets: of legs, see ``contact_robot``.
+        reach: a folder of polytopes in place of the robot's reach.
+        alternative: another way to lay it out.
     """
     model = spec.robot_model(folder)
     robot = spec.make_robot(model, sets)
@@ -95,8 +100,10 @@ def build_course(
 
 
 def _wrench(spec: CourseSpec) -> Array | None:
-    """Wrench on the body beside its weight at each frame, shape (M, 6); None for nothing. Raises
-    InvalidInput."""
+    """Wrench on the body beside its weight at each frame, shape (M, 6); None for nothing.
+
+    Raises InvalidInput.
+    """
     total = np.zeros((spec.frames, 6))
     for index, each in enumerate(spec.wrench):
         frames = range(spec.frames) if each.frames is None else each.frames
@@ -110,7 +117,8 @@ def _wrench(spec: CourseSpec) -> Array | None:
 
 def _standing(spec: CourseSpec, robot: Robot, passed: NDArray[np.int_]) -> Array:
     """From the centre of mass to each toe as the robot stands at each frame, shape (M, N, 3)
-    [m]."""
+    [m].
+    """
     return np.array(
         [
             [limb.shoulder_m + toe_offset(limb, _stance(spec, int(corner))) for limb in robot.limbs]
@@ -208,7 +216,8 @@ def _footholds(
 
 def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
     """Largest distance of a shoulder from its nominal place [m]: the COM's ball, and ‖Θ × s‖ ≤ √3
-    max|Θ_i| ‖s‖."""
+    max|Θ_i| ‖s‖.
+    """
     return float(
         radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m)
     )
@@ -217,8 +226,10 @@ def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
 def _with_yaws(
     limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]
 ) -> Foothold:
-    """A sole put down on every patch with every yaw that it has room for. Raises InvalidInput where
-    there is none."""
+    """A sole put down on every patch with every yaw that it has room for.
+
+    Raises InvalidInput where there is none.
+    """
     result = []
     for patch, yaw in ((patch, yaw) for patch in patches for yaw in yaws):
         try:
@@ -241,7 +252,8 @@ def _with_yaws(
 
 def _corners(spec: CourseSpec) -> tuple[Array, Array]:
     """The straight lines that the COM is to follow, by their ends, shape (L, 3) [m], and the way to
-    each [m]."""
+    each [m].
+    """
     via = [np.array(point if isinstance(point, tuple) else point.at_m) for point in spec.via_m]
     corners = np.array([spec.start_m, *via, spec.goal_m])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
@@ -260,7 +272,8 @@ def _corners(spec: CourseSpec) -> tuple[Array, Array]:
 
 def _walk(corners: Array, way: Array, frames: int) -> tuple[Array, NDArray[np.int_]]:
     """The nominal COM at every frame, shape (M, 3), and how many via points it has come to, shape
-    (M,)."""
+    (M,).
+    """
     at = np.linspace(0.0, way[-1], frames)
     com_m = np.stack([np.interp(at, way, axis) for axis in corners.T], axis=1)
     return com_m, np.searchsorted(way[1:-1], at + 1e-9, side="right")
@@ -268,7 +281,8 @@ def _walk(corners: Array, way: Array, frames: int) -> tuple[Array, NDArray[np.in
 
 def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
     """Raise InvalidInput where the step limits and the radii about the nominal path can never get
-    to the goal."""
+    to the goal.
+    """
     gaps = np.linalg.norm(np.diff(com_m, axis=0), axis=1)
     far = (
         float(np.linalg.norm(np.array(spec.goal_m) - spec.start_m))
@@ -299,7 +313,10 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
 
 
 def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str, ...], ...]:
-    """The sets of limbs that move in turn, limbs in the robot's order. Raises InvalidInput."""
+    """The sets of limbs that move in turn, limbs in the robot's order.
+
+    Raises InvalidInput.
+    """
     names = robot.limb_names
     if not isinstance(gait, str):
         for index, moving in enumerate(gait):
@@ -330,7 +347,8 @@ def _with_shifts(
     those of diagonal neighbours. A cycle that would end so begins so, since a robot that stands is
     in the middle of its feet.
 
-    places: of the limbs, for which side of a line they are on.
+    Arguments:
+        places: of the limbs, for which side of a line they are on.
     """
     cycle = list[tuple[str, ...]]()
     for moved, moving in zip(sets, [*sets[1:], *sets[:1]], strict=True):
@@ -349,7 +367,8 @@ def _with_shifts(
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:
     """Every foothold in order: its frame, its limb, and the frame of the limb's next one (M after
-    the last)."""
+    the last).
+    """
     frames = {
         name: [0] + [k for k, lifted in enumerate(lifts) if name in lifted]
         for name in robot.limb_names
@@ -374,7 +393,8 @@ def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
 
 def _modes(placed: Sequence[tuple[int, Patch]], frames: int) -> tuple[int, ...]:
     """By frame 1 where most of the toes put down there, or last put down before, stand on walls, 0
-    on ground."""
+    on ground.
+    """
     modes = list[int]()
     for frame in range(frames):
         walls = [abs(patch.normal[2]) < STEEP for at, patch in placed if at == frame]

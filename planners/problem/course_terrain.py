@@ -42,7 +42,8 @@ LEAST_RISE_M = 1e-3
 
 class PolygonSpec(BaseModel):
     """One polygon: its corners in order; the normal by their order unless given; its own friction,
-    where it has one."""
+    where it has one.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     vertices_m: Annotated[list[Point], Field(min_length=3)]
@@ -82,7 +83,11 @@ class Polygons(TerrainSpec):
 
 
 class Flat(TerrainSpec):
-    """Level ground at z = 0. width_m: to each side of the path."""
+    """Level ground at z = 0.
+
+    Arguments:
+        width_m: to each side of the path.
+    """
 
     kind: Literal["flat"]
     width_m: Positive = 0.7
@@ -96,8 +101,12 @@ class Flat(TerrainSpec):
 
 
 class Stairs(TerrainSpec):
-    """Level ground, then steps up along x. first_m: x of the first riser; rises_m: heights of the
-    steps, repeated."""
+    """Level ground, then steps up along x.
+
+    Arguments:
+        first_m: x of the first riser.
+        rises_m: heights of the steps, repeated.
+    """
 
     kind: Literal["stairs"]
     first_m: Length = 0.30
@@ -141,8 +150,13 @@ class Stairs(TerrainSpec):
 
 
 class Walls(TerrainSpec):
-    """Two facing walls along x. apart_m: from the middle to each; lean_rad: of the left and the
-    right, inward on top; offset_m: the left and the right one's further distance."""
+    """Two facing walls along x.
+
+    Arguments:
+        apart_m: from the middle to each.
+        lean_rad: of the left and the right, inward on top.
+        offset_m: the left and the right one's further distance.
+    """
 
     kind: Literal["walls"]
     apart_m: Positive = 0.38
@@ -168,7 +182,8 @@ class Walls(TerrainSpec):
         friction: float,
     ) -> Patch:
         """A rectangle of the wall, x in [low, high], z in [bottom, top]; it leans about the height
-        of the start."""
+        of the start.
+        """
         sign = (1.0, -1.0)[side]
         slope = np.tan(self.lean_rad[side])
 
@@ -184,9 +199,12 @@ class Walls(TerrainSpec):
 
 
 class IcyWalls(Walls):
-    """Two walls of square panels, some without friction. left, right: rows from the bottom up,
-    ``#`` grips and ``.`` is ice, one sign a panel along x; rows and signs are repeated. The panels'
-    grid goes through the start."""
+    """Two walls of square panels, some without friction.
+
+    Arguments:
+        left, right: rows from the bottom up, ``#`` grips and ``.`` is ice, one sign a panel along
+            x; rows and signs are repeated. The panels' grid goes through the start.
+    """
 
     kind: Literal["icy-walls"]  # type: ignore[assignment]
     panel_m: Positive = 0.30
@@ -210,8 +228,11 @@ class IcyWalls(Walls):
 
 
 class Tube(TerrainSpec):
-    """A vertical tube about the start, of rings of flat facets. leans_rad: of the facets, in turn,
-    inward on top."""
+    """A vertical tube about the start, of rings of flat facets.
+
+    Arguments:
+        leans_rad: of the facets, in turn, inward on top.
+    """
 
     kind: Literal["tube"]
     radius_m: Positive = 0.40
@@ -245,8 +266,12 @@ class Tube(TerrainSpec):
 
 class Bars(TerrainSpec):
     """Level bars across the way, flat on top or round, as of a grating or a ladder that lies; one
-    is under the start. bar_m: width of a flat bar, diameter of a round one; margin_m: of feet from
-    borders of flat bars and from ends."""
+    is under the start.
+
+    Arguments:
+        bar_m: width of a flat bar, diameter of a round one.
+        margin_m: of feet from borders of flat bars and from ends.
+    """
 
     kind: Literal["bars"]
     apart_m: Positive = 0.12
@@ -336,7 +361,8 @@ def _span(values: Array) -> tuple[float, float]:
 
 def _grid(values: Array, through: float, spacing: float) -> Array:
     """Lines a spacing apart, one of them half a spacing off ``through``, from below the values to
-    above them."""
+    above them.
+    """
     low, high = _span(values)
     first = np.floor((low - through) / spacing - 0.5)
     last = np.ceil((high - through) / spacing - 0.5)

@@ -1,5 +1,6 @@
 """Terrains of courses that are drawn from a family at a level, and the course that goes with
-each."""
+each.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +23,11 @@ FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
 
 
 class FamilyScene(TerrainSpec):
-    """A scene of a family, see ``terrain.families``, about the origin. friction: a factor on what
-    is drawn."""
+    """A scene of a family, see ``terrain.families``, about the origin.
+
+    Arguments:
+        friction: a factor on what is drawn.
+    """
 
     kind: Literal["family"] = "family"
     family: str
@@ -48,8 +52,9 @@ class FamilyScene(TerrainSpec):
 
 
 def family_keys(name: str) -> dict[str, Any]:
-    """The course of a name FAMILY:LEVEL or FAMILY:LEVEL:SEED, in keys as YAML has them. Raises
-    InvalidInput.
+    """The course of a name FAMILY:LEVEL or FAMILY:LEVEL:SEED, in keys as YAML has them.
+
+    Raises InvalidInput.
 
     The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean
     HEIGHT_M above the ground and along it; between walls it climbs. A toe is offered all that it
@@ -86,7 +91,11 @@ def family_keys(name: str) -> dict[str, Any]:
 
 
 def polygon_keys(patches: Sequence[Patch], footing: Sequence[bool]) -> dict[str, Any]:
-    """A terrain in keys, surface by surface. footing: which of them toes may stand on."""
+    """A terrain in keys, surface by surface.
+
+    Arguments:
+        footing: which of them toes may stand on.
+    """
     polygons = [
         {
             "vertices_m": patch.vertices_m.tolist(),

@@ -22,8 +22,10 @@ class FileTerrain(TerrainSpec):
     """A file: a mesh, a grid of heights, or a point cloud, as ``kind`` says, or as its name does
     (``file``).
 
-    unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers mean,
-    see ``ImportOptions``. footholds: where on it toes may stand.
+    Arguments:
+        unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers
+            mean, see ``ImportOptions``.
+        footholds: where on it toes may stand.
     """
 
     kind: Literal["mesh", "grid", "cloud", "file"] = "file"
@@ -41,8 +43,10 @@ class FileTerrain(TerrainSpec):
 
     @classmethod
     def of(cls, footholds: Footholds) -> FileTerrain:
-        """A terrain whose footholds were found before. Raises InvalidInput for one of several
-        frictions, or of none."""
+        """A terrain whose footholds were found before.
+
+        Raises InvalidInput for one of several frictions, or of none.
+        """
         if not footholds.pieces:
             raise InvalidInput(f"{footholds.name}: expected a terrain with footholds, got none")
         flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
@@ -76,7 +80,10 @@ class FileTerrain(TerrainSpec):
         return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.margin_m)
 
     def read(self, folder: Path) -> Footholds:
-        """The footholds of the file, and its surfaces. Raises InvalidInput."""
+        """The footholds of the file, and its surfaces.
+
+        Raises InvalidInput.
+        """
         keys = (
             "unit_m",
             "up",
@@ -92,7 +99,10 @@ class FileTerrain(TerrainSpec):
         return self._counted(read_footholds(folder / self.file, options, self.footholds))
 
     def _counted(self, found: Footholds) -> Footholds:
-        """Check the number of footholds and return them. Raises InvalidInput for too many."""
+        """Check the number of footholds and return them.
+
+        Raises InvalidInput for too many.
+        """
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "

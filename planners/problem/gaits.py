@@ -20,8 +20,13 @@ from ..files.arrays import Array, checked_choice, read_only
 
 @dataclass(frozen=True, kw_only=True)
 class Gait:
-    """A periodic gait. cycle_s: of a robot whose centre of mass is at HEIGHT_M; duty: share of the
-    cycle that a foot stands; offsets: when in the cycle each foot lifts off."""
+    """A periodic gait.
+
+    Arguments:
+        cycle_s: of a robot whose centre of mass is at HEIGHT_M.
+        duty: share of the cycle that a foot stands.
+        offsets: when in the cycle each foot lifts off.
+    """
 
     name: str
     cycle_s: float
@@ -42,7 +47,8 @@ class Gait:
 
     def at(self, height_m: float, step_s: float) -> Gait:
         """Gait of a robot whose centre of mass stands this high: a cycle of that robot's, halves of
-        it on the grid of step_s, no longer than this one. Gaits on three feet stay as they are."""
+        it on the grid of step_s, no longer than this one. Gaits on three feet stay as they are.
+        """
         if not self.balances:
             return self
         halves = max(
@@ -80,7 +86,8 @@ SHORTEST_STAND_S = 0.2
 class FootPhases:
     """The phases of one foot: it stands, swings, stands, …, stands.
 
-    switches_s: lift-off and touchdown of each swing in turn, increasing, shape (2 S,) [s].
+    Arguments:
+        switches_s: lift-off and touchdown of each swing in turn, increasing, shape (2 S,) [s].
     """
 
     switches_s: Array
@@ -103,7 +110,8 @@ class FootPhases:
     @property
     def edges_s(self) -> Array:
         """Times at which the phases begin and end, shape (2 S + 2,) [s]; phases of even index are
-        stances."""
+        stances.
+        """
         return np.concatenate([[0.0], self.switches_s, [self.duration_s]])
 
     def stance(self, index: int) -> tuple[float, float]:
@@ -116,7 +124,8 @@ class FootPhases:
 
     def phase_at(self, times_s: Array) -> Array:
         """Number of the phase at each time, even for stances; a foot stands at lift-off and at
-        touchdown."""
+        touchdown.
+        """
         edges = self.edges_s
         phase = np.clip(
             np.searchsorted(edges, np.asarray(times_s) + 1e-9, side="right") - 1, 0, len(edges) - 2
@@ -130,7 +139,10 @@ class FootPhases:
 
 
 def gait_named(name: str) -> Gait:
-    """The gait of this name. Raises InvalidInput."""
+    """The gait of this name.
+
+    Raises InvalidInput.
+    """
     checked_choice(name, "gait", GAITS)
     return GAITS[name]
 

@@ -69,10 +69,15 @@ GAPS = 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footprint:
-    """A standing robot from above. toes_m: from the centre of mass, shape (N, 3) [m]; hull_m: of
-    all that it is made of, about the centre of mass, shape (K, 2) [m]; low_m, high_m: between which
-    heights over the centre of mass solids are in its way [m]; names: of the limbs; reach_m: mean of
-    the limbs' [m]."""
+    """A standing robot from above.
+
+    Arguments:
+        toes_m: from the centre of mass, shape (N, 3) [m].
+        hull_m: of all that it is made of, about the centre of mass, shape (K, 2) [m].
+        low_m, high_m: between which heights over the centre of mass solids are in its way [m].
+        names: of the limbs.
+        reach_m: mean of the limbs' [m].
+    """
 
     toes_m: Array
     hull_m: Array
@@ -84,7 +89,8 @@ class Footprint:
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
         """The footprint of a robot that stands on these toes; of its toes alone where its legs are
-        not known."""
+        not known.
+        """
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
         points, high = [toes_m], TOP * down
@@ -157,8 +163,12 @@ class Footprint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GuidePath:
-    """A way of the body. points_m: straight between them, shape (L, 3) [m]; room_m: the least room
-    between solids and footprint that it was asked for along it [m]."""
+    """A way of the body.
+
+    Arguments:
+        points_m: straight between them, shape (L, 3) [m].
+        room_m: the least room between solids and footprint that it was asked for along it [m].
+    """
 
     points_m: Array
     room_m: float
@@ -174,9 +184,13 @@ def guide_path(
 ) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
-    avoid_m: places (x, y) where a plan along another way failed. Raises NoPlace for a start or goal
-    in a solid, off the terrain, or without footholds for all toes, and PlanningFailed where no way
-    is found, which names what is in the way and proves nothing.
+    Arguments:
+        avoid_m: places (x, y) where a plan along another way failed.
+
+    Raises:
+        NoPlace: for a start or goal in a solid, off the terrain, or without footholds for all toes,
+            and PlanningFailed where no way is found, which names what is in the way and proves
+            nothing.
     """
     start, goal = ends_m
     standing = [patch for _, patch in terrain.standing]
@@ -204,9 +218,11 @@ def guide_over(
     friction: float,
     avoid_m: Sequence[Array] = (),
 ) -> tuple[GuidePath, bool]:
-    """Guide path over heights, and whether the straight way is as good. Ground that is steeper than
-    friction holds is no foothold; what is higher than the robot's belly is a wall, as bars overhead
-    are."""
+    """Guide path over heights, and whether the straight way is as good.
+
+    Ground that is steeper than friction holds is no foothold; what is higher than the robot's belly
+    is a wall, as bars overhead are.
+    """
     first: InvalidInput | PlanningFailed | None = None
     for apart in APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
@@ -222,12 +238,17 @@ def guide_over(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lattice:
-    """Nodes on an even grid from a corner, shape (2,) [m]; z_m: height of the body there, NaN where
-    it cannot stand, shape (n, m); worth: cost of a way there by its length; missing: which toe
-    lacks a foothold, −1 for none; apart: where footholds are too far above or below each other;
-    room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none;
-    layered: whether footholds are above each other; heights_m: of the ground at the nodes, where it
-    is one of heights."""
+    """Nodes on an even grid from a corner, shape (2,) [m].
+
+    Arguments:
+        z_m: height of the body there, NaN where it cannot stand, shape (n, m).
+        worth: cost of a way there by its length.
+        missing: which toe lacks a foothold, −1 for none.
+        apart: where footholds are too far above or below each other.
+        room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none.
+        layered: whether footholds are above each other.
+        heights_m: of the ground at the nodes, where it is one of heights.
+    """
 
     corner_m: Array
     spacing_m: float
@@ -252,9 +273,12 @@ class _Lattice:
         *,
         lowest: bool,
     ) -> _Lattice:
-        """The lattice over footholds. apart: how far one may be above or below the mean of all
-        toes', in reaches; lowest: of footholds above each other the lowest counts, not the
-        highest."""
+        """The lattice over footholds.
+
+        Arguments:
+            apart: how far one may be above or below the mean of all toes', in reaches.
+            lowest: of footholds above each other the lowest counts, not the highest.
+        """
         reach, toes = footprint.reach_m, footprint.toes_m
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
         room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
@@ -381,7 +405,8 @@ class _Lattice:
 
     def _shortened(self, nodes: list[int], worth: Array) -> tuple[Array, NDArray[np.int_]]:
         """Points of the way, shape (L, 3) [m], straight wherever that costs no more, and their
-        ``room``."""
+        ``room``.
+        """
         places = np.array(np.unravel_index(nodes, self.z_m.shape)).T
         steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
         costs = worth.ravel()[nodes]
@@ -419,7 +444,10 @@ class _Lattice:
         return np.array([*(self.corner_m + self.spacing_m * np.array([i, j])), self.z_m[i, j]])
 
     def _node(self, place: Array, name: str) -> int:
-        """The node at a place. Raises NoPlace where the robot cannot stand."""
+        """The node at a place.
+
+        Raises NoPlace where the robot cannot stand.
+        """
         at = np.round((place - self.corner_m) / self.spacing_m).astype(int)
         where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
         if not np.isfinite(self.z_m).any():
@@ -490,7 +518,8 @@ class _Lattice:
 
     def _ground(self, place: Array) -> float:
         """Height of the lowest ground that faces up about a place, as most of the terrain has it
-        [m]."""
+        [m].
+        """
         down = float(np.abs(self.footprint.toes_m[:, 2]).mean())
         known = np.isfinite(self.z_m)
         gaps = np.linalg.norm(self._places() - place, axis=-1)
@@ -579,7 +608,8 @@ class _Lattice:
     def _widest(self, ends: list[int], width: float) -> str:
         """Width of the widest gap, where a narrower robot would have a way; empty where none would.
 
-        width: of this robot across its way [m].
+        Arguments:
+            width: of this robot across its way [m].
         """
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
@@ -653,8 +683,12 @@ def _room(
     scale: float = 1.0,
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """At every node the number of the first of ``rooms`` [m] that is not there, and which surface
-    takes it, of several the highest; −1 for none. z: height of the body, shape (n, m); scale: of
-    the footprint."""
+    takes it, of several the highest; −1 for none.
+
+    Arguments:
+        z: height of the body, shape (n, m).
+        scale: of the footprint.
+    """
     blocked, by = np.full(z.shape, -1), np.full(z.shape, -1)
     if not np.isfinite(z).any():
         return blocked, by
@@ -734,7 +768,8 @@ def _rastered(
     patches: Sequence[Patch], low: Array, spacing: float, shape: Array
 ) -> tuple[Array, Array]:
     """The height of the highest and of the lowest of patches at every node, NaN where there is
-    none, shape (n, m) [m]."""
+    none, shape (n, m) [m].
+    """
     top, bottom = np.full(tuple(shape), -np.inf), np.full(tuple(shape), np.inf)
     for patch in patches:
         if patch.normal[2] < 1e-3:
@@ -775,7 +810,8 @@ def _pair(
 
 def _straightened(points: Array) -> Array:
     """The way without points that are close to straight lines between the others (Douglas and
-    Peucker)."""
+    Peucker).
+    """
     if len(points) < 3:
         return points
     line = points[-1] - points[0]

@@ -1,5 +1,6 @@
 """A leap: phases of stance and flight, from one state of the body to another, over candidate
-patches per toe."""
+patches per toe.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +29,9 @@ STILL = 1e-9
 class Phase:
     """A span of time in which the same limbs stand.
 
-    limbs: names of those that stand; () in flight. intervals: equal parts in each of which forces
-    are constant; a flight needs only one.
+    Arguments:
+        limbs: names of those that stand; () in flight.
+        intervals: equal parts in each of which forces are constant; a flight needs only one.
     """
 
     limbs: tuple[str, ...]
@@ -44,9 +46,11 @@ class Phase:
 class BodyState:
     """State of a body: where it is and how it moves.
 
-    com_m: centre of mass c, shape (3,) [m]; velocity_m_s: v, shape (3,) [m/s]; momentum_m2_s: L,
-    angular momentum about the centre of mass per mass, shape (3,) [m²/s]; rotation_rad: small
-    rotation Θ, shape (3,) [rad].
+    Arguments:
+        com_m: centre of mass c, shape (3,) [m].
+        velocity_m_s: v, shape (3,) [m/s].
+        momentum_m2_s: L, angular momentum about the centre of mass per mass, shape (3,) [m²/s].
+        rotation_rad: small rotation Θ, shape (3,) [rad].
     """
 
     com_m: Array
@@ -68,11 +72,12 @@ class BodyState:
 class LeapLimits:
     """Limits of a leap's body and forces.
 
-    momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s]. tilt_rad,
-    goal_tilt_rad: of each component of Θ, always and at the end [rad]. height_m: least height of
-    the centre of mass over every toe that stands [m]. force_share: largest normal force of a toe in
-    units of the weight. ramp: share of that in the interval after a toe lands and in the one before
-    it lifts.
+    Arguments:
+        momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s].
+        tilt_rad, goal_tilt_rad: of each component of Θ, always and at the end [rad].
+        height_m: least height of the centre of mass over every toe that stands [m].
+        force_share: largest normal force of a toe in units of the weight.
+        ramp: share of that in the interval after a toe lands and in the one before it lifts.
     """
 
     momentum_m2_s: float = 0.02
@@ -111,12 +116,14 @@ class Leap:
         goal_radius_m: radius of that ball [m].
         limits: of body and forces.
         duration_s: what the durations of every timing add up to; None where nobody says [s].
+
     Raises:
         InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that
             do not belong to the phases, footholds that are missing, that nobody stands on or that
             have no candidate.
     Source:
         Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
+
     Example:
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
         >>> leap = leap_from_keys({"distribution": "leap", "seed": 0}, "drawn")
@@ -175,7 +182,8 @@ class Leap:
     @cached_property
     def holds(self) -> NDArray[np.int_]:
         """The foothold under every limb in every phase, −1 where it is lifted, shape (phases,
-        N)."""
+        N).
+        """
         table = np.full((len(self.phases), len(self.robot.limbs)), -1)
         number = {(foothold.limb, foothold.frame): j for j, foothold in enumerate(self.footholds)}
         for i, name in enumerate(self.robot.limb_names):
@@ -188,7 +196,8 @@ class Leap:
     @property
     def still(self) -> tuple[bool, bool]:
         """Tell whether the first and the last interval are in equilibrium: where the body rests
-        there."""
+        there.
+        """
         return self.start.rests, self.goal.rests
 
     @property
@@ -198,7 +207,8 @@ class Leap:
 
     def leg(self, limb: Limb) -> LegLimits:
         """Limits of a limb's leg; where nobody says, its shoulder is the hip and nothing is
-        limited."""
+        limited.
+        """
         return limb.leg or LegLimits(hip_m=limb.shoulder_m)
 
     def times_s(self, timing: int) -> Array:

@@ -1,5 +1,6 @@
 """Classes of leaps that are drawn at random: one numbers page per class, in
-``configs/leaps.yaml``."""
+``configs/leaps.yaml``.
+"""
 
 from __future__ import annotations
 
@@ -39,15 +40,22 @@ MIDDLE_M = float(SCENE[:, 0].mean())
 class LeapClass(BaseModel):
     """The numbers of a class of leaps; pairs are the ends of what is drawn evenly.
 
-    robot: "nameless", or a robot's name or file. height_m: of the body over its toes at both ends.
-    jump_m: ahead; aside_m, rise_m: of the goal. toes_m: nominal place of the first limb's toe
-    (ahead, aside), mirrored for the others. spread_m: how far candidates lie from it, along each
-    axis, and drop_m up and down. radius_m: of the triangular patches; steep_deg: their inclination.
-    terrain: a family of terrain in place of such patches, at a level in ``level``: candidates are
-    pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and the ground
-    says how high the goal is. candidates: per toe; given: whether the toes of the first stance
-    stand already, on level ground of friction stands. intervals, timings_s: of stance, flight,
-    stance.
+    Arguments:
+        robot: "nameless", or a robot's name or file.
+        height_m: of the body over its toes at both ends.
+        jump_m: ahead.
+        aside_m, rise_m: of the goal.
+        toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
+        spread_m: how far candidates lie from it, along each axis, and drop_m up and down.
+        radius_m: of the triangular patches.
+        steep_deg: their inclination.
+        terrain: a family of terrain in place of such patches, at a level in ``level``: candidates
+            are pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and
+            the ground says how high the goal is.
+        candidates: per toe.
+        given: whether the toes of the first stance stand already, on level ground of friction
+            stands.
+        intervals, timings_s: of stance, flight, stance.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -145,7 +153,8 @@ class LeapClass(BaseModel):
         self, scene: Terrain, robot: Robot, xy_m: Array
     ) -> tuple[Array, list[tuple[Patch, ...]]] | None:
         """Place of the body over a point, and the candidates of every toe; None where a toe has
-        none."""
+        none.
+        """
         toes = [xy_m + self._toe(limb, 0.0)[:2] for limb in robot.limbs]
         ground = [float(scene.grid(toe[:1], toe[1:])[0, 0]) for toe in toes]
         ground = [height for height in ground if height != VOID_M]

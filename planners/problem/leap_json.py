@@ -27,7 +27,8 @@ FORMAT = "stancekit/leap/1"
 @dataclass(frozen=True, kw_only=True)
 class _DrawKeys:
     """The keys of a leap that is drawn: distribution, a class of ``configs/leaps.yaml``, and a
-    seed."""
+    seed.
+    """
 
     distribution: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -45,7 +46,11 @@ class _FootholdKeys:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _LeapKeys:
-    """The keys of a leap; see ``Leap``. robot: a name, a file, or its numbers."""
+    """The keys of a leap; see ``Leap``.
+
+    Arguments:
+        robot: a name, a file, or its numbers.
+    """
 
     FORMAT: ClassVar = FORMAT
 
@@ -64,7 +69,11 @@ class _LeapKeys:
 def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
     """Read the keys of a leap; robot may be a name or a file, too.
 
-    where: the file, which messages begin with. Raises InvalidInput, in one line.
+    Arguments:
+        where: the file, which messages begin with.
+
+    Raises:
+        InvalidInput: in one line.
     """
     if "distribution" in data:
         draw = from_json(_DrawKeys, data, whole=False, where=where)

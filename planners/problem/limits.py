@@ -35,10 +35,11 @@ NotNegative = Annotated[float, Within(least=0.0)]
 class StepLimits:
     """Largest steps between neighbouring key frames (E11), and the least progress.
 
-    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's
-    least step is not convex; in its place the COM moves at least this far along the straight line
-    of its nominal path, where that moves. yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|;
-    None for no such limit.
+    Arguments:
+        com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max.
+        progress_m: the paper's least step is not convex; in its place the COM moves at least this
+            far along the straight line of its nominal path, where that moves.
+        yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
     """
 
     com_m: Annotated[float, Within(above=0.0)] = 0.15

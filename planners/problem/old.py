@@ -1,5 +1,6 @@
 """``PostureProblem`` and ``Course``, the names of before for problems of one frame and of several:
-for one release."""
+for one release.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from .problem import Problem
 
 class OldName(type):
     """A name of before that makes values (``made``), and that some values are instances of
-    (``known``)."""
+    (``known``).
+    """
 
     def __instancecheck__(cls, instance: object) -> bool:
         return bool(cls.known(instance))  # type: ignore[attr-defined]
@@ -53,7 +55,10 @@ NEW = {"PostureProblem": "Problem.posture(contacts, ...)", "Course": "Problem"}
 
 
 def renamed(name: str, where: str) -> Any:
-    """One of these names, after a ``DeprecationWarning``. where: the module that was asked for
-    it."""
+    """One of these names, after a ``DeprecationWarning``.
+
+    Arguments:
+        where: the module that was asked for it.
+    """
     warnings.warn(f"{where}.{name} is old: {NEW[name]}", DeprecationWarning, stacklevel=3)
     return {"PostureProblem": PostureProblem, "Course": Course}[name]

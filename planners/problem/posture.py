@@ -1,5 +1,6 @@
 """Posture problems (Lin et al. §II), the currency of contact planning: their numbers, and the keys
-of their files."""
+of their files.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +56,9 @@ class PostureKeys:
 
 def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
     """Check the values of a posture problem other than its contacts, and return them by their keys.
-    Raises InvalidInput that lists every value that is wrong."""
+
+    Raises InvalidInput that lists every value that is wrong.
+    """
     fields_of_body: dict[str, Any] = {"wrench": None}
 
     def number(name: str, **limits: float) -> None:

@@ -1,5 +1,6 @@
 """Posture problems from a sampler, and in batches: one robot on B sets of patches, as arrays,
-validated at once."""
+validated at once.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +34,16 @@ class Sampler(Protocol):
 class PostureBatch:
     """B problems that differ from ``like`` in their patches alone; ``problem`` gives one of them.
 
-    like: body, limbs, limits, and the shear references of the patches, N contacts. vertices_m: v_u
-    in the world, shape (B, N, U, 3) [m]; normals: unit, shape (B, N, 3); friction: μ ≥ 0, shape (B,
-    N). convex: whether the borders are known to be those of flat convex polygons, and are not
-    looked at again. Raises InvalidInput, under the rules of ``Patch``, for the first patch that is
-    none.
+    Arguments:
+        like: body, limbs, limits, and the shear references of the patches, N contacts.
+        vertices_m: v_u in the world, shape (B, N, U, 3) [m].
+        normals: unit, shape (B, N, 3).
+        friction: μ ≥ 0, shape (B, N).
+        convex: whether the borders are known to be those of flat convex polygons, and are not
+            looked at again.
+
+    Raises:
+        InvalidInput: under the rules of ``Patch``, for the first patch that is none.
     """
 
     like: Problem
@@ -131,8 +137,10 @@ class PostureBatch:
         return frames
 
     def problem(self, index: int) -> Problem:
-        """One of the problems. It is not validated again, and its arrays are views into the
-        batch's."""
+        """One of the problems.
+
+        It is not validated again, and its arrays are views into the batch's.
+        """
         contacts, footholds, terrain = [], [], []
         for i, (contact, foothold) in enumerate(
             zip(self.like.contacts, self.like.footholds, strict=True)
@@ -171,7 +179,8 @@ class PostureBatch:
         """These problems as a batch, not validated again, and the same objects where there are
         ``problems``.
 
-        chosen: shape (K,).
+        Arguments:
+            chosen: shape (K,).
         """
         parts = {
             name: getattr(self, name)[chosen]

@@ -53,8 +53,10 @@ MOST_FRAMES = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """M key frames of one robot over one terrain, M ≥ 1. Usually laid out from YAML:
-    ``load("my-course.yaml")``; or of one frame, ``Problem.posture(contacts, ...)``.
+    """M key frames of one robot over one terrain, M ≥ 1.
+
+    Usually laid out from YAML: ``load("my-course.yaml")``; or of one frame,
+    ``Problem.posture(contacts, ...)``.
 
     Arguments:
         name: of the problem.
@@ -85,11 +87,13 @@ class Problem:
         wrench: on the body beside its weight at each frame, as of a payload, wind or a rope: force
             [N] and moment about the centre of mass [Nm] in world axes, shape (M, 6)
             (``problem.wrench``); None for none.
+
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers
             out of range.
     Source:
         Lin et al. §II and §IV-B, E1-E11.
+
     Example:
         >>> import stancekit
         >>> course = stancekit.plan("walls", frames=4).solution.problem
@@ -212,8 +216,9 @@ class Problem:
         robot: str = "",
         wrench: Array | Sequence[float] | None = None,
     ) -> Problem:
-        """Can the robot hold still with these limbs on these patches, and how? One frame, without
-        an objective.
+        """Can the robot hold still with these limbs on these patches, and how?
+
+        One frame, without an objective.
 
         Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force
         at every toe.
@@ -228,6 +233,7 @@ class Problem:
                 none.
             wrench: on the body beside its weight, force [N] and moment about the centre of mass
                 [Nm], shape (6,).
+
         Raises:
             InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
         """
@@ -256,8 +262,10 @@ class Problem:
         return _posture(contacts, robot, **body)
 
     def posture_with(self, **changes: Any) -> Problem:
-        """The posture problem with other arguments of ``Problem.posture``. Raises InvalidInput
-        likewise."""
+        """The posture problem with other arguments of ``Problem.posture``.
+
+        Raises InvalidInput likewise.
+        """
         same: dict[str, Any] = {name: getattr(self, name) for name in BODY}
         same |= {
             "com_nominal_m": self.com_nominal_m[0],
@@ -278,6 +286,7 @@ class Problem:
             robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans
                 are then known, of these limbs (``robot.some_legs``). None where the reach of the
                 limbs is all that is to be known.
+
         Raises:
             InvalidInput: for a robot that has not these limbs, or whose legs are not known.
         """
@@ -343,9 +352,12 @@ class Problem:
     def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> Problem:
         """Read the JSON form of a problem.
 
-        robot: of a posture problem, whose limbs the legs must be; None for the robot that it names,
-        or the hexapod. Raises InvalidInput whose message lists every key that is wrong, separated
-        by "; ".
+        Arguments:
+            robot: of a posture problem, whose limbs the legs must be; None for the robot that it
+                names, or the hexapod.
+
+        Raises:
+            InvalidInput: whose message lists every key that is wrong, separated by "; ".
         """
         if not isinstance(data, Mapping):
             forms = f"{PostureKeys.FORMAT!r} or {cls.FORMAT!r}"
@@ -380,8 +392,10 @@ class Problem:
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
-        """The limbs of a posture problem, each on its patch. Raises InvalidInput for other
-        problems."""
+        """The limbs of a posture problem, each on its patch.
+
+        Raises InvalidInput for other problems.
+        """
         if not self.is_posture:
             raise InvalidInput(
                 f"contacts: expected a posture problem, got a course of {self.frames} frames"
@@ -405,7 +419,10 @@ class Problem:
 
     @property
     def aim(self) -> Weights:
-        """The weights of the objective. Raises InvalidInput where there is none."""
+        """The weights of the objective.
+
+        Raises InvalidInput where there is none.
+        """
         if self.weights is None:
             raise InvalidInput(
                 "weights: expected a course with an objective, got a posture problem"
@@ -415,14 +432,16 @@ class Problem:
     @property
     def force_n(self) -> float:
         """Unit of the non-dimensional force: the force scale, the weight where nobody says another
-        [N]."""
+        [N].
+        """
         assert self.force_scale_n is not None
         return self.force_scale_n
 
     @cached_property
     def common_bounds(self) -> tuple[Array, Array]:
         """The forces (f_n, f_y, f_z) that every foothold admits, least and largest, in units of the
-        weight, (3,)."""
+        weight, (3,).
+        """
         low, high = self.force_bounds
         share = self.force_n / self.weight_n
         return share * low.max(axis=0), share * high.min(axis=0)
@@ -430,7 +449,8 @@ class Problem:
     @cached_property
     def force_bounds(self) -> tuple[Array, Array]:
         """Least and largest (f_n, f_y, f_z) on every foothold, in units of the force scale, shape
-        (P, 3) each."""
+        (P, 3) each.
+        """
         low = [
             self.force_min if foothold.force_min is None else foothold.force_min
             for foothold in self.footholds
@@ -469,7 +489,8 @@ class Problem:
     @cached_property
     def offsets_m(self) -> tuple[tuple[Array, ...], ...]:
         """From the toe of each foothold to the points that bear forces, on each candidate, shape
-        (K, 3) [m]."""
+        (K, 3) [m].
+        """
         soles = {limb.name: limb.sole_m for limb in self.robot.limbs}
         point = np.zeros((1, 3))
         return tuple(
@@ -544,21 +565,26 @@ class Problem:
     @cached_property
     def uncarried(self) -> tuple[int, ...]:
         """The frames before which all limbs lift at once, so that nobody carries the robot there:
-        such a course asks for the frames alone, and no plan of it can be executed."""
+        such a course asks for the frames alone, and no plan of it can be executed.
+        """
         return tuple(
             k for k, lifted in enumerate(self.lifts) if len(lifted) == len(self.robot.limbs)
         )
 
     def direction(self, frame: int) -> Array:
         """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where
-        it does not move."""
+        it does not move.
+        """
         step = self.com_nominal_m[frame] - self.com_nominal_m[frame - 1]
         length = float(np.linalg.norm(step))
         return step / length if length > 1e-9 else np.zeros(3)
 
     def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
-        """The patch that was chosen for a foothold; choice: candidate's index a foothold, shape
-        (P,)."""
+        """The patch that was chosen for a foothold.
+
+        Arguments:
+            choice: candidate's index a foothold, shape (P,).
+        """
         return self.footholds[foothold].candidates[int(choice[foothold])]
 
     def posture_problem(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
@@ -602,7 +628,8 @@ class Problem:
 
     def wrench_at(self, frame: float) -> Array | None:
         """The wrench at a key frame or between two, where it goes over from one to the other, shape
-        (6,); None for none."""
+        (6,); None for none.
+        """
         if self.wrench is None:
             return None
         before = min(int(frame), self.frames - 1)
@@ -612,7 +639,8 @@ class Problem:
     def loaded(self, wrench: Array | None) -> Problem:
         """The problem with a wrench on every frame, beside those that it has.
 
-        wrench: shape (6,), or None for the problem as it is.
+        Arguments:
+            wrench: shape (6,), or None for the problem as it is.
         """
         if wrench is None or not wrench.any():
             return self
@@ -699,7 +727,8 @@ def _modes(value: Any) -> tuple[int, ...]:
 
 def _check_bounds(low: Array, high: Array, where: str) -> None:
     """Raise InvalidInput for bounds that a limb in the air breaks, or one that presses along its
-    normal alone."""
+    normal alone.
+    """
     if np.any(low[1:] > 0.0) or np.any(high < np.maximum(low, 0.0)):
         raise InvalidInput(
             f"{where}force_min, force_max: expected bounds that admit forces along the normals alone"
@@ -776,7 +805,8 @@ def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
 @lru_cache(maxsize=16)
 def _all_standing(count: int) -> tuple[NDArray[np.int_], tuple[Stance, ...]]:
     """``holds`` and ``stances`` where each of so many limbs has a foothold, and all of them
-    carry."""
+    carry.
+    """
     return locked(np.arange(count)[None]), (Stance(0, tuple(range(count))),)
 
 

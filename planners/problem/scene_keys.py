@@ -1,5 +1,6 @@
 """Keys of a scene's file: those that a kinematic planner publishes, and those that this package
-adds."""
+adds.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ class _Keys(BaseModel):
 
 class ReachSpec(_Keys):
     """Reach polytopes: a folder of the package (``anymal``, ``talos``) or a path from the file; see
-    ``reach_file``."""
+    ``reach_file``.
+    """
 
     folder: str
     com_stretch: Positive = 1.0
@@ -28,7 +30,8 @@ class ReachSpec(_Keys):
 
 class PhaseSpec(_Keys):
     """Limbs that move, and the numbers of the surfaces allowed to them: one list per limb, or one
-    list for any one limb."""
+    list for any one limb.
+    """
 
     moving: list[str] | str
     allowed: list[Surfaces] | Surfaces
@@ -37,11 +40,15 @@ class PhaseSpec(_Keys):
 class OursSpec(_Keys):
     """Keys that no kinematic scene has, from which a course is made of it.
 
-    order: the limbs that move, one after the other, where the scene leaves that open. start:
-    ``published``, ``free`` (anywhere on the surfaces of the first phase) or ``nearest`` (moved to
-    the nearest point of a surface). path_m: the nominal path of the centre of mass; the last point
-    is the goal. near: how many of the allowed surfaces a toe is offered, the nearest to its nominal
-    place; all where there is none. sole_m, yaws_rad: of flat feet. why: in words.
+    Arguments:
+        order: the limbs that move, one after the other, where the scene leaves that open.
+        start: ``published``, ``free`` (anywhere on the surfaces of the first phase) or ``nearest``
+            (moved to the nearest point of a surface).
+        path_m: the nominal path of the centre of mass; the last point is the goal.
+        near: how many of the allowed surfaces a toe is offered, the nearest to its nominal place;
+            all where there is none.
+        sole_m, yaws_rad: of flat feet.
+        why: in words.
     """
 
     mass_kg: Positive
@@ -66,8 +73,9 @@ class SceneSpec(_Keys):
     """A scene as published: surfaces by their corners [m], who moves to which of them, where it
     starts.
 
-    rounds: how often the phases after the first are gone through. initial_contacts: toes at the
-    start, by limb.
+    Arguments:
+        rounds: how often the phases after the first are gone through.
+        initial_contacts: toes at the start, by limb.
     """
 
     name: str

@@ -34,8 +34,11 @@ WIDE_M = 2.0
 def build_scene(spec: SceneSpec, robot: Robot, tilt_rad: float = 0.0) -> Problem:
     """The course of a scene for a robot whose limbs have the scene's names.
 
-    tilt_rad: largest component of Θ; published polytopes know none. Raises InvalidInput, e.g. for a
-    start that is not on any surface.
+    Arguments:
+        tilt_rad: largest component of Θ; published polytopes know none.
+
+    Raises:
+        InvalidInput: e.g. for a start that is not on any surface.
     """
     patches = _patches(spec)
     moves = spec.moves()
@@ -69,7 +72,10 @@ def build_scene(spec: SceneSpec, robot: Robot, tilt_rad: float = 0.0) -> Problem
 
 
 def _patches(spec: SceneSpec) -> tuple[Patch, ...]:
-    """The surfaces, facing up. Raises InvalidInput for one that is bent."""
+    """The surfaces, facing up.
+
+    Raises InvalidInput for one that is bent.
+    """
     patches = []
     for index, polygon in enumerate(spec.surfaces):
         corners = np.array(polygon)
@@ -101,7 +107,8 @@ def _footholds(
     com_m: Array,
 ) -> tuple[Foothold, ...]:
     """Every foothold in order of frame, then limb, its surfaces in order of their distance from its
-    nominal place."""
+    nominal place.
+    """
     footholds, home = [], dict[str, Array]()
     for limb in robot.limbs:
         start = (
@@ -139,8 +146,10 @@ def _offered(
     allowed: Sequence[int],
     toe_m: Array,
 ) -> Foothold:
-    """A toe that the planner puts down. Raises InvalidInput for a sole that has no room
-    anywhere."""
+    """A toe that the planner puts down.
+
+    Raises InvalidInput for a sole that has no room anywhere.
+    """
     surfaces = [Surface(patches[index], 0.0) for index in allowed]
     order = sorted(
         surfaces, key=lambda surface: float(np.linalg.norm(surface.nearest(toe_m) - toe_m))
@@ -169,7 +178,10 @@ def _offered(
 
 
 def _standing(spec: SceneSpec, limb: Limb, toe_m: Array, patches: Sequence[Patch]) -> Foothold:
-    """A toe of the start, on the nearest surface. Raises InvalidInput for one that is on none."""
+    """A toe of the start, on the nearest surface.
+
+    Raises InvalidInput for one that is on none.
+    """
     rooms = list[tuple[float, Array, Patch]]()
     for patch in patches:
         try:

@@ -1,5 +1,6 @@
 """The robot of a published scene: with its own polytopes, with those of a folder, or another robot
-in its place."""
+in its place.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +27,10 @@ BOXES = "anymal"
 
 
 def published_robot(spec: SceneSpec, folder: Path, reach: str | Path | None = None) -> Robot:
-    """The robot of a scene with its published reach, or with that of another folder. Raises
-    InvalidInput."""
+    """The robot of a scene with its published reach, or with that of another folder.
+
+    Raises InvalidInput.
+    """
     if reach is not None:
         return _of_sets(spec, read_reach(reach, spec.limbs))
     packaged = Path(str(resources.files("stancekit.configs.reach"))) / spec.reach.folder
@@ -40,10 +43,13 @@ def other_robot(
 ) -> tuple[SceneSpec, Robot, float]:
     """The scene with the names of another robot's legs, the robot, and its tilt limit.
 
-    robot: ``anymal``, the boxes that walks have, what ``named_robot`` takes, or a ``Robot``. Legs
-    are matched by how their names begin. A robot's soles are the scene's; it has no joints then,
-    which are for point feet. Plans keep the body level, as the published do, since that costs inner
-    sets nothing; proofs are of one that tilts. Raises InvalidInput.
+    Raises InvalidInput.
+
+    Arguments:
+        robot: ``anymal``, the boxes that walks have, what ``named_robot`` takes, or a ``Robot``.
+            Legs are matched by how their names begin. A robot's soles are the scene's; it has no
+            joints then, which are for point feet. Plans keep the body level, as the published do,
+            since that costs inner sets nothing; proofs are of one that tilts.
     """
     if isinstance(robot, str) and robot == BOXES:
         made = _of_boxes(anymal())

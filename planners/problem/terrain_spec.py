@@ -43,5 +43,8 @@ class TerrainSpec(BaseModel, ABC):
 
     @abstractmethod
     def along(self, path_m: Array, folder: Path) -> Terrain:
-        """The terrain along a path, shape (L, 3) [m]; folder: where relative paths of files
-        begin."""
+        """The terrain along a path, shape (L, 3) [m].
+
+        Arguments:
+            folder: where relative paths of files begin.
+        """

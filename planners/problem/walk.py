@@ -50,10 +50,12 @@ class Walk:
             on fewer than three feet.
         timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are
             variables.
+
     Raises:
         InvalidInput: for a place off the terrain or where the robot cannot stand.
     Source:
         Pan et al. §III and §V.
+
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -125,6 +127,7 @@ class Walk:
             gait: trot on four feet and tripod on six where None.
             adhesive: names of feet that stick.
             further: other fields.
+
         Raises:
             InvalidInput: for what cannot be read, and as ``Walk`` does.
         """
@@ -145,8 +148,10 @@ class Walk:
         )
 
     def phases(self, step_s: float) -> tuple[FootPhases, ...]:
-        """When every foot stands and swings, on the grid of step_s. Raises InvalidInput where no
-        cycle fits."""
+        """When every foot stands and swings, on the grid of step_s.
+
+        Raises InvalidInput where no cycle fits.
+        """
         gait = gait_named(self.gait)
         scaled_gait = gait.at(self.robot.stand_height_m, step_s)
         timed = scaled_gait if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
@@ -166,7 +171,8 @@ class Walk:
         """Places of the feet of the nominal stance on the terrain, with the torso over ``xy_m``,
         shape (E, 3) [m].
 
-        yaw_rad: its heading, that of the start where it is None.
+        Arguments:
+            yaw_rad: its heading, that of the start where it is None.
         """
         turn = _turn(self.start_yaw_rad if yaw_rad is None else yaw_rad)
         xy = xy_m + np.array([foot.nominal_m[:2] for foot in self.robot.feet]) @ turn.T
@@ -174,7 +180,8 @@ class Walk:
 
     def _check_place(self, which: str) -> None:
         """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot
-        reach the ground."""
+        reach the ground.
+        """
         xy, yaw = getattr(self, f"{which}_xy_m"), self.yaws()[which == "goal"]
         feet = self.stance_m(xy, yaw)
         if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
@@ -212,7 +219,8 @@ class Walk:
 
     def _check_reach(self, which: str, feet: Array, yaw_rad: float) -> None:
         """Some height of the torso, level or along the ground, must bring all feet to ground within
-        their boxes."""
+        their boxes.
+        """
         xy = getattr(self, f"{which}_xy_m")
         away = feet[:, :2] - xy
         plane, *_ = np.linalg.lstsq(
@@ -229,7 +237,10 @@ class Walk:
 
 
 def _heights(terrain: Terrain | HeightField | str | Path) -> HeightField:
-    """The heights to walk over. Raises InvalidInput."""
+    """The heights to walk over.
+
+    Raises InvalidInput.
+    """
     if isinstance(terrain, str | Path):
         return named_terrain(str(terrain))
     if isinstance(terrain, HeightField):

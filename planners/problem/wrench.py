@@ -33,6 +33,7 @@ def checked_wrench(
         shape: that they have to have.
         weight_n: of the robot.
         length_m: length scale.
+
     Raises:
         InvalidInput: for what is no such array, and for magnitudes beyond any posture.
     """
@@ -51,8 +52,10 @@ def checked_wrench(
 
 
 def wrench_of(value: ArrayLike) -> Array:
-    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,). Raises
-    InvalidInput."""
+    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,).
+
+    Raises InvalidInput.
+    """
     size = (
         np.shape(value)
         if isinstance(value, np.ndarray)

@@ -33,9 +33,12 @@ LESS = 0.1
 def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) -> PointBatch:
     """The analytic centres of these problems with the toes held.
 
-    points: one a problem, on the balances and strictly inside of everything else. moments: False
-    where moments need not balance. Where Newton's method has not come to an end, which only
-    rounding can keep it from, it is its last point.
+    Where Newton's method has not come to an end, which only rounding can keep it from, it is its
+    last point.
+
+    Arguments:
+        points: one a problem, on the balances and strictly inside of everything else.
+        moments: False where moments need not balance.
     """
     if not len(points):
         return points
@@ -68,9 +71,11 @@ def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Held:
-    """B problems with their toes held. to_legs: u = legs + to_legs (c, Θ), shape (N, 3, 6).
+    """B problems with their toes held.
 
-    of_forces, of_body: the balances, rows (B, N, R, 3) and (R, 6).
+    Arguments:
+        to_legs: u = legs + to_legs (c, Θ), shape (N, 3, 6).
+        of_forces, of_body: the balances, rows (B, N, R, 3) and (R, 6).
     """
 
     like: Scaled
@@ -134,7 +139,8 @@ class _Held:
         """The share of each step, halved until it stays inside and gains enough, and the objective
         there; shape (B,).
 
-        value: of the objective, before the step.
+        Arguments:
+            value: of the objective, before the step.
         """
         share = np.ones(len(body))
         for _ in range(HALVINGS):
@@ -160,7 +166,8 @@ class _Held:
 
     def _room(self, body: Array) -> tuple[Array, Array, Array]:
         """Slack of reach, (B, N), of the ball, (B,), and of the tilt, (B, 3); each squared less
-        squared."""
+        squared.
+        """
         legs, away = self._leg(body), body[:, :3] - self.like.com
         reach = self.like.reach**2 - (legs * legs).sum(axis=-1)
         return (
@@ -171,7 +178,8 @@ class _Held:
 
     def _grip(self, forces: Array) -> tuple[Array, Array, Array]:
         """Slack of cones, (B, N), squared less squared, and of either side of the force boxes, (B,
-        N, 3)."""
+        N, 3).
+        """
         cone = (self.friction * forces[..., 0]) ** 2 - (forces[..., 1:] ** 2).sum(axis=-1)
         return cone, self.like.force_max - forces, forces - self.like.force_min
 
@@ -196,7 +204,8 @@ class _Held:
 
     def _forces(self, forces: Array) -> tuple[Array, Array]:
         """Gradient and Hessian of the objective in every force, shape (B, N, 3) and (B, N, 3,
-        3)."""
+        3).
+        """
         cone, above, below = self._grip(forces)
         bend = (
             np.stack([-2.0 * self.friction**2, *(np.full_like(cone, 2.0),) * 2], axis=-1)

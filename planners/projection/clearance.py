@@ -58,10 +58,11 @@ objective."""
 class Nearness:
     """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
-    distance_m: shape (K,), negative inside, and of a foot by how much it stays. slopes: of the
-    distances, in metres a metre or radian, in the numbers of M key frames and P toes, laid end to
-    end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m]. astray_m: how far feet stay from their
-    path.
+    Arguments:
+        distance_m: shape (K,), negative inside, and of a foot by how much it stays.
+        slopes: of the distances, in metres a metre or radian, in the numbers of M key frames and P
+            toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m].
+        astray_m: how far feet stay from their path.
     """
 
     distance_m: Array
@@ -70,7 +71,8 @@ class Nearness:
 
     def within(self, clearance_m: float, rooms_m: Array) -> Nearness:
         """Select those that may come nearer than this where no number changes by more than these
-        amounts."""
+        amounts.
+        """
         falls = abs(self.slopes) @ rooms_m
         near = np.flatnonzero(self.distance_m - falls < clearance_m)
         return replace(self, distance_m=self.distance_m[near], slopes=self.slopes[near])
@@ -82,7 +84,8 @@ class Nearness:
 
 class PathClearance:
     """Looks along the paths of plans over one course, each of which raises TimeEnded after the
-    deadline (``time.perf_counter()``). Raises InvalidInput without coal, as ``Bodies`` does."""
+    deadline (``time.perf_counter()``). Raises InvalidInput without coal, as ``Bodies`` does.
+    """
 
     def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
         self._solver, self._deadline = solver, deadline
@@ -90,7 +93,8 @@ class PathClearance:
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
-        of every pair of bodies where it is nearest, and wherever it is too near."""
+        of every pair of bodies where it is nearest, and wherever it is too near.
+        """
         path = JointPath(PlanPath(plan), self._solver, apart_m)
         moments, postures = _with_keys(
             path.path, *path.judged(turn_rad=np.inf, deadline=self._deadline)
@@ -133,7 +137,8 @@ class PathClearance:
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
     """Select those that are too near, and of every two bodies those moments at which they are no
-    farther than before and after."""
+    farther than before and after.
+    """
     nearest, runs = list[tuple[int, Near]](), dict[tuple[int, int, str], list[tuple[int, Near]]]()
     for t, each in near:
         runs.setdefault((each.shape, each.other, each.name), []).append((t, each))
@@ -159,8 +164,9 @@ def keep_clear(
 ) -> None:
     """Rows d + S (x − x̄) ≥ clearance − slack, in the length scale; what is missing costs.
 
-    columns: of c, Θ, of the steps of the joints and of p (None where they are held), as
-    ``Nearness.slopes`` has them.
+    Arguments:
+        columns: of c, Θ, of the steps of the joints and of p (None where they are held), as
+            ``Nearness.slopes`` has them.
     """
     length_m, held = at.scaled.length_m, at.held
     slack, clear = (
@@ -219,7 +225,11 @@ def _joined(one: J, other: J) -> J:
 
 
 class _Slopes:
-    """Collects what distances change by; moments and postures: all that are looked at."""
+    """Collects what distances change by.
+
+    Arguments:
+        moments and postures: all that are looked at.
+    """
 
     def __init__(
         self, path: JointPath, solver: Kinematics, moments: PathMoments, postures: PathPostures
@@ -252,7 +262,8 @@ class _Slopes:
         self, leg: int, rows: Index, times: Index, joints: Index, points: Array, push: Array
     ) -> None:
         """Points of a leg, moved along by its first joints up to these, or of the body (leg −1),
-        pushed this way."""
+        pushed this way.
+        """
         if not len(rows):
             return
         held, feet = np.zeros_like(push), points
@@ -268,7 +279,8 @@ class _Slopes:
 
     def add_foot(self, leg: int, rows: Index, times: Index) -> None:
         """A leg's foot that stays from its path: less where the body goes to its place, or its
-        place to the body."""
+        place to the body.
+        """
         moments, postures = self._moments, self._postures
         joints, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
         feet = chain.feet(postures.angles[np.ix_(times, joints)])
@@ -286,7 +298,8 @@ class _Slopes:
         self, leg: int, rows: Index, times: Index, joints: Index, points: Array, push: Array
     ) -> tuple[Array, Array]:
         """The part of the joints and the toes; what holds the foot, and where the foot is, shapes
-        (K, 3)."""
+        (K, 3).
+        """
         columns_of_leg, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
         rotations, origins = self._postures.rotations[times], self._postures.origins_m[times]
         turns, places = chain.frames(self._postures.angles[np.ix_(times, columns_of_leg)])

@@ -41,9 +41,12 @@ def improved(
     """A plan at least as good, by linearised steps on the bilinear surface, each with the toes held
     afterwards.
 
-    point: on the surface, one candidate a foothold. clock: counts solves and their seconds. steps:
-    the most. least: an improvement of the objective, in units of the length scale squared, worth
-    another step.
+    Arguments:
+        point: on the surface, one candidate a foothold.
+        clock: counts solves and their seconds.
+        steps: the most.
+        least: an improvement of the objective, in units of the length scale squared, worth another
+            step.
     """
     step, held = (
         programs.get(Linearised, scaled.layout, False),

@@ -42,10 +42,16 @@ stays there."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the
-    forces, (N, 3). borne: their sum and its moment about the centre of mass, (6,). rest, levers:
-    torques as shares of their limits are rest − levers · f, (J,), (J, 3); none where nobody
-    asks."""
+    """What one moment gives the program.
+
+    Arguments:
+        arms: maps the forces to their sum and moment, (6, 3N).
+        friction: (N,).
+        low, high: on the forces, (N, 3).
+        borne: their sum and its moment about the centre of mass, (6,).
+        rest, levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none
+            where nobody asks.
+    """
 
     arms: Array
     friction: Array
@@ -60,9 +66,11 @@ class _Stance:
 class Loads:
     """Parts of the torques of a robot at rest; J joints.
 
-    weight_nm: of the limbs' own masses, shape (J,). levers_m: τ = weight_nm − levers_m · f, f on
-    the joint's own foot in the world frame, shape (J, 3). limit_nm: of every joint, inf for none,
-    shape (J,).
+    Arguments:
+        weight_nm: of the limbs' own masses, shape (J,).
+        levers_m: τ = weight_nm − levers_m · f, f on the joint's own foot in the world frame, shape
+            (J, 3).
+        limit_nm: of every joint, inf for none, shape (J,).
     """
 
     weight_nm: Array
@@ -76,11 +84,16 @@ NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros
 class ForceDistribution:
     """Second-order cone program for the forces of N contacts: it minimises Σ‖f‖² subject to balance
     and to cones whose friction is a share of μ. If joints are given, it minimises the largest
-    torque as a share of its limit instead."""
+    torque as a share of its limit instead.
+    """
 
     def __init__(self, contacts: int, foot_of: Sequence[int] = ()) -> None:
-        """foot_of: the contact that every joint leads to, shape (J,): the largest torque as a share
-        of its limit is then minimised, and forces only break ties."""
+        """The program of a number of contacts.
+
+        Arguments:
+            foot_of: the contact that every joint leads to, shape (J,): the largest torque as a
+                share of its limit is then minimised, and forces only break ties.
+        """
         self._contacts, self._foot_of = contacts, np.array(foot_of, dtype=int)
         self._rows = rows = Rows[_Stance](keep=True)
         forces = rows.variable("forces", contacts, 3)
@@ -112,7 +125,8 @@ class ForceDistribution:
         """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones
         leave no room.
 
-        reserves, least: as ``forces``.
+        Arguments:
+            reserves, least: as ``forces``.
         """
         course, of = plan.problem, plan.problem.stances[stance]
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
@@ -137,11 +151,14 @@ class ForceDistribution:
         """Forces for toes that are this far from the centre of mass, shape (N, 3) [m], on these
         patches.
 
-        bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of
-        the joints. reserves: shares of μ that are tried, one after the other, until one has forces.
-        least: share of the weight with which every limb that carries presses at least. wrench: on
-        the body beside its weight, force and moment about the centre of mass in units of the weight
-        and the length scale, shape (6,) (``wrench_at``).
+        Arguments:
+            bears: who carries, shape (N,).
+            course: its weight and its bounds of the forces.
+            loads: of the joints.
+            reserves: shares of μ that are tried, one after the other, until one has forces.
+            least: share of the weight with which every limb that carries presses at least.
+            wrench: on the body beside its weight, force and moment about the centre of mass in
+                units of the weight and the length scale, shape (6,) (``wrench_at``).
         """
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
@@ -169,7 +186,8 @@ class ForceDistribution:
 
 def wrench_at(course: Problem, frame: int) -> Array | None:
     """The wrench on the body at a key frame in units of the weight and the length scale, shape
-    (6,); None for none."""
+    (6,); None for none.
+    """
     if course.wrench is None:
         return None
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
@@ -180,9 +198,10 @@ def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array
     """Forces of all stances with a reserve of friction, the plan's own where there is none, shape
     (S, N, 3) [N].
 
-    kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in
-    stances in which others would take more of a joint than the plan does anywhere, and more than
-    ``EASY`` of what the joint has.
+    Arguments:
+        kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in
+            stances in which others would take more of a joint than the plan does anywhere, and more
+            than ``EASY`` of what the joint has.
     """
     distribution = ForceDistribution(len(plan.problem.robot.limbs))
     result = [distribution.solve(plan, index) for index in range(len(plan.problem.stances))]

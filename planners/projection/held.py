@@ -24,10 +24,13 @@ slopes."""
 
 
 class FixToes:
-    """The toes held; with hold_body c and Θ, too, and so p_b (fix-p). One candidate a foothold.
+    """The toes held; with hold_body c and Θ, too, and so p_b (fix-p).
 
-    least_moment: minimise the residual of the moments; else they are zero, and a course's objective
-    is minimised.
+    One candidate a foothold.
+
+    Arguments:
+        least_moment: minimise the residual of the moments; else they are zero, and a course's
+            objective is minimised.
     """
 
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
@@ -71,7 +74,8 @@ class FixToes:
 
 class FixForces:
     """The contact-frame forces held (fix-f): least moment residual over toes, c and Θ, which is
-    convex."""
+    convex.
+    """
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
@@ -109,8 +113,9 @@ class Linearised:
     """One convex step of SCP: p × F replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in
     every stance.
 
-    least_moment: minimise what it leaves of the moments; else the objective with ``MOMENT_PRICE``
-    on them.
+    Arguments:
+        least_moment: minimise what it leaves of the moments; else the objective with
+            ``MOMENT_PRICE`` on them.
     """
 
     def __init__(self, layout: Layout, least_moment: bool) -> None:
@@ -159,7 +164,11 @@ def held_moments(layout: Layout, body: BodyVariables, forces: Forces) -> Moments
 def linearised_moments(
     layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces
 ) -> Moments:
-    """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance; toes: explicit."""
+    """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance.
+
+    Arguments:
+        toes: explicit.
+    """
     moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
     _levers(moments, layout, toes)
 
@@ -176,7 +185,8 @@ def linearised_moments(
 
 def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
     """p × F̄ of every stance contact, linear in its toe: −[F̄]× p; of a sole F̄ is the sum over its
-    points."""
+    points.
+    """
     stance, _, foothold = layout.contacts
     first = np.flatnonzero(layout.contact_points == 0)  # a row a foot
     assert toes.points is not None

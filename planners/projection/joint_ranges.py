@@ -1,5 +1,6 @@
 """Ranges of the joints of a plan: from one key frame to the next, and towards the posture in which
-two are one."""
+two are one.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,11 @@ SLACK_RAD = 0.2
 @lru_cache(maxsize=16)
 def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
     """(frame, joint) of every joint of a leg that stands where it stood at the frame before, (K,)
-    each. leg_of: the leg of every joint."""
+    each.
+
+    Arguments:
+        leg_of: the leg of every joint.
+    """
     holds = np.array(layout.holds)
     frame, joint = np.nonzero((holds[1:] == holds[:-1])[:, np.array(leg_of)])
     return locked((frame + 1, joint))
@@ -35,7 +40,8 @@ def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
 
 def keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:
     """Rows that keep steps of these joints, columns of shape (M, J), within ``turn_room``, which
-    the problem tells."""
+    the problem tells.
+    """
     frame, joint = of
     for name, sign in (("on", 1.0), ("back", -1.0)):
         turn = rows.at_most(f"turn_{name}", len(frame))
@@ -48,7 +54,9 @@ def turn_room(angles: Array, of: tuple[Index, Index], sign: float) -> Array:
     """Angle by which these joints may still turn one way since the frame before, (K,) [rad]: what
     is beyond ``TURN_RAD`` already gets no farther.
 
-    angles: shape (M, J). of: as of ``standing``.
+    Arguments:
+        angles: shape (M, J).
+        of: as of ``standing``.
     """
     frame, joint = of
     turned = angles[frame, joint] - angles[frame - 1, joint]
@@ -58,7 +66,11 @@ def turn_room(angles: Array, of: tuple[Index, Index], sign: float) -> Array:
 def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
     """Ranges of the joints, shape (M, J) each: within their limits, and legs that are drawn up no
     nearer to the posture in which thigh and axis of yaw are one than ``UPRIGHT_RAD``, or than they
-    are. angles: shape (M, J) [rad]."""
+    are.
+
+    Arguments:
+        angles: shape (M, J) [rad].
+    """
     lower, upper = (
         np.tile(limit, (len(angles), 1)) for limit in (solver.lowest_rad, solver.highest_rad)
     )
@@ -71,7 +83,8 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
 
 def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) -> bool:
     """Tell whether angles, shape (M, J), are as near to these as a step's joints must be: restored
-    ones may have jumped."""
+    ones may have jumped.
+    """
     frame, joint = standing(layout, tuple(solver.legs.tolist()))
     first, then = (
         np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after)

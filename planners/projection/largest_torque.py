@@ -1,5 +1,6 @@
 """The largest torque that a plan with joints asks for, as a share of its joint's limit: at key
-frames and between."""
+frames and between.
+"""
 
 from __future__ import annotations
 

@@ -32,8 +32,9 @@ CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level", "Feasibl
 class NlpProgram:
     """The program of one layout, compiled once; all data are parameters.
 
-    least_moment: a posture's, without an objective. max_iterations, time_limit_s: where IPOPT gives
-    up one solve.
+    Arguments:
+        least_moment: a posture's, without an objective.
+        max_iterations, time_limit_s: where IPOPT gives up one solve.
     """
 
     def __init__(
@@ -71,8 +72,11 @@ class NlpProgram:
         """Project ``start`` on the bilinear surface by IPOPT, then hold its toes and solve for the
         rest as a conic program.
 
-        programs: where that one comes from. start: of the layout's candidates. The residual is inf
-        where IPOPT did not converge.
+        The residual is inf where IPOPT did not converge.
+
+        Arguments:
+            programs: where that one comes from.
+            start: of the layout's candidates.
         """
         return self.attempt(programs, scaled, start)[0]
 
@@ -232,7 +236,8 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
 
 def parameters(scaled: Scaled, start: Array) -> Array:
     """The program's parameters; CasADi stacks columns, so that every vertex, axis and step is
-    one."""
+    one.
+    """
     aim = np.zeros(6)
     if scaled.weights is not None:
         weights = scaled.weights
@@ -290,9 +295,13 @@ def vector(scaled: Scaled, point: Point) -> Array:
 def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
     """The point of x, with its true net moments.
 
-    x: c, Θ, λ and f, one after the other (``vector``). converged: whether IPOPT said so. Returns a
-    point whose residual is the largest component of Σ p × f + M over all stances, inf where x is no
-    answer.
+    Arguments:
+        x: c, Θ, λ and f, one after the other (``vector``).
+        converged: whether IPOPT said so.
+
+    Returns:
+        A point whose residual is the largest component of Σ p × f + M over all stances, inf where x
+        is no answer.
     """
     layout = scaled.layout
     stance = layout.contacts[0]
@@ -313,8 +322,10 @@ def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
 
 
 def _bounds(scaled: Scaled) -> tuple[Array, Array]:
-    """Bounds of x. Those of shear and c are implied by the cones, which alone are degenerate at μ =
-    0 or radius 0."""
+    """Bounds of x.
+
+    Those of shear and c are implied by the cones, which alone are degenerate at μ = 0 or radius 0.
+    """
     low, high = cones_met(
         scaled.force_min, scaled.force_max, scaled.friction[scaled.layout.contacts[2]]
     )

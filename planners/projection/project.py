@@ -69,8 +69,11 @@ def project(
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf
     without an answer.
 
-    steps, deadline: most linearised steps of "scp", and when they have to end, see ``scp``. Raises
-    InvalidInput for an unknown name, and what one of another package or of a file raises.
+    Arguments:
+        steps, deadline: most linearised steps of "scp", and when they have to end, see ``scp``.
+
+    Raises:
+        InvalidInput: for an unknown name, and what one of another package or of a file raises.
     """
     make = PROJECTIONS.get(projection)
     if make is _scp:
@@ -130,9 +133,11 @@ def scp(
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new
     toes.
 
-    worth: of a posture, take no step where the first toes leave more than this; none, either, after
-    one that stalled. deadline: begin no step that would end after it (``time.perf_counter()``), by
-    how long the one before took, and of the first by how long the solve before it took.
+    Arguments:
+        worth: of a posture, take no step where the first toes leave more than this; none, either,
+            after one that stalled.
+        deadline: begin no step that would end after it (``time.perf_counter()``), by how long the
+            one before took, and of the first by how long the solve before it took.
     """
     least = scaled.weights is None
     held, step, began = (

@@ -34,8 +34,12 @@ solver's tolerance."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Restored:
-    """An exact plan. angles: shape (M, J) [rad]; shares: largest torque of every stance as a share
-    of its joint's limit, (S,)."""
+    """An exact plan.
+
+    Arguments:
+        angles: shape (M, J) [rad].
+        shares: largest torque of every stance as a share of its joint's limit, (S,).
+    """
 
     point: Point
     angles: Array
@@ -50,9 +54,11 @@ class Restored:
 class Restoration:
     """Makes points of one plan's problem exact.
 
-    plan: for its course and choice. scaled: the same, one candidate a foothold, with the friction
-    that may be used. friction_share: how much of the course's that is. limit_nm: of every joint's
-    torque, (J,).
+    Arguments:
+        plan: for its course and choice.
+        scaled: the same, one candidate a foothold, with the friction that may be used.
+        friction_share: how much of the course's that is.
+        limit_nm: of every joint's torque, (J,).
     """
 
     def __init__(
@@ -100,8 +106,10 @@ class Restoration:
         """An exact plan with this body and these toes; None where the joints do not reach, or no
         forces balance.
 
-        angles: to begin at, shape (M, J). wanted: forces whose torques' share is below this are
-        left as they are, as are those that would not lower the largest one.
+        Arguments:
+            angles: to begin at, shape (M, J).
+            wanted: forces whose torques' share is below this are left as they are, as are those
+                that would not lower the largest one.
         """
         turns = np.array([rotation_of(vector) for vector in point.rotation])
         result = self._angles(point, turns, angles)
@@ -148,7 +156,8 @@ class Restoration:
 
     def _balanced(self, point: Point) -> tuple[Array, np.ndarray]:
         """Forces corrected onto the balances by the least change, and in which stances they are
-        within everything."""
+        within everything.
+        """
         scaled, first = self._scaled, self._first
         stance, _, foothold = scaled.layout.contacts
         arms = point.toes[foothold] - point.com[scaled.layout.stance_frames[stance]]
@@ -181,7 +190,8 @@ class Restoration:
 
     def _spared(self, stance: int, point: Point, loads: list[tuple[Array, Array]]) -> Array | None:
         """The forces of a stance with the least largest torque, contact frames; None where none
-        balance."""
+        balance.
+        """
         scaled, (frame, limbs) = self._scaled, self._scaled.layout.stances[stance]
         weight, levers = loads[frame]
         least = scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)

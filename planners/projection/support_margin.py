@@ -28,7 +28,8 @@ PRESSES = (0.2, 0.1, 0.05)
 def pressing(course: Problem, share: float) -> Problem:
     """The course in which every foot that carries presses with this share of the weight or more.
 
-    share: of m g, along the contact's normal; f_n,min of E10 is raised to it.
+    Arguments:
+        share: of m g, along the contact's normal; f_n,min of E10 is raised to it.
     """
     share *= course.weight_n / course.force_n
     footholds = tuple(
@@ -47,7 +48,8 @@ def _raised(low: Array, share: float) -> Array:
 
 def pushed(course: Problem, share: float) -> Problem:
     """The course in which every stance bears a push of this share of the weight, or the one it asks
-    for already."""
+    for already.
+    """
     return replace(course, push_n=max(course.push_n, share * course.weight_n))
 
 

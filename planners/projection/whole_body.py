@@ -67,9 +67,13 @@ does not do."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m:
-    how deep a link is in something at most, and what is missing to bodies that are clear, by the
-    verifier; nan and 0 where nobody can look."""
+    """What the verifier measures of one posture.
+
+    Arguments:
+        share, torque_nm: of the torque that has the largest share of its limit.
+        depth_m, too_near_m: how deep a link is in something at most, and what is missing to bodies
+            that are clear, by the verifier; nan and 0 where nobody can look.
+    """
 
     share: float
     torque_nm: float
@@ -93,9 +97,14 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyPlan:
-    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the
-    plan as it came, and of this one. late: whether the time ended before all was tried. report: the
-    verifier's on this plan; None where it was not asked."""
+    """A plan with joint angles, and what it took.
+
+    Arguments:
+        steps: of the whole plan.
+        before, after: of the plan as it came, and of this one.
+        late: whether the time ended before all was tried.
+        report: the verifier's on this plan; None where it was not asked.
+    """
 
     plan: Plan
     steps: int
@@ -140,11 +149,14 @@ def whole_body(
     """The plan with joint angles, with torques within the limits and bodies apart where such a plan
     is found; never a worse one.
 
-    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``.
-    deadline: when the plan has to be found and judged (``time.perf_counter()``), by how long a look
-    along its path takes; the best that was met until then counts. Raises InvalidInput without
-    pinocchio, and for a robot whose legs are not known, and TimeEnded where there was not even time
-    for joint angles.
+    Arguments:
+        start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``.
+        deadline: when the plan has to be found and judged (``time.perf_counter()``), by how long a
+            look along its path takes; the best that was met until then counts.
+
+    Raises:
+        InvalidInput: without pinocchio, and for a robot whose legs are not known, and TimeEnded
+            where there was not even time for joint angles.
     """
     solver = kinematics or Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
     angles = np.array(
@@ -172,8 +184,11 @@ def _bent(
     *,
     braced: bool = False,
 ) -> WholeBodyPlan:
-    """As ``whole_body`` of a plan with joint angles; braced: its stances go on bearing the pushes
-    that they bear."""
+    """As ``whole_body`` of a plan with joint angles.
+
+    Arguments:
+        braced: its stances go on bearing the pushes that they bear.
+    """
     first = bent = _at_key_frames(plan, limits, solver, deadline, braced=braced)
     if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
         return bent
@@ -278,8 +293,12 @@ def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
-    """An exact plan on the way, and what is near to each other in it; price: of what is too much.
-    too_near: something has less than half of the distance that it should keep."""
+    """An exact plan on the way, and what is near to each other in it.
+
+    Arguments:
+        price: of what is too much.
+        too_near: something has less than half of the distance that it should keep.
+    """
 
     at: Restored
     near: Nearness | None
@@ -288,9 +307,14 @@ class _State:
 
 
 class _Stage:
-    """One plan on its way. apart_m: how far apart the moments are that it looks at. braced: stances
-    go on bearing the pushes that they bear. deadline: no step is begun that would end after it
-    (``time.perf_counter()``), by how long the one before took."""
+    """One plan on its way.
+
+    Arguments:
+        apart_m: how far apart the moments are that it looks at.
+        braced: stances go on bearing the pushes that they bear.
+        deadline: no step is begun that would end after it (``time.perf_counter()``), by how long
+            the one before took.
+    """
 
     def __init__(
         self,
@@ -319,7 +343,8 @@ class _Stage:
 
     def run(self, *, collides: bool) -> tuple[Plan | None, int]:
         """The best plan that was met, None where not even the first was one, and how many steps it
-        took."""
+        took.
+        """
         friction, steps_taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
         best, wanted, angles = None, EASY, np.asarray(self._plan.joints_rad)
         for share in dict.fromkeys(
@@ -375,7 +400,8 @@ class _Stage:
         self, scaled: Scaled, restoration: Restoration, state: _State
     ) -> tuple[_State, int]:
         """After steps that each lower the price, until nothing is too much, or none does; and how
-        many."""
+        many.
+        """
         radius, steps_taken, before, began = 1.0, 0, list[float](), time.perf_counter()
         for _ in range(self._limits.steps):
             now = time.perf_counter()

@@ -24,11 +24,13 @@ class WholeBodyLimits:
         clearance_m: where links go through the terrain, or come too near to each other, steps aim
             at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
+
     Raises:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative
             number of steps or distance.
     Source:
         None: joint limits of the robot's file, and those that are asked for.
+
     Example:
         >>> from stancekit import WholeBodyLimits
         >>> WholeBodyLimits(torque_nm=8.0).share
@@ -49,12 +51,14 @@ class WholeBodyLimits:
 
     def concern(self, robot: Robot) -> bool:
         """Tell whether a plan for the robot has to have joints: its file has legs, or torques are
-        asked for."""
+        asked for.
+        """
         return robot.source.own or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:
         """Torque limit of every joint, shape (J,) [Nm]; inf where nothing is known and nothing
-        asked for."""
+        asked for.
+        """
         return np.asarray(
             np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm)
         )

@@ -54,8 +54,10 @@ class TorqueRows:
     """Torques that a step looks at: those of every joint of every leg that carries, stance by
     stance, T of them.
 
-    contact, frame, joint: of each torque, (T,). row, other: (torque, joint of the same leg), (K,);
-    pairs: of all legs' joints, shape (2, pairs), and pair: which of them each of the K is.
+    Arguments:
+        contact, frame, joint: of each torque, (T,).
+        row, other: (torque, joint of the same leg), (K,).
+        pairs: of all legs' joints, shape (2, pairs), and pair: which of them each of the K is.
     """
 
     contact: Index
@@ -69,7 +71,11 @@ class TorqueRows:
     @classmethod
     @lru_cache(maxsize=16)
     def of(cls, layout: Layout, leg_of: tuple[int, ...]) -> TorqueRows:
-        """leg_of: the leg of every joint."""
+        """The rows of a layout.
+
+        Arguments:
+            leg_of: the leg of every joint.
+        """
         legs, (stance, limb, _) = np.array(leg_of), layout.contacts
         contact, joint = np.nonzero((limb[:, None] == legs) & (stance < layout.unpushed)[:, None])
         pairs = np.nonzero(legs[:, None] == legs)
@@ -101,8 +107,11 @@ class WholeBodyGiven(Given):
     """Data that a step is loaded with: the problem, the point about which it is linearised, and the
     joints there.
 
-    angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is
-    well. radius: of the trust region.
+    Arguments:
+        angles: shape (M, J) [rad].
+        limit_nm: of every joint's torque, (J,).
+        wanted: share of it that is well.
+        radius: of the trust region.
     """
 
     solver: Kinematics
@@ -131,7 +140,8 @@ class WholeBodyGiven(Given):
     @cached_property
     def arms(self) -> Array:
         """ā, from the centre of mass to every foot's centre as the joints have it, shape (M, N,
-        3)."""
+        3).
+        """
         arms = self.legs.feet - (self.rotations @ self.solver.robot.origin_m)[:, None]
         return np.asarray(arms / self.scaled.length_m)
 
@@ -177,7 +187,8 @@ class WholeBodyGiven(Given):
 
     def turn_room(self, sign: float) -> Array:
         """Angle by which joints of legs that stand may still turn this way since the frame before,
-        (K,)."""
+        (K,).
+        """
         return turn_room(
             self.angles, standing(self.scaled.layout, tuple(self.solver.legs.tolist())), sign
         )
@@ -209,8 +220,12 @@ class Torques:
     """Torques as shares of their limits, times the sign that they have at the point, to first
     order.
 
-    value: (T,). by_force: in the contact frame, (T, 3); by_turn: in Θ, (T, 3); by_joint: of the K
-    pairs, (K,). right: what the rows have on the right, (T,).
+    Arguments:
+        value: (T,).
+        by_force: in the contact frame, (T, 3).
+        by_turn: in Θ, (T, 3).
+        by_joint: of the K pairs, (K,).
+        right: what the rows have on the right, (T,).
     """
 
     value: Array
@@ -255,9 +270,11 @@ class Torques:
 class WholeBodyStep:
     """The program; one candidate a foothold, point feet.
 
-    leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are
-    linear (E6) and hold exactly. at: a problem whose bodies that are near it is to keep apart: a
-    program for this one alone.
+    Arguments:
+        leg_of: the leg of every joint.
+        hold_toes: they stay where the point has them; then balances are linear (E6) and hold
+            exactly.
+        at: a problem whose bodies that are near it is to keep apart: a program for this one alone.
     """
 
     def __init__(

@@ -1,2 +1,3 @@
 """Stage P1 (Lin et al. §III): convex relaxations of the posture problem, for one frame and for
-many."""
+many.
+"""

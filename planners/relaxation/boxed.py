@@ -16,7 +16,8 @@ from .envelope import Corners, Envelope
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxed(Given):
     """Data that P1 is loaded with: boxes over the stance contacts, and which of them a stance may
-    use, (S, E)."""
+    use, (S, E).
+    """
 
     boxes: Sequence[Envelope]
     allowed: Array | None = None

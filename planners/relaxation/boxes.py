@@ -38,7 +38,11 @@ MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StanceBoxes:
     """Boxes that were chosen for the very stances of a course: each over its B stance contacts, as
-    ``boxes_of`` gives them. problem_class: of the problems that whoever chose them learned from."""
+    ``boxes_of`` gives them.
+
+    Arguments:
+        problem_class: of the problems that whoever chose them learned from.
+    """
 
     problem_class: str
     boxes: tuple[Envelope, ...]
@@ -46,7 +50,8 @@ class StanceBoxes:
 
 def mirrored_box(box: Envelope) -> Envelope:
     """The box of the mirrored stance: p_y and the second force component change their sign (see the
-    module)."""
+    module).
+    """
     ends = MIRRORED_BOX * box.low, MIRRORED_BOX * box.high
     return Envelope(low=np.minimum(*ends), high=np.maximum(*ends))
 
@@ -55,8 +60,11 @@ def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
     """Mirror envelopes for the legs on the other side: p_y and f_y change their sign, as normals
     do.
 
-    robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not
-    symmetric.
+    Arguments:
+        robot: whose legs are paired by their shoulders.
+
+    Raises:
+        InvalidInput: for a robot that is not symmetric.
     """
     return replace(
         envelopes,
@@ -72,9 +80,13 @@ def boxes_of(
 ) -> tuple[Envelope, ...]:
     """Every envelope of the set, as a box over the B stance contacts of a course.
 
-    envelopes: or several sets of as many boxes, for different limbs: a stance takes the first that
-    has its limbs. Raises InvalidInput that names the first stance whose limbs or patches no set was
-    learned for, and for envelopes of another robot.
+    Arguments:
+        envelopes: or several sets of as many boxes, for different limbs: a stance takes the first
+            that has its limbs.
+
+    Raises:
+        InvalidInput: that names the first stance whose limbs or patches no set was learned for, and
+            for envelopes of another robot.
     """
     sets = (envelopes,) if isinstance(envelopes, EnvelopeSet) else tuple(envelopes)
     for one in sets:
@@ -128,7 +140,8 @@ def _images(envelopes: Sequence[EnvelopeSet], robot: Robot) -> list[EnvelopeSet]
 
 def _partner(robot: Robot, leg: str) -> str:
     """The leg whose shoulder is the mirror image of this one's; of measured legs the one that is
-    nearest to it."""
+    nearest to it.
+    """
     (member,) = robot.select([leg])
     apart = [
         max(
@@ -170,7 +183,8 @@ def _check_one_frame(course: Problem, limb: int, foothold: int) -> None:
 
 def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:
     """Raise InvalidInput unless every candidate patch under the stance is of the kind that was
-    learned."""
+    learned.
+    """
     names = course.robot.limb_names
     limbs = tuple(names.index(leg) for leg in envelopes.legs)
     under = [course.footholds[int(course.holds[stance.frame, limb])] for limb in limbs]

@@ -112,7 +112,8 @@ class Coned(McCormick):
 
     def _moved(self, given: Given) -> Array:
         """Factors of the forces: l and −h of the contacts with cones, times the factors, (2, C, 3,
-        3)."""
+        3).
+        """
         assert isinstance(given, Boxed)
         ends = np.stack(given.boxes[0].position)[:, self._coned, :, None]
         return np.asarray(SIGNS * ends * self._sides(given.scaled))

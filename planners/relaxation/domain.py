@@ -1,5 +1,6 @@
 """Bounds on [p, f] of every stance contact that a problem implies: no answer of it leaves this
-box."""
+box.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +16,11 @@ from .mccormick import Axes
 def domain_of(scaled: Scaled, axes: Axes = "contact", *, reach: bool = True) -> Envelope:
     """The box over the contacts.
 
-    p: open patches against the ball of the centre of mass; reach: met with the shoulder's reach at
-    any tilt. f: the force box met with the cone's, over the open patches; in world axes the box
-    around those boxes.
+    p: open patches against the ball of the centre of mass.
+
+    Arguments:
+        reach: met with the shoulder's reach at any tilt. f: the force box met with the cone's, over
+            the open patches; in world axes the box around those boxes.
     """
     layout = scaled.layout
     stance, limb, foothold = layout.contacts

@@ -1,5 +1,6 @@
 """Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (Lin et al. §III), and
-their file."""
+their file.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +36,12 @@ class Envelope:
 
     Arguments:
         low, high: shape (N, 6), the columns p_x p_y p_z f_n f_y f_z.
+
     Raises:
         InvalidInput: for other shapes, and where low exceeds high.
     Source:
         Lin et al. §III, B_S.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import Envelope
@@ -63,8 +66,10 @@ class Envelope:
 
     @classmethod
     def around(cls, points: Array) -> Envelope:
-        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1. Raises InvalidInput
-        without any."""
+        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1.
+
+        Raises InvalidInput without any.
+        """
         if not len(points):
             raise InvalidInput("points: expected one or more, got none")
         return cls(low=points.min(axis=0), high=points.max(axis=0))
@@ -72,7 +77,8 @@ class Envelope:
     @classmethod
     def from_vector(cls, bounds: Array) -> Envelope:
         """Read the flat form, all of low and then all of high, shape (12N,); reversed pairs are put
-        in order."""
+        in order.
+        """
         flat = np.asarray(bounds, dtype=np.float64)
         if flat.ndim != 1 or flat.size == 0 or flat.size % 12:
             raise InvalidInput(
@@ -123,7 +129,8 @@ class Envelope:
 
     def contains(self, points: Array, *, margin: float = 0.0) -> Array:
         """Tell which points [p, f], shape (K, N, 6), lie in the box widened by ``margin``; shape
-        (K,)."""
+        (K,).
+        """
         inside = (points >= self.low - margin) & (points <= self.high + margin)
         return np.asarray(inside.all(axis=(-2, -1)))
 
@@ -136,8 +143,10 @@ class Corners(NamedTuple):
     """Numbers that the envelope rows sign (p_end f + f_end p − m) ≤ sign p_end f_end and −x ≤ −low,
     x ≤ high need.
 
-    p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4,
-    N, 1, 3) and (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
+    Arguments:
+        p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1),
+            (4, N, 1, 3) and (4, N, 3, 3).
+        outward: (2, N, 6). Of several boxes, these stacked.
     """
 
     p: Array
@@ -161,10 +170,12 @@ class EnvelopeSet:
         provenance: how the set was learned, for people.
         robot: identity of the model whose legs they are, see ``Robot``; empty for the default
             hexapod.
+
     Raises:
         InvalidInput: for other shapes, normals that are no unit vectors, no boxes.
     Source:
         Lin et al. §III; the binaries of §IV-A.
+
     Example:
         >>> import numpy as np, stancekit
         >>> problems = stancekit.sample("wall-3", 5, rng=0)
@@ -250,7 +261,8 @@ class EnvelopeSet:
 
     def check_fits(self, problem: Problem) -> None:
         """Raise InvalidInput unless the problem is of the class that the envelopes were learned
-        for."""
+        for.
+        """
         learned = f"an envelope learned for {self.problem_class}"
         check_learned(self, problem, learned)
         for index, contact in enumerate(problem.contacts):
@@ -268,5 +280,8 @@ class EnvelopeSet:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> EnvelopeSet:
-        """Read the JSON form. Raises InvalidInput that lists every key that is wrong."""
+        """Read the JSON form.
+
+        Raises InvalidInput that lists every key that is wrong.
+        """
         return from_json(cls, data)

@@ -21,8 +21,11 @@ def envelope_rows(
     """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th
     box.
 
-    whole: [p, f], (B, 6); moments: (B, 9). margin: relaxes every row. share: z of every contact,
-    (B,), in whose measure the rows are: (p, f, m) ∈ z M_c(B).
+    Arguments:
+        whole: [p, f], (B, 6).
+        moments: (B, 9).
+        margin: relaxes every row.
+        share: z of every contact, (B,), in whose measure the rows are: (p, f, m) ∈ z M_c(B).
     """
     count = len(whole)
     envelope, sides = (

@@ -27,7 +27,9 @@ def rule_of_thumb(
     """p within the limbs' workspace, f within CLIMBING for limbs on a wall, WALKING for those on
     the ground.
 
-    shoulders_m: shape (N, 3) [m]; reach_m, climbs: shape (N,).
+    Arguments:
+        shoulders_m: shape (N, 3) [m].
+        reach_m, climbs: shape (N,).
     """
     force = np.where(np.asarray(climbs)[:, None, None], CLIMBING, WALKING)
     reach = np.asarray(reach_m)[:, None]
@@ -43,7 +45,8 @@ def expert_envelopes(
     legs: tuple[str, ...] = THREE_LEGS,
 ) -> EnvelopeSet:
     """One envelope for these legs on the ground, or on two facing walls, up to 30° off: p within
-    the limbs' workspace, f within WALKING or CLIMBING."""
+    the limbs' workspace, f within WALKING or CLIMBING.
+    """
     robot = robot or hexapod()
     limbs = robot.select(legs)
     shoulders = np.array([limb.shoulder_m for limb in limbs])

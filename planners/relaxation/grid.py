@@ -53,8 +53,9 @@ class Breaks(NamedTuple):
     def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
         """The breakpoints that cut the sides of a domain evenly.
 
-        domain: of [p, f], B contacts. counts: pieces of a p_j and of an f_k, so that there are one
-        more breakpoint each.
+        Arguments:
+            domain: of [p, f], B contacts.
+            counts: pieces of a p_j and of an f_k, so that there are one more breakpoint each.
         """
         p, f = (
             np.linspace(low, high, count + 1, axis=-1)
@@ -68,7 +69,8 @@ class Breaks(NamedTuple):
 class Cells:
     """The grid over p and f of every contact, and m = p f on it.
 
-    counts: pieces of a p_j and of an f_k. Rows of α, β and w as those of the breakpoints.
+    Arguments:
+        counts: pieces of a p_j and of an f_k. Rows of α, β and w as those of the breakpoints.
     """
 
     def __init__(self, breaks: Breaks, counts: tuple[int, int], encoding: Encoding) -> None:
@@ -95,8 +97,12 @@ class Cells:
     ) -> list[cp.Constraint]:
         """(p, f, m) lies in the McCormick envelope of one cell of the grid, chosen by binaries.
 
-        position, forces: shape (B, 3). moments: the products p_j f_k, shape (B, 9). Returns
-        constraints; the weights of every breakpoint and corner are variables of the grid.
+        Arguments:
+            position, forces: shape (B, 3).
+            moments: the products p_j f_k, shape (B, 9).
+
+        Returns:
+            Constraints; the weights of every breakpoint and corner are variables of the grid.
         """
         alpha, beta, corners = self._alpha, self._beta, self._corners
         rows, ends = np.arange(alpha.shape[0]), (alpha.shape[1], beta.shape[1])
@@ -121,7 +127,9 @@ def cell_error(domain: Envelope, counts: tuple[int, int]) -> float:
     """The most that m may be off p f in a cell: a quarter of the largest product of its sides
     (McCormick 1976).
 
-    domain: of [p, f]. counts: pieces of a p_j and of an f_k. Non-dimensional, as m is.
+    Arguments:
+        domain: of [p, f].
+        counts: pieces of a p_j and of an f_k. Non-dimensional, as m is.
     """
     sides = domain.high - domain.low
     return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * counts[0] * counts[1])
@@ -131,8 +139,11 @@ def neighbouring(weights: cp.Variable, encoding: Encoding) -> list[cp.Constraint
     """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2); one
     interval needs no row.
 
-    encoding: "unary" has a binary an interval, "log" log2 of them (Vielma and Nemhauser). Returns
-    constraints.
+    Arguments:
+        encoding: "unary" has a binary an interval, "log" log2 of them (Vielma and Nemhauser).
+
+    Returns:
+        Constraints.
     """
     rows, count = weights.shape[0], weights.shape[1] - 1
     if count == 1:
@@ -187,7 +198,8 @@ def planes(constraint: cp.Constraint, cones: Cones) -> Sequence[cp.Constraint]:
 
 def without_squares(cost: cp.Expression) -> tuple[cp.Expression, list[cp.Constraint]]:
     """A sum of weighted sums of squares, each square replaced by its highest tangent at ``KNOTS``:
-    from below."""
+    from below.
+    """
     knots, total, rows = np.concatenate([-KNOTS[:0:-1], KNOTS])[:, None], 0.0, []
     for term in cost.args if isinstance(cost, AddExpression) else [cost]:
         weight, squares = term.args
@@ -202,7 +214,8 @@ def without_squares(cost: cp.Expression) -> tuple[cp.Expression, list[cp.Constra
 
 def axes_of(scaled: Scaled) -> Axes:
     """The contact frames where the candidates under every stance contact share one, else the
-    world's axes."""
+    world's axes.
+    """
     return "world" if len(of_several_frames(scaled)) else "contact"
 
 

@@ -44,8 +44,9 @@ def near_nominal(scaled: Scaled, at: Array) -> Point:
     """A point with these [p, f], the bodies where they are nominally; it need not be on the
     patches.
 
-    at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no
-    answer.
+    Arguments:
+        at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no
+            answer.
     """
     stance, _, foothold = scaled.layout.contacts
     toes = np.zeros((scaled.layout.footholds, 3))
@@ -58,8 +59,9 @@ class JointRelaxation:
     """The lift and P1 over one box a stance contact, linked; one candidate a foothold, whose feet
     are points.
 
-    signed: minimise the signed margin alone; else MARGIN_PRICE · t + Σ g², t ≥ 0, with the gap
-    linearised at a point.
+    Arguments:
+        signed: minimise the signed margin alone; else MARGIN_PRICE · t + Σ g², t ≥ 0, with the gap
+            linearised at a point.
     """
 
     over_boxes: ClassVar[bool] = True
@@ -125,8 +127,10 @@ class JointRelaxation:
     ) -> RelaxationAnswer:
         """P1 over this box.
 
-        at: [p, f] about which the gap is linearised, shape (B, 6); None, where it is, for the
-        middle of the box. gradient: of the margin in the box's bounds.
+        Arguments:
+            at: [p, f] about which the gap is linearised, shape (B, 6); None, where it is, for the
+                middle of the box.
+            gradient: of the margin in the box's bounds.
         """
         program_data = self._given(scaled, box, at)
         return self._answer(self.rows.solve(program_data), program_data, gradient=gradient)
@@ -136,7 +140,8 @@ class JointRelaxation:
     ) -> list[RelaxationAnswer]:
         """``solve`` of one box and one point per problem, all solved as ``Rows.solve_all`` does.
 
-        at: no points stand for the middles of the boxes.
+        Arguments:
+            at: no points stand for the middles of the boxes.
         """
         about: Sequence[Array | None] = at or [None] * len(scaled)
         data = [self._given(*one) for one in zip(scaled, boxes, about, strict=True)]
@@ -179,7 +184,8 @@ class JointRelaxation:
         self, layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces, margin: Index
     ) -> None:
         """p, f and m of every stance contact over its box, and how they hang together with the
-        lift."""
+        lift.
+        """
         rows, (stance, _, foothold) = self.rows, layout.contacts
         count, contact, vertex = len(stance), *layout.contact_vertices
         position, moments = rows.variable("position", count, 3), rows.variable("moments", count, 9)

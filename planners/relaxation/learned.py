@@ -29,8 +29,11 @@ class LearnedFor(Protocol):
 
 
 def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
-    """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is,
-    in words."""
+    """Raise InvalidInput unless it was learned for the robot of this identity.
+
+    Arguments:
+        learned: what it is, in words.
+    """
     if robot != it.robot:
         mine, other = (name or "the default hexapod" for name in (it.robot, robot))
         raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
@@ -38,7 +41,8 @@ def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
 
 def check_learned(it: LearnedFor, problem: Problem, learned: str) -> None:
     """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned
-    for."""
+    for.
+    """
     check_robot(it, problem.robot.identity, learned)
     if problem.legs != it.legs:
         raise InvalidInput(

@@ -24,8 +24,10 @@ from .relaxed import Relaxed
 
 
 class LeastGap:
-    """min Σ g² over the lift, moments being zero; one candidate a foothold. Its point is one to
-    project from."""
+    """min Σ g² over the lift, moments being zero; one candidate a foothold.
+
+    Its point is one to project from.
+    """
 
     def __init__(self, layout: Layout) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
@@ -54,9 +56,11 @@ class LeastGap:
         """The point of least gap as linearised about another, rounded onto patches and friction
         cones.
 
-        about: [p̂, f̂]; one candidate a foothold. Returns the rounded point with residual 0.0,
-        which says that there is one: its own moments are near zero, not zero. The residual is inf
-        where the lift has no answer.
+        Returns the rounded point with residual 0.0, which says that there is one: its own moments
+        are near zero, not zero. The residual is inf where the lift has no answer.
+
+        Arguments:
+            about: [p̂, f̂]; one candidate a foothold.
         """
         solution = self.rows.solve(Given(scaled, about))
         if not solution.solved:
@@ -65,8 +69,11 @@ class LeastGap:
 
 
 def least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces) -> Index:
-    """Add Σ g² to the objective, g a variable of its own, (B, 9), g_jk in the column 3j + k;
-    forces: of vertices."""
+    """Add Σ g² to the objective, g a variable of its own, (B, 9), g_jk in the column 3j + k.
+
+    Arguments:
+        forces: of vertices.
+    """
     contact, vertex = layout.contact_vertices
     gap = rows.variable("gap", len(layout.contacts[0]), 9)
     is_gap = rows.equal("gap", len(gap), 3, 3)

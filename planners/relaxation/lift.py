@@ -34,10 +34,11 @@ from .relaxed import RelaxationAnswer, Relaxed, unit_shares
 class LiftAnswer(Relaxed):
     """One solve of the lift.
 
-    status: INFEASIBLE with multipliers that refute the relaxation, and so the problem. bound: on
-    the least moment residual, or on the objective of a course: inf where infeasible, and 0 or −inf,
-    which prove nothing, where the solver gave up. Where there is a point its forces are f_u, (F,
-    3).
+    Arguments:
+        status: INFEASIBLE with multipliers that refute the relaxation, and so the problem.
+        bound: on the least moment residual, or on the objective of a course: inf where infeasible,
+            and 0 or −inf, which prove nothing, where the solver gave up. Where there is a point its
+            forces are f_u, (F, 3).
     """
 
     status: ConicStatus
@@ -63,9 +64,10 @@ class LiftAnswer(Relaxed):
 class LiftProgram:
     """The lift of one layout.
 
-    implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
-    least_moment: minimise the moment residual, for which there is an answer nearly always; else the
-    course's objective, moments being zero.
+    Arguments:
+        implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
+        least_moment: minimise the moment residual, for which there is an answer nearly always; else
+            the course's objective, moments being zero.
     """
 
     over_boxes: ClassVar[bool] = False
@@ -150,9 +152,13 @@ class LiftProgram:
 def solve_lift(programs: Programs, scaled: Scaled, *, least_moment: bool) -> LiftAnswer:
     """Solve the lift, in its small form where that says the same.
 
-    programs: to share. least_moment: minimise the moment residual; else the course's objective,
-    moments being zero. Returns an answer whose ``bound`` is proved: of the residual, or of the
-    objective; inf where there is none.
+    Arguments:
+        programs: to share.
+        least_moment: minimise the moment residual; else the course's objective, moments being zero.
+
+    Returns:
+        An answer whose ``bound`` is proved: of the residual, or of the objective; inf where there
+        is none.
     """
     return programs.get(LiftProgram, scaled.layout, scaled.box_implied, least_moment).solve(scaled)
 

@@ -1,5 +1,6 @@
 """Gradient of P1's signed margin in the box: the envelope theorem on the rows of McCormick's
-envelope."""
+envelope.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +15,10 @@ def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[
     """∂t/∂low and ∂t/∂high of P1's signed margin, shape (B, 6) each: the envelope theorem, row by
     row of the envelope.
 
-    solution: of the program with a margin. at: its [p, f], shape (B, 6). box: that it was solved
-    over.
+    Arguments:
+        solution: of the program with a margin.
+        at: its [p, f], shape (B, 6).
+        box: that it was solved over.
     """
     signed = solution.dual("envelope") * SIGNS
     p_ends, f_ends = box.corners.p, box.corners.f

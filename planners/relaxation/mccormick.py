@@ -41,10 +41,12 @@ Axes = Literal["contact", "world"]
 
 
 class WithoutMoment:
-    """P̄ (Lin et al. §III) of a posture: all constraints but the bilinear one. With m free, E9
-    constrains nothing.
+    """P̄ (Lin et al. §III) of a posture: all constraints but the bilinear one.
 
-    inner: of half-spaces of reach the inner set, so that its point is one of the problem's.
+    With m free, E9 constrains nothing.
+
+    Arguments:
+        inner: of half-spaces of reach the inner set, so that its point is one of the problem's.
     """
 
     def __init__(self, layout: Layout, inner: bool = False) -> None:
@@ -59,7 +61,8 @@ class WithoutMoment:
 
     def solve(self, scaled: Scaled) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the
-        solver gave up."""
+        solver gave up.
+        """
         solution = self.rows.solve(Given(scaled))
         return _relaxed(solution, scaled, self._forces).rounded()[1] if solution.solved else None
 
@@ -67,8 +70,10 @@ class WithoutMoment:
 class McCormick:
     """P1 over boxes, for one layout.
 
-    axes: of the forces in the boxes. soft: minimise the margin, over one box; else the course's
-    objective. boxes: how many a stance chooses among.
+    Arguments:
+        axes: of the forces in the boxes.
+        soft: minimise the margin, over one box; else the course's objective.
+        boxes: how many a stance chooses among.
     """
 
     over_boxes: ClassVar[bool] = True
@@ -138,9 +143,10 @@ class McCormick:
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box (Lin et al. §III): m = p f replaced by McCormick's envelope over it.
 
-        box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed
-        margin in the box's bounds, from the multipliers. Where the rows are hard the margin of the
-        answer is 0 or inf.
+        Arguments:
+            box: over the B stance contacts, [p, f] non-dimensional.
+            gradient: also that of the signed margin in the box's bounds, from the multipliers.
+                Where the rows are hard the margin of the answer is 0 or inf.
         """
         solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
         answer = self._answer(solution, scaled)
@@ -154,9 +160,13 @@ class McCormick:
         """P1 over the convex hull of a choice among boxes in every stance (Lin et al. §IV-A, mode
         switching).
 
-        boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0
-        where not, shape (S, E). Returns an answer with ``modes``, the shares of the boxes, shape
-        (S, E); a stance is decided where one of them is 1.
+        Arguments:
+            boxes: E of them, each over all stance contacts.
+            allowed: 1 where a stance may use a box, 0 where not, shape (S, E).
+
+        Returns:
+            An answer with ``modes``, the shares of the boxes, shape (S, E); a stance is decided
+            where one of them is 1.
         """
         solution = self.rows.solve(Boxed(scaled, boxes=boxes, allowed=allowed))
         return replace(
@@ -176,7 +186,8 @@ class McCormick:
         self, scaled: Sequence[Scaled], envelopes: Sequence[Sequence[Envelope]]
     ) -> list[RelaxationAnswer]:
         """``solve_any`` of every problem, all that is asked about solved as ``Rows.solve_all``
-        does."""
+        does.
+        """
         if not all(envelopes):
             raise InvalidInput("envelopes: expected one or more, got none")
         data = [
@@ -277,7 +288,8 @@ class McCormick:
 
     def _balance(self, first: Index | None) -> None:
         """Σ m_jk e_j × F_k = 0 in every stance (E9), or −M; F the axes of the box: (p × F)_c = p_a
-        F_b − p_b F_a."""
+        F_b − p_b F_a.
+        """
         rows, stance, moments = self.rows, self.layout.contacts[0], self._moments.reshape(-1, 3, 3)
         every, a, b = rows.equal("moment", len(self.layout.stances), 3), [1, 2, 0], [2, 0, 1]
         net = every[stance]
@@ -317,7 +329,8 @@ class McCormick:
 
 def _best(answers: Sequence[RelaxationAnswer]) -> RelaxationAnswer:
     """The answer with the least margin, with its index as ``chosen``; an answer with margin NaN if
-    that one is not feasible and some of the answers are not known."""
+    that one is not feasible and some of the answers are not known.
+    """
     if len(answers) == 1:
         return answers[0]
     chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
@@ -332,7 +345,8 @@ def _best(answers: Sequence[RelaxationAnswer]) -> RelaxationAnswer:
 
 def moment_axes(scaled: Scaled) -> Array:
     """P_j × F_k (E7, E9) in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture
-    is axes · m = 0."""
+    is axes · m = 0.
+    """
     across = np.matmul(skew(np.eye(3)), scaled.contact_frames[:, None])  # (B, j, 3, k)
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 

@@ -51,12 +51,15 @@ EnvelopeUse = Literal["rows", "shrink"]
 class MicpGrid:
     """Grid that cuts m = p f.
 
-    intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position"
-    leaves f in one piece. domain: what is divided where no envelope shrinks it: bounds that the
-    problem implies ("course"), or [−1, 1], Lin et al.'s range of every p and f. envelope_use:
-    "rows" adds an envelope's rows to the grid (Lin et al.); "shrink" divides the envelope, met with
-    the problem's own bounds. cones: planes around ("outer") or inside them, or "exact"; None:
-    planes around them for HiGHS, which has none, else exact.
+    Arguments:
+        intervals: pieces of every p_j and f_k, a power of two for the encoding "log".
+        cut: "position" leaves f in one piece.
+        domain: what is divided where no envelope shrinks it: bounds that the problem implies
+            ("course"), or [−1, 1], Lin et al.'s range of every p and f.
+        envelope_use: "rows" adds an envelope's rows to the grid (Lin et al.); "shrink" divides the
+            envelope, met with the problem's own bounds.
+        cones: planes around ("outer") or inside them, or "exact"; None: planes around them for
+            HiGHS, which has none, else exact.
     """
 
     intervals: int = 4
@@ -88,7 +91,9 @@ class MicpAnswer:
     """Claim of the solver, its point where it has one with the candidates chosen in it, and its own
     time [s].
 
-    moments: net moments at that point with m = p f, where those of the grid are zero, shape (S, 3).
+    Arguments:
+        moments: net moments at that point with m = p f, where those of the grid are zero, shape (S,
+            3).
     """
 
     claim: Claim
@@ -101,7 +106,8 @@ class MicpAnswer:
 
 class Symbols:
     """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells
-    with theirs."""
+    with theirs.
+    """
 
     def __init__(self, layout: Layout, grid: MicpGrid) -> None:
         self.layout, contacts = layout, len(layout.contacts[0])
@@ -136,9 +142,12 @@ class MicpProgram:
     """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in
     its place.
 
-    envelope: of the envelope rows, where there are any. gap: the relative one to which a course's
-    objective is minimised; None takes the first point found. The objective's squares become
-    tangents where cones become planes.
+    The objective's squares become tangents where cones become planes.
+
+    Arguments:
+        envelope: of the envelope rows, where there are any.
+        gap: the relative one to which a course's objective is minimised; None takes the first point
+            found.
     """
 
     def __init__(
@@ -184,9 +193,13 @@ class MicpProgram:
     def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
         """Find a point of the grid; of a course the best within the gap.
 
-        scaled: the problem, whose numbers the program has. time_limit_s: the solver's. Returns its
-        claim in words, with a point, a choice of candidates and the moments that it thinks there
-        are where it found some: nothing is verified here.
+        Arguments:
+            scaled: the problem, whose numbers the program has.
+            time_limit_s: the solver's.
+
+        Returns:
+            Its claim in words, with a point, a choice of candidates and the moments that it thinks
+            there are where it found some: nothing is verified here.
         """
         _, limit, gaps, options = SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
@@ -250,7 +263,10 @@ def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[Symbols, Mic
 
 
 def cones_of(grid: MicpGrid, solver: str) -> Cones:
-    """Treatment of second-order cones. Raises InvalidInput for what there is not."""
+    """Treatment of second-order cones.
+
+    Raises InvalidInput for what there is not.
+    """
     cones = grid.cones or ("outer" if solver == "highs" else "exact")
     if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):
         raise InvalidInput(

@@ -37,6 +37,7 @@ class Modes:
         boxes: as many envelopes; their legs may be mirrored.
     Source:
         Lin et al. §IV-A, mode switching.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import Envelope, EnvelopeSet, Modes, sample
@@ -71,15 +72,19 @@ class Modes:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Modes:
-        """Read the JSON form. Raises InvalidInput."""
+        """Read the JSON form.
+
+        Raises InvalidInput.
+        """
         return from_json(cls, data)
 
 
 def world_points(problems: Sequence[Problem], points: Array) -> Array:
     """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6).
 
-    problems: K of them, N contacts each. points: p in the world, f in contact frames, shape (K, N,
-    6).
+    Arguments:
+        problems: K of them, N contacts each.
+        points: p in the world, f in contact frames, shape (K, N, 6).
     """
     frames = np.stack([Scaled.of(problem).frames for problem in problems])
     forces = np.matmul(frames, points[..., 3:, None])[..., 0]
@@ -88,7 +93,8 @@ def world_points(problems: Sequence[Problem], points: Array) -> Array:
 
 def allowed_boxes(scaled: Scaled, boxes: Sequence[Envelope], axes: Axes) -> Array:
     """1 where a stance may use a box, 0 where the course's own bounds on one of its contacts miss
-    it; shape (S, E)."""
+    it; shape (S, E).
+    """
     layout, domain = scaled.layout, domain_of(scaled, axes)
     meets = [np.all((box.low <= domain.high) & (domain.low <= box.high), axis=1) for box in boxes]
     missed = np.zeros((len(layout.stances), len(boxes)))
@@ -99,7 +105,9 @@ def allowed_boxes(scaled: Scaled, boxes: Sequence[Envelope], axes: Axes) -> Arra
 def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelope:
     """One box over the stance contacts, that of the chosen mode in each stance.
 
-    boxes: one a mode, over the B stance contacts. chosen: the mode of each stance, shape (S,).
+    Arguments:
+        boxes: one a mode, over the B stance contacts.
+        chosen: the mode of each stance, shape (S,).
     """
     mode, rows = chosen[layout.contacts[0]], np.arange(len(layout.contacts[0]))
     return Envelope(
@@ -110,6 +118,7 @@ def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelo
 
 def modes_of_frames(layout: Layout, chosen: Index) -> Index:
     """z of every frame: that of its last stance, which stands on the toes put down last; shape
-    (M,)."""
+    (M,).
+    """
     last = {frame: index for index, (frame, _) in enumerate(layout.stances)}
     return np.asarray(chosen[[last[frame] for frame in range(layout.frames)]])

@@ -1,5 +1,6 @@
 """Answers of relaxations: shares of vertices, forces, a point rounded from them; the margin of P1
-and its proofs."""
+and its proofs.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +24,12 @@ NEAR = 1e-6
 class Relaxed:
     """A point of a relaxation, in which a toe may stand on several candidates at once.
 
-    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces:
-    in contact frames, one at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds:
-    in the solver [s].
+    Arguments:
+        com, rotation: (M, 3).
+        weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold.
+        forces: in contact frames, one at each of ``rows`` = (stance contact, candidate), shape (n,
+            3).
+        seconds: in the solver [s].
     """
 
     scaled: Scaled
@@ -38,7 +42,11 @@ class Relaxed:
 
     @classmethod
     def of(cls, scaled: Scaled, solution: ConicSolution, rows: tuple[Index, Index]) -> Relaxed:
-        """Values of the variables in a program's solution. rows: of its forces."""
+        """Values of the variables in a program's solution.
+
+        Arguments:
+            rows: of its forces.
+        """
         return cls(
             scaled=scaled,
             com=solution.value("com"),
@@ -63,7 +71,8 @@ class Relaxed:
 
     def rounded(self) -> tuple[Index, Point]:
         """The candidate of the largest share of every foothold, by number, (P,), and a point whose
-        toes are on them."""
+        toes are on them.
+        """
         number = self.scaled.numbers
         if len(number) == self.scaled.layout.footholds:  # nothing to round
             one = len(self.forces) == len(self.scaled.force_min)
@@ -101,11 +110,16 @@ class Relaxed:
 class RelaxationAnswer:
     """One solve of P1.
 
-    margin: t; of the hard form 0 where it has an answer; inf where there is none, NaN where the
-    solver gave up. relaxed: the answer, off the bilinear surface by ``excess`` = m − p f, shape (B,
-    3, 3), indices contact, j, k; at: [p, f], f in the axes of the box, (B, 6). chosen: which
-    envelope of a set. objective: of the hard form. modes: z of every stance and box, (S, E).
-    gradient: (∂t/∂low, ∂t/∂high), (B, 6) each, where asked for.
+    Arguments:
+        margin: t; of the hard form 0 where it has an answer; inf where there is none, NaN where the
+            solver gave up.
+        relaxed: the answer, off the bilinear surface by ``excess`` = m − p f, shape (B, 3, 3),
+            indices contact, j, k.
+        at: [p, f], f in the axes of the box, (B, 6).
+        chosen: which envelope of a set.
+        objective: of the hard form.
+        modes: z of every stance and box, (S, E).
+        gradient: (∂t/∂low, ∂t/∂high), (B, 6) each, where asked for.
     """
 
     margin: float
@@ -121,7 +135,10 @@ class RelaxationAnswer:
 
     @property
     def feasible(self) -> bool:
-        """Tell whether P1 admits the problem. False also where nothing is known: see ``known``."""
+        """Tell whether P1 admits the problem.
+
+        False also where nothing is known: see ``known``.
+        """
         return self.margin <= FEASIBLE_MARGIN
 
     @property
@@ -132,7 +149,8 @@ class RelaxationAnswer:
     @cached_property
     def point(self) -> Point | None:
         """A point to project from, rounded to a choice of candidates where there is one; None
-        without an answer."""
+        without an answer.
+        """
         return None if self.relaxed is None else self.relaxed.rounded()[1]
 
     @property
@@ -145,12 +163,15 @@ class RelaxationAnswer:
 class DualBound:
     """Knowledge about every other box over the same posture problem from one solve of P1.
 
-    margin: as in ``RelaxationAnswer``; the rest is None where there is none. point: [p, f], shape
-    (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution. rows: u
-    ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low, shape (4, N,
-    3, 3). slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints
-    but [p, f] ∈ B and t is, shape (N, 6), minimised over what else there is, a lower bound that
-    holds for every answer of the problem.
+    Arguments:
+        margin: as in ``RelaxationAnswer``; the rest is None where there is none.
+        point: [p, f], shape (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a
+            primal solution.
+        rows: u ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low,
+            shape (4, N, 3, 3).
+        slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints
+            but [p, f] ∈ B and t is, shape (N, 6), minimised over what else there is, a lower bound
+            that holds for every answer of the problem.
     """
 
     margin: float
@@ -163,7 +184,8 @@ class DualBound:
 
 def doubtful(solution: ConicSolution) -> bool:
     """Tell whether the margin is so near to where it counts as feasible that another solver could
-    say otherwise."""
+    say otherwise.
+    """
     return solution.solved and abs(float(solution.value("margin")[0]) - FEASIBLE_MARGIN) < NEAR
 
 

@@ -1,5 +1,6 @@
 """The relaxations of m = p f by name: the lift, and P1 over boxes in the variants that there
-are."""
+are.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +39,9 @@ class RelaxedProgram(Protocol):
         The relaxation has an answer where t ≤ 0. The margin is inf where not even the rest of the
         problem has an answer, and NaN where the solver failed.
 
-        programs: compiled models to share.
-        gradient: also ∂t/∂low and ∂t/∂high.
+        Arguments:
+            programs: compiled models to share.
+            gradient: also ∂t/∂low and ∂t/∂high.
         """
         ...
 
@@ -53,8 +55,9 @@ class RelaxedProgram(Protocol):
     ) -> list[RelaxationAnswer]:
         """The answer over the best box of each problem; all problems have one layout.
 
-        boxes: one or more per problem; those that need none ignore them.
-        points: [p, f] of shape (B, 6) per problem where ``about_points``; else empty.
+        Arguments:
+            boxes: one or more per problem; those that need none ignore them.
+            points: [p, f] of shape (B, 6) per problem where ``about_points``; else empty.
         """
         ...
 

@@ -34,14 +34,19 @@ Curve = Literal["linear", "flat"]
 class ActuatorModel:
     """One kind of actuator, all at the joint, behind its gears.
 
-    stall_nm: greatest torque at rest, for a moment. continuous_nm: what it bears for ever, None
-    where nobody says. no_load_rad_s: fastest, without load. curve: "linear", torque falls with
-    speed to none at no_load_rad_s, as that of a motor at its supply's voltage does; "flat", all of
-    it up to there. gear: turns of the rotor for one of the joint. rotor_kg_m2: the rotor's own
-    inertia, before the gears, None where nobody says. thermal_s: time constant of its heat, which
-    with continuous_nm says how long it bears more; None where nobody says: then it is taken to be
-    as hot as it gets. stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q)
-    − Kd q̇; None for what the robot is driven by otherwise. source: of the numbers.
+    Arguments:
+        stall_nm: greatest torque at rest, for a moment.
+        continuous_nm: what it bears for ever, None where nobody says.
+        no_load_rad_s: fastest, without load.
+        curve: "linear", torque falls with speed to none at no_load_rad_s, as that of a motor at its
+            supply's voltage does; "flat", all of it up to there.
+        gear: turns of the rotor for one of the joint.
+        rotor_kg_m2: the rotor's own inertia, before the gears, None where nobody says.
+        thermal_s: time constant of its heat, which with continuous_nm says how long it bears more;
+            None where nobody says: then it is taken to be as hot as it gets.
+        stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q) − Kd q̇; None
+            for what the robot is driven by otherwise.
+        source: of the numbers.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -68,8 +73,10 @@ class ActuatorModel:
 
     @classmethod
     def of_joint(cls, joint: Joint) -> ActuatorModel:
-        """Actuator that the URDF describes for a joint: ``effort`` and ``velocity``. Raises
-        InvalidInput where it lacks one."""
+        """Actuator that the URDF describes for a joint: ``effort`` and ``velocity``.
+
+        Raises InvalidInput where it lacks one.
+        """
         if joint.torque_nm <= 0.0:
             raise InvalidInput(
                 f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}"
@@ -105,7 +112,11 @@ POSITIVE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Actuators:
-    """Table of the actuators of joints; joints: names or patterns, the first that fits counts."""
+    """Table of the actuators of joints.
+
+    Arguments:
+        joints: names or patterns, the first that fits counts.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -126,17 +137,23 @@ class Actuators:
     @property
     def known(self) -> dict[str, ActuatorModel]:
         """All that a joint may have, by name: those that come with the package, and the file's
-        own."""
+        own.
+        """
         return {**builtin_actuators(), **self.actuators}
 
     def of(self, joints: Sequence[str]) -> tuple[ActuatorModel, ...]:
-        """Actuators of these joints, one each. Raises InvalidInput for joints that have none, and
-        for patterns of no joint."""
+        """Actuators of these joints, one each.
+
+        Raises InvalidInput for joints that have none, and for patterns of no joint.
+        """
         known = self.known
         return tuple(known[name] for name in self.names(joints))
 
     def names(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """Names of the actuators of these joints. Raises InvalidInput as ``of`` does."""
+        """Names of the actuators of these joints.
+
+        Raises InvalidInput as ``of`` does.
+        """
         fits = {joint: [p for p in self.joints if fnmatchcase(joint, p)] for joint in joints}
         lacks = [joint for joint, patterns in fits.items() if not patterns]
         if lacks:
@@ -150,7 +167,8 @@ class Actuators:
 @cache
 def builtin_actuators() -> Mapping[str, ActuatorModel]:
     """Actuators that come with the package, by name: ``configs/actuators.yaml``, every number with
-    its source."""
+    its source.
+    """
     text = (
         resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
     )
@@ -163,8 +181,10 @@ def builtin_actuators() -> Mapping[str, ActuatorModel]:
 
 
 def read_actuators(what: str | Path) -> Actuators:
-    """Read actuators of a name, which all joints then have, or of a file. Raises InvalidInput with
-    all that is wrong."""
+    """Read actuators of a name, which all joints then have, or of a file.
+
+    Raises InvalidInput with all that is wrong.
+    """
     name = str(what)
     if name in builtin_actuators():
         return Actuators(joints={"*": name})

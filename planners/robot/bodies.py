@@ -62,7 +62,9 @@ alone, so that two threads that try one at a time write down the same."""
 
 
 class Bodies:
-    """A robot's links and a terrain. Not for use by several threads at once.
+    """A robot's links and a terrain.
+
+    Not for use by several threads at once.
 
     drawn_so: pairs of links that are inside each other in the standing posture and in every other
     one that was tried, 256 all over the joints' limits: their file has them so, and they are left
@@ -141,7 +143,8 @@ class Bodies:
     ) -> tuple[Overlap, ...]:
         """Find overlaps deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another
         link, below 0 whatever is as near to it; the deepest first. A foot may touch what it stands
-        on."""
+        on.
+        """
         result = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
         return tuple(sorted(result, key=lambda each: -each.depth_m))
 
@@ -155,11 +158,16 @@ class Bodies:
     ) -> Iterator[tuple[int, list[tuple[float, Overlap]]]]:
         """Find the overlaps of T postures, block by block.
 
-        bodies: a motion, on which joints turn evenly and the base goes straight from one moment to
-        the next. between: whether what is deep nowhere but on the way from one moment to the next
-        is found, too: in other links, and in convex parts of the terrain, by the usual tolerances
-        where ``terrain_m`` and ``links_m`` are smaller. Yields after how many moments, and the
-        overlaps of the block, each with its moment, a fraction of the way for what is between.
+        Arguments:
+            bodies: a motion, on which joints turn evenly and the base goes straight from one moment
+                to the next.
+            between: whether what is deep nowhere but on the way from one moment to the next is
+                found, too: in other links, and in convex parts of the terrain, by the usual
+                tolerances where ``terrain_m`` and ``links_m`` are smaller.
+
+        Yields:
+            After how many moments, and the overlaps of the block, each with its moment, a fraction
+            of the way for what is between.
         """
         begin, count = 0, len(bodies)
         while begin < count:
@@ -174,7 +182,8 @@ class Bodies:
     def near(self, bodies: WholeBody, within_m: float) -> list[tuple[int, Near]]:
         """Find the bodies that are nearer to each other than this, of the pairs that ``overlaps``
         looks at, with the number of its moment; of the terrain's convex parts alone, and of feet
-        but those that they do not stand on."""
+        but those that they do not stand on.
+        """
         result = list[tuple[int, Near]]()
         for begin in range(0, len(bodies), BLOCK):
             block = bodies.at(slice(begin, begin + BLOCK))
@@ -194,7 +203,8 @@ class Bodies:
 
     def depth(self, overlap: Overlap, body: WholeBody) -> float:
         """Depth of the link of an overlap inside the same other thing in another posture, negative
-        outside [m]; of the terrain the ground alone."""
+        outside [m]; of the terrain the ground alone.
+        """
         one = body.moments
         world = self._in_world(one, self._placed(one.angles))
         shapes, others = (
@@ -227,7 +237,8 @@ class Bodies:
 
     def _ways(self, placed: tuple[Array, Array]) -> Array:
         """Longest way of points of shapes from one moment to the next, shape (T − 1, S) [m]; of
-        balls it is their centres that count."""
+        balls it is their centres that count.
+        """
         turns, origins = placed
         ends = origins[:, :, None] + self._corners @ np.swapaxes(turns, -1, -2)
         moved = np.diff(ends, axis=0)
@@ -286,7 +297,8 @@ class Bodies:
         self, placed: tuple[Array, Array], limit_m: float, *, between: bool = False
     ) -> tuple[NDArray[np.int_], Bounds]:
         """All pairs of links, shape (K, 2), and what boxes and balls around them say of their
-        distances."""
+        distances.
+        """
         middles, (first, second) = self._middle(placed), self._pairs.T
         exact = self._balls[first] & self._balls[second]
         least = balls_apart(middles, self._radii, self._pairs)
@@ -309,7 +321,8 @@ class Bodies:
         self, world: tuple[Array, Array], limit_m: float, *, between: bool = False
     ) -> tuple[NDArray[np.int_], Bounds]:
         """Shapes and parts of the terrain of which some may be nearer than that, shape (K, 2), by
-        part; and what boxes and balls say of their distances."""
+        part; and what boxes and balls say of their distances.
+        """
         middles, ways = self._middle(world), self._ways(world)
         reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
         reach[:, self._balls] = self._radii[self._balls, None]
@@ -354,8 +367,9 @@ class Bodies:
         """Find the pairs that are deeper than that, at which moments and, where that is known,
         where between two; and how deep.
 
-        limits_m: how deep; on ways as deep as the second of them at least. between: where shapes
-        are between a moment and the next.
+        Arguments:
+            limits_m: how deep; on ways as deep as the second of them at least.
+            between: where shapes are between a moment and the next.
         """
         deep_m, on_way_m = limits_m[0], max(limits_m)
 
@@ -419,7 +433,8 @@ class Bodies:
 
     def _corners_of(self, placed: tuple[Array, Array], shapes: NDArray[np.int_]) -> Array:
         """Corners of the boxes of some shapes, shape (L, n), that are placed L times, shape (L, n,
-        8, 3)."""
+        8, 3).
+        """
         turns, origins = (part[np.arange(len(shapes))[:, None], shapes] for part in placed)
         return np.asarray(origins[:, :, None] + self._corners[shapes] @ np.swapaxes(turns, -1, -2))
 
@@ -427,7 +442,8 @@ class Bodies:
         self, bodies: WholeBody, world: tuple[Array, Array], terrain_m: float
     ) -> Iterator[tuple[int, Overlap]]:
         """Links that are deeper than that in ground of heights, and links whose middle is inside of
-        a closed surface."""
+        a closed surface.
+        """
         middles = self._middle(world)
         if self._in_ground is not None:
             reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
@@ -484,7 +500,8 @@ class Bodies:
 
     def _stand_on(self, bodies: WholeBody, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which shapes are feet of limbs that stand on a face of a part of the terrain, shape
-        (T, K)."""
+        (T, K).
+        """
         standing = np.zeros((len(bodies), len(pairs)), dtype=bool)
         for k, (shape, part) in enumerate(pairs.tolist()):
             limb, solid = self._foot[shape], self._terrain.convex[part].solid
@@ -518,7 +535,8 @@ class Bodies:
         """The function of a moment, a shape and another one, or a part of the terrain, that
         measures how far they are apart, negative where one is inside the other [m].
 
-        placed: R and p of the S shapes at T moments, shapes (T, S, 3, 3) and (T, S, 3) [m].
+        Arguments:
+            placed: R and p of the S shapes at T moments, shapes (T, S, 3, 3) and (T, S, 3) [m].
         """
         (turns, origins), transform = placed, self._coal.Transform3s
         made = dict[tuple[int, int], Any]()
@@ -544,8 +562,11 @@ class Bodies:
         *,
         terrain: bool,
     ) -> float:
-        """Between a shape and another one, or a part of the terrain; placed: R and p of the S
-        shapes at one moment."""
+        """Between a shape and another one, or a part of the terrain.
+
+        Arguments:
+            placed: R and p of the S shapes at one moment.
+        """
         (turns, origins), (here, there) = placed, transforms
 
         def between(one: Any, two: Any) -> float:
@@ -637,7 +658,8 @@ _NO_PARTS = _Parts.of(())
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Faces:
     """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number; shapes (K,
-    F, 3), (K, F)."""
+    F, 3), (K, F).
+    """
 
     parts: NDArray[np.int_]
     normals: Array
@@ -669,7 +691,8 @@ def _on_carriers(mounts: Sequence[Mount], shapes: Sequence[Shape]) -> tuple[Arra
 
 def _spread(count: int, dimension: int) -> Array:
     """Points all over the unit cube, shape (count, dimension): Kronecker's sequence of the roots of
-    primes."""
+    primes.
+    """
     numbers = np.arange(2, 16 * (dimension + 4))
     primes = numbers[
         np.all((numbers % numbers[:, None] > 0) | (numbers <= numbers[:, None]), axis=0)
@@ -687,7 +710,8 @@ def _box(geometry: Any) -> tuple[Array, Array]:
 
 def _neighbours(known: Any, one: int, other: int) -> bool:
     """Tell whether two joints of pinocchio's carry the same body, or bodies that one of them
-    joins."""
+    joins.
+    """
     return one == other or known.parents[one] == other or known.parents[other] == one
 
 

@@ -1,5 +1,6 @@
 """Robots with a name: a YAML file of this package says how each stands, the user's own packages
-have the URDFs."""
+have the URDFs.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +32,7 @@ def provided(provider: str, robot: str) -> Path:
     Arguments:
         provider: a package of ``PROVIDERS``.
         robot: the name of the robot, for the message.
+
     Raises:
         InvalidInput: where the package is not installed.
     """

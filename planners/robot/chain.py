@@ -20,10 +20,12 @@ from ..files.arrays import Array, cross, read_only
 class Chain:
     """n joints from the base to a foot.
 
-    rotations, origins: of each joint's frame in the one before it (the first in the base), at q =
-    0, shapes (n, 3, 3) and (n, 3) [m]. axes: unit vectors in the joint's own frame, shape (n, 3).
-    slides: which joints are prismatic, shape (n,). tip_m: the foot in the last joint's frame, shape
-    (3,) [m].
+    Arguments:
+        rotations, origins: of each joint's frame in the one before it (the first in the base), at q
+            = 0, shapes (n, 3, 3) and (n, 3) [m].
+        axes: unit vectors in the joint's own frame, shape (n, 3).
+        slides: which joints are prismatic, shape (n,).
+        tip_m: the foot in the last joint's frame, shape (3,) [m].
     """
 
     rotations: Array
@@ -69,12 +71,14 @@ class Chain:
     @property
     def length_m(self) -> float:
         """From the first joint to the foot by way of the joints between [m]: if none slides, no
-        foot is farther."""
+        foot is farther.
+        """
         return float(np.linalg.norm(self.origins[1:], axis=1).sum() + np.linalg.norm(self.tip_m))
 
     def feet(self, angles: ArrayLike) -> Array:
         """Feet p_BF for postures of shape (K, n) [rad, or m where a joint slides], shape (K, 3)
-        [m]."""
+        [m].
+        """
         q = np.asarray(angles, dtype=np.float64)
         moved = np.repeat(self.tip[:, None, None], len(q), axis=2)
         for i in reversed(range(self.joints)):
@@ -83,7 +87,8 @@ class Chain:
 
     def feet_and_jacobian(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Feet, shape (K, 3) [m], and ∂p_BF/∂q, shape (K, 3, n) [m per rad, or per m], both in the
-        base's frame."""
+        base's frame.
+        """
         q = np.asarray(angles, dtype=np.float64)
         moved = np.empty(
             (3, self.joints + 1, len(q))
@@ -108,7 +113,8 @@ class Chain:
 
     def frames(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Frames of the joints as the URDF has them: R_BJ, shape (K, n, 3, 3), and p_BJ, shape (K,
-        n, 3) [m]."""
+        n, 3) [m].
+        """
         q = np.asarray(angles, dtype=np.float64)
         turns, places = np.empty((len(q), self.joints, 3, 3)), np.empty((len(q), self.joints, 3))
         turn, place = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
@@ -126,8 +132,11 @@ class Chain:
         """Points of one joint's turned frame in the one before it (the base's for the first), at
         the joint's angles.
 
-        points: shape (3, M, K); angles: shape (K,). So the feet are this over all joints, from the
-        last to the first.
+        So the feet are this over all joints, from the last to the first.
+
+        Arguments:
+            points: shape (3, M, K).
+            angles: shape (K,).
         """
         return self._turned(joint, points, angles) + self._shift(joint, angles)[:, None]
 

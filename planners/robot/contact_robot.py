@@ -1,5 +1,6 @@
 """A robot's model as the contact planner sees it: a mass, and limbs over the inner or the outer
-sets of its legs."""
+sets of its legs.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ def contact_robot(
     """The robot with its body's origin at its centre of mass, which is taken to stay where it is as
     it stands.
 
-    workspaces, sets: as for ``limbs_over``, which raises InvalidInput.
+    Arguments:
+        workspaces, sets: as for ``limbs_over``, which raises InvalidInput.
     """
     return Robot(
         name=robot.name,
@@ -38,7 +40,8 @@ def contact_robot(
 
 def sets_of(robot: Robot) -> Sets | None:
     """The sets of its model's legs that a robot's limbs have; None where it has no model, or they
-    have others."""
+    have others.
+    """
     try:
         each = {sets: robot.sets(sets) for sets in get_args(Sets)}
     except (

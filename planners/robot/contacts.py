@@ -54,8 +54,11 @@ SAME_M = 1e-6
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlacedShape:
     """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in
-    the last joint's frame, shapes (3, 3), (3,) [m]. balls: centre, shape (3,), and radius [m] of
-    every ball that it is, or ends in."""
+    the last joint's frame, shapes (3, 3), (3,) [m].
+
+    Arguments:
+        balls: centre, shape (3,), and radius [m] of every ball that it is, or ends in.
+    """
 
     index: int
     shape: Shape
@@ -67,8 +70,12 @@ class PlacedShape:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Touch:
     """Shape that touches: a ball of radius_m about centre_m in the last joint's frame, shape (3,)
-    [m], on a link. index: the number of its shape; doubt: why nobody knows, in which case the rest
-    is that of a point at the farthest end."""
+    [m], on a link.
+
+    Arguments:
+        index: the number of its shape.
+        doubt: why nobody knows, in which case the rest is that of a point at the farthest end.
+    """
 
     link: str
     centre_m: Array
@@ -86,7 +93,8 @@ def placed_shapes(
 ) -> list[PlacedShape]:
     """The shapes of the links of one body.
 
-    places: rotation and origin of every link of the body in the last joint's frame, by name.
+    Arguments:
+        places: rotation and origin of every link of the body in the last joint's frame, by name.
     """
     bodies = {id(shape) for shape in solid_shapes(shapes)}
     return [
@@ -105,7 +113,8 @@ def placed_shapes(
 
 def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
     """Shape with which a leg touches whose last body has these shapes; None for a body without
-    shapes."""
+    shapes.
+    """
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
     unread = [
         piece.shape
@@ -148,7 +157,8 @@ def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
 
 def _farthest(piece: PlacedShape) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
-    shape (3,) [m]."""
+    shape (3,) [m].
+    """
     turn = piece.rotation @ piece.shape.rotation.T
     return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
 
@@ -180,7 +190,8 @@ def _balls(
 def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | None) -> bool:
     """Tell whether the hull of points, shape (V, 3) [m], ends where a ball does in all directions
     in which that may touch: those within ``TOUCHING_RAD`` of a unit vector, shape (3,), all of them
-    where it is None."""
+    where it is None.
+    """
     z = 1.0 - (2.0 * np.arange(DIRECTIONS) + 1.0) / DIRECTIONS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(DIRECTIONS)  # Fibonacci's lattice
     flat = np.sqrt(1.0 - z**2)
@@ -193,7 +204,8 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
 
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
     """Tell whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own
-    end."""
+    end.
+    """
     mount = mounts[shape.link]
     if (
         shape.kind not in ("sphere", "capsule")
@@ -232,8 +244,10 @@ def with_balls(
     links that have them now: in place of the mesh that is the ball, beside other shapes where a
     person says what touches.
 
-    indices: for every leg the number of the shape that touches, −1 for none. The text is empty
-    where nothing changes.
+    The text is empty where nothing changes.
+
+    Arguments:
+        indices: for every leg the number of the shape that touches, −1 for none.
     """
     elements, links = (
         shape_elements(root),
@@ -273,7 +287,8 @@ def check_contacts(
     legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> None:
     """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a
-    YAML file may say."""
+    YAML file may say.
+    """
     doubts = dict[str, list[str]]()
     for leg in legs:
         if leg.doubt:
@@ -288,7 +303,8 @@ def check_contacts(
 
 def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> str:
     """An example for a message: the YAML entry that would describe a leg's foot as the ball nearest
-    to its shape, or as the point at the end of the leg."""
+    to its shape, or as the point at the end of the leg.
+    """
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
     corners = [
         shape.origin_m + points @ shape.rotation.T
@@ -321,7 +337,8 @@ def _nearest_ball(points_m: Array) -> tuple[Array, float, float] | None:
 
 def _about(points_m: Array) -> tuple[Array, Array]:
     """The centre of the sphere of least squares, shape (3,), and how far points, shape (V, 3), are
-    from it [m]."""
+    from it [m].
+    """
     shift = points_m.mean(axis=0)
     rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
     squares = np.sum((points_m - shift) ** 2, axis=1)
@@ -331,7 +348,8 @@ def _about(points_m: Array) -> tuple[Array, Array]:
 
 def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     """Centre, shape (3,), and radius [m] of the ball whose surface the corners of a hull, shape (V,
-    3), are on; None where they are on none's."""
+    3), are on; None where they are on none's.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     if len(points_m) < 4:

@@ -32,8 +32,13 @@ WORTH, EACH = 0.25, 0.01
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cell:
-    """sides: (axis, place, sign) of the planes that it is behind. points: on the surface in it,
-    shape (P, 3) [m]; volume: of their hull."""
+    """A part of the surface between cutting planes.
+
+    Arguments:
+        sides: (axis, place, sign) of the planes that it is behind.
+        points: on the surface in it, shape (P, 3) [m].
+        volume: of their hull.
+    """
 
     sides: tuple[tuple[int, float, float], ...]
     points: Array
@@ -46,7 +51,8 @@ class _Cell:
 
     def cuts(self, axes: tuple[int, ...]) -> Iterator[tuple[_Cell, _Cell]]:
         """The cell in two, by planes along these axes; the points of a half are those up to the
-        plane."""
+        plane.
+        """
         for axis in axes if self.volume > 0.0 else ():
             along = self.points[:, axis]
             for place in np.linspace(along.min(), along.max(), PLACES + 2)[1:-1].tolist():
@@ -61,7 +67,9 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
     """Corners of convex parts that hold a mesh, shape (K, 3) [m] each; none where its hull is
     nearly as small.
 
-    vertices_m: shape (V, 3) [m]; faces: corners by index, shape (F, 3).
+    Arguments:
+        vertices_m: shape (V, 3) [m].
+        faces: corners by index, shape (F, 3).
     """
     triangles = np.asarray(vertices_m, dtype=np.float64)[faces]
     volume = _hull(triangles.reshape(-1, 3))[1]

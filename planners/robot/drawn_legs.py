@@ -43,9 +43,13 @@ def drawn_urdf(
     """The URDF of a body with these limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``, in SI
     units.
 
-    servo: of every joint. rotors_in_links: add the rotors' inertia to the links, about every axis
-    so that a simulator takes it for a body's; for those that know no inertia of rotors. Raises
-    InvalidInput for what such legs do not have: feet that are soles, and half-spaces of reach.
+    Arguments:
+        servo: of every joint.
+        rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator
+            takes it for a body's; for those that know no inertia of rotors.
+
+    Raises:
+        InvalidInput: for what such legs do not have: feet that are soles, and half-spaces of reach.
     """
     if any(limb.sole_m is not None for limb in limbs):
         raise InvalidInput(f"robot {name}: expected point feet for a URDF of its own, got soles")
@@ -124,7 +128,8 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
 
 def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, shape: str) -> str:
     """A link whose mass and shape are centred at x = middle; a cylinder lies along x, but the
-    body's stands."""
+    body's stands.
+    """
     lies = (
         ' rpy="0 1.5707963267948966 0"' if name != "body" and shape.startswith("<cylinder") else ""
     )

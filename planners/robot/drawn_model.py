@@ -1,5 +1,6 @@
 """The model of legs that are drawn up for a robot's limbs, standing as in the paper's ground
-problems."""
+problems.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,10 @@ OUTWARD, DOWN = 0.15 / 0.35, 0.2 / 0.35
 
 
 def drawn_model(name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo) -> RobotModel:
-    """The model of ``drawn_urdf``, every joint driven by this servo. Raises InvalidInput for limbs
-    that are no balls with a point foot."""
+    """The model of ``drawn_urdf``, every joint driven by this servo.
+
+    Raises InvalidInput for limbs that are no balls with a point foot.
+    """
     reaches = tuple((limb.name, limb.reach_m) for limb in limbs)
     return _drawn_up(drawn_urdf(name, mass_kg, limbs, servo), name, reaches, servo)
 
@@ -32,7 +35,8 @@ def _drawn_up(
     """Read from its text, standing as in Lin et al.'s ground problems: feet outward of their
     shoulders and below them.
 
-    reaches: names of the limbs and how far they reach [m].
+    Arguments:
+        reaches: names of the limbs and how far they reach [m].
     """
     down, posture = np.array([0.0, 0.0, -1.0]), dict[str, float]()
     for limb, reach_m in reaches:

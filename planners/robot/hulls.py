@@ -39,7 +39,8 @@ MOST_CORNERS = 1_000_000
 
 def hull_corners(points_m: Array) -> Array | None:
     """Corners of the convex hull of points, shape (V, 3) to (K, 3) [m]; None where they span no
-    volume."""
+    volume.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.unique(np.round(np.asarray(points_m, dtype=np.float64), DIGITS) + 0.0, axis=0)
@@ -53,7 +54,8 @@ def hull_corners(points_m: Array) -> Array | None:
 
 def with_hulls(shapes: Sequence[Shape]) -> tuple[tuple[Shape, ...], list[tuple[str, str]]]:
     """The shapes, every mesh that is a link's body with the corners of its hull; and the links
-    whose mesh is there but has no hull, with why."""
+    whose mesh is there but has no hull, with why.
+    """
     bodies, known = (
         {id(shape) for shape in solid_shapes(shapes)},
         dict[tuple[str, bytes], tuple[Array, tuple[Array, ...]] | str](),
@@ -126,14 +128,17 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
 
 def _parts_of(arrays: Mapping[str, Array], corners: Array) -> tuple[Array, ...]:
     """Parts of a hull out of arrays by number, none where they do not fill the hull, as of a sheet.
-    Raises InvalidInput and KeyError for what is no array of points."""
+
+    Raises InvalidInput and KeyError for what is no array of points.
+    """
     parts = tuple(read_only(arrays[str(k)], (None, 3), f"part {k}") for k in range(len(arrays)))
     return parts if parts and _fills(parts, corners) else ()
 
 
 def hulls_to_text(shapes: Sequence[Shape]) -> str:
     """The hulls of a robot's meshes as text, by the number of the shape, and their parts as
-    NUMBER_PART; empty where it has none."""
+    NUMBER_PART; empty where it has none.
+    """
     hulls = dict[str, Array]()
     for i, shape in enumerate(shapes):
         if shape.corners_m is not None:
@@ -144,7 +149,8 @@ def hulls_to_text(shapes: Sequence[Shape]) -> str:
 
 def hulls_of_text(text: str) -> dict[int, list[Array]]:
     """The hulls that ``hulls_to_text`` wrote, by the number of the shape, each with its parts after
-    it. Raises InvalidInput for what is none."""
+    it. Raises InvalidInput for what is none.
+    """
     if not text:
         return {}
     result = dict[int, dict[int, Array]]()
@@ -167,8 +173,11 @@ def hulls_of_text(text: str) -> dict[int, list[Array]]:
 def with_known_hulls(
     shapes: Sequence[Shape], hulls: Mapping[int, Sequence[Array]]
 ) -> tuple[Shape, ...]:
-    """The shapes with hulls and their parts, by their number. Raises InvalidInput for a hull of
-    what is no mesh, or is flat, and for parts that are not inside their hull."""
+    """The shapes with hulls and their parts, by their number.
+
+    Raises InvalidInput for a hull of what is no mesh, or is flat, and for parts that are not inside
+    their hull.
+    """
     for number, (corners, *parts) in hulls.items():
         if number >= len(shapes) or shapes[number].kind != "mesh":
             raise InvalidInput(f"model: hulls: expected hulls of meshes, got one of shape {number}")
@@ -191,7 +200,8 @@ def with_known_hulls(
 
 def _fills(parts: Sequence[Array], corners: Array) -> bool:
     """Tell whether parts are inside a hull and have all of its corners, as nearly as they are
-    known."""
+    known.
+    """
     from scipy.spatial import ConvexHull
 
     def outside(points: Array, of: Array) -> Array:

@@ -38,9 +38,14 @@ def descend(
 ) -> tuple[Array, Array]:
     """Bring feet to where they should be, from given postures, joint limits kept.
 
-    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). exact_m: a foot this close to its target is
-    there. Returns the best postures that were met, shape (K, n), and how far their feet are from
-    the targets, shape (K,) [m].
+    Arguments:
+        feet: p_BF, shape (K, 3) [m].
+        start: shape (K, n).
+        exact_m: a foot this close to its target is there.
+
+    Returns:
+        The best postures that were met, shape (K, n), and how far their feet are from the targets,
+        shape (K,) [m].
     """
     target = np.asarray(feet, dtype=np.float64)
     lower, upper = (
@@ -89,7 +94,11 @@ class Seeds:
     """Postures of one leg to start from: those whose feet are nearest to a target."""
 
     def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
-        """angles: postures all over the workspace, shape (K, n)."""
+        """A tree of the feet of many postures.
+
+        Arguments:
+            angles: postures all over the workspace, shape (K, n).
+        """
         from scipy.spatial import cKDTree  # slow to import
 
         self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
@@ -98,8 +107,9 @@ class Seeds:
     def solve(self, feet: ArrayLike, near: ArrayLike | None = None) -> tuple[Array, Array]:
         """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
 
-        near: postures to stay close to, shape (K, n); tried first, and seeds only where they do not
-        get there.
+        Arguments:
+            near: postures to stay close to, shape (K, n); tried first, and seeds only where they do
+                not get there.
         """
         target = np.asarray(feet, dtype=np.float64)
         nearest = np.asarray(self._tree.query(target, k=np.arange(1, self.tries + 1))[1])
@@ -127,7 +137,9 @@ def seeds_of(legs: Sequence[Leg]) -> list[Seeds]:
 class LegPostures:
     """Joint angles of K stances of N legs.
 
-    angles: a leg each, shape (K, n) [rad]; error_m: of every foot, shape (K, N) [m].
+    Arguments:
+        angles: a leg each, shape (K, n) [rad].
+        error_m: of every foot, shape (K, N) [m].
     """
 
     angles: tuple[Array, ...]
@@ -140,17 +152,26 @@ class LegPostures:
 
 
 class InverseKinematics:
-    """All legs of a robot. Not for use by several threads at once."""
+    """All legs of a robot.
+
+    Not for use by several threads at once.
+    """
 
     def __init__(self, seeds: Sequence[Seeds]) -> None:
-        """seeds: of every leg, in the robot's order."""
+        """The solver of a robot.
+
+        Arguments:
+            seeds: of every leg, in the robot's order.
+        """
         self.legs = tuple(seeds)
 
     def solve(self, feet: ArrayLike, *, near: Sequence[ArrayLike] | None = None) -> LegPostures:
-        """Angles for feet in the base's frame, shape (K, N, 3) [m]; near: as of ``Seeds.solve``, a
-        leg each.
+        """Angles for feet in the base's frame, shape (K, N, 3) [m].
 
         Raises InvalidInput for feet of another shape.
+
+        Arguments:
+            near: as of ``Seeds.solve``, a leg each.
         """
         target = np.asarray(feet, dtype=np.float64)
         if target.ndim != 3 or target.shape[1:] != (len(self.legs), 3):

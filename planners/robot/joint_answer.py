@@ -14,10 +14,13 @@ from .inverse_kinematics import REACHED_M
 class JointAnswer:
     """Joint angles for one posture; J joints, N limbs.
 
-    angles: shape (J,) [rad], within the limits. error_m: distance of every foot from its target,
-    shape (N,) [m]. limit_rad: how far beyond its limits the worst joint of a limb would have to go
-    to get there, shape (N,) [rad]. torques_nm: joint torques that hold the robot still under the
-    given forces, shape (J,) [Nm]; zeros without forces.
+    Arguments:
+        angles: shape (J,) [rad], within the limits.
+        error_m: distance of every foot from its target, shape (N,) [m].
+        limit_rad: how far beyond its limits the worst joint of a limb would have to go to get
+            there, shape (N,) [rad].
+        torques_nm: joint torques that hold the robot still under the given forces, shape (J,) [Nm];
+            zeros without forces.
     """
 
     angles: Array

@@ -97,7 +97,8 @@ class Kinematics:
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
         """The base at the origin and all else at rest; where pinocchio has the angles and the
-        velocities of joints."""
+        velocities of joints.
+        """
         owners = [self.known.joints[number] for number in self._number]
         circles = [(joint.idx_q, i) for i, joint in enumerate(owners) if joint.nq == 2]
         self._circles = np.array(circles, dtype=int).reshape(-1, 2)
@@ -112,7 +113,8 @@ class Kinematics:
 
     def _configured(self, angles: ArrayLike) -> Array:
         """Configuration of pinocchio for these angles, read-only; the posture that was asked for
-        last is not looked up again."""
+        last is not looked up again.
+        """
         angles = np.asarray(angles, dtype=np.float64)
         if (key := angles.tobytes()) == self._set:
             return self._q
@@ -127,7 +129,8 @@ class Kinematics:
     @property
     def drawn(self) -> bool:
         """Tell whether its legs are drawn up: four joints each, whose postures have a closed
-        form."""
+        form.
+        """
         return self.model.servo is not None
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
@@ -136,7 +139,8 @@ class Kinematics:
 
     def by_leg(self, values: ArrayLike) -> Array:
         """Numbers of all joints leg by leg, shape (J,) to (N, n), n of the leg with most; zeros
-        behind the others'."""
+        behind the others'.
+        """
         if self._even:
             return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
         table = np.zeros((len(self._feet), self._most))
@@ -161,12 +165,17 @@ class Kinematics:
     ) -> JointAnswer:
         """Angles for a body pose and toes in the world.
 
-        com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly,
-        (3,). toes_m: where limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3);
-        the foot's centre is a radius away along them, without them at the toe. forces_n: on the
-        robot, world frame, shape (N, 3) [N]. seed: angles to stay close to, shape (J,). obstacles:
-        what the links of legs that are drawn up should keep off. most_rad: a limb whose comfortable
-        posture is farther from the seed leaves the seed as little as goes, shape (N,).
+        Arguments:
+            com_m: the body's origin, shape (3,) [m].
+            rotation_rad: rotation vector, taken exactly, (3,).
+            toes_m: where limbs touch, shape (N, 3) [m].
+            normals: of the surfaces, shape (N, 3); the foot's centre is a radius away along them,
+                without them at the toe.
+            forces_n: on the robot, world frame, shape (N, 3) [N].
+            seed: angles to stay close to, shape (J,).
+            obstacles: what the links of legs that are drawn up should keep off.
+            most_rad: a limb whose comfortable posture is farther from the seed leaves the seed as
+                little as goes, shape (N,).
         """
         count, turn = len(self.robot.limbs), rotation_of(rotation_rad)
         out = np.zeros((count, 3)) if normals is None else read_only(normals, (count, 3), "normals")
@@ -203,8 +212,10 @@ class Kinematics:
     def targets(self, com_m: Array, rotation: Array, toes_m: Array, normals: Array) -> Array:
         """Centres of the feet in the base's frame for toes in the world, shape (N, 3) [m].
 
-        com_m: the body's origin (``Robot.origin_m`` in the base); rotation: R_WB; normals: shape
-        (N, 3).
+        Arguments:
+            com_m: the body's origin (``Robot.origin_m`` in the base).
+            rotation: R_WB.
+            normals: shape (N, 3).
         """
         return np.asarray(
             (toes_m + self.radii_m[:, None] * normals - com_m) @ rotation + self.robot.origin_m
@@ -213,12 +224,14 @@ class Kinematics:
     @cached_property
     def own(self) -> InverseKinematics:
         """Inverse kinematics from seeds all over the workspaces, which no pinocchio takes part
-        in."""
+        in.
+        """
         return InverseKinematics(seeds_of(self.model.legs))
 
     def _near(self, feet: Array, near: Array | None) -> Array:
         """Postures of own legs for feet in the base's frame, near those given or those in which it
-        stands, (J,)."""
+        stands, (J,).
+        """
         start = (
             np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
         )
@@ -233,8 +246,11 @@ class Kinematics:
         joints that would go beyond a limit at which they are wait there, and a limb that ends no
         closer than it started stays as it was.
 
-        feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors,
-        shape (N,) [m].
+        Arguments:
+            feet: centres in the base's frame, shape (N, 3) [m].
+
+        Returns:
+            Angles, shape (J,), and errors, shape (N,) [m].
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
         start = np.minimum(np.maximum(start, lower), upper)
@@ -261,7 +277,8 @@ class Kinematics:
         """Step of the joints that brings feet this far and draws joints this far where it does not
         move them, shape (J,).
 
-        farthest: the largest entry of the gap [m].
+        Arguments:
+            farthest: the largest entry of the gap [m].
         """
         transposed = jacobian.transpose(0, 2, 1)
         inverse = transposed @ np.linalg.inv(jacobian @ transposed + _DAMPING * farthest)
@@ -271,7 +288,8 @@ class Kinematics:
 
     def beyond(self, angles: Array) -> Array:
         """Distance of joints beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint
-        slides]."""
+        slides].
+        """
         return np.asarray(
             np.maximum(np.maximum(angles - self.highest_rad, self.lowest_rad - angles), 0.0)
         )
@@ -305,8 +323,11 @@ class Kinematics:
         """Frames of the base and of all joints in the base's frame at T postures, by the legs' own
         chains.
 
-        angles: shape (T, J) [rad]. Returns R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J,
-        3) [m].
+        Arguments:
+            angles: shape (T, J) [rad].
+
+        Returns:
+            R_BJ, shape (T, 1 + J, 3, 3), and p_BJ, shape (T, 1 + J, 3) [m].
         """
         count = len(angles)
         turns, places = [np.broadcast_to(np.eye(3), (count, 1, 3, 3))], [np.zeros((count, 1, 3))]
@@ -323,14 +344,17 @@ class Kinematics:
 
     def com_offset(self, angles: Array) -> Array:
         """The whole robot's centre of mass in the base's frame, shape (3,) [m]: Lin et al. take it
-        for ``origin_m``."""
+        for ``origin_m``.
+        """
         return np.array(self._pin.centerOfMass(self.known, self._masses, self._configured(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,)
         [Nm].
 
-        rotation: R_WB, shape (3, 3); forces_n: on the feet, world frame, shape (N, 3) [N].
+        Arguments:
+            rotation: R_WB, shape (3, 3).
+            forces_n: on the feet, world frame, shape (N, 3) [N].
         """
         return self.torques_of(self.loads(angles, rotation), forces_n)
 
@@ -354,7 +378,8 @@ class Kinematics:
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation
-        of the base about the world's axes, shape (J, 3) [Nm/rad]."""
+        of the base about the world's axes, shape (J, 3) [Nm/rad].
+        """
         pin, known, q = self._pin, self.known, self.configuration(angles)
         down, along = np.array([0.0, 0.0, -self.gravity_m_s2]), np.empty((known.nv, 3))
         for axis in range(3):  # g is linear in gravity
@@ -369,7 +394,8 @@ class Kinematics:
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
         """Torques that the legs' own masses take while the base is still and nothing weighs, shape
-        (J,) [Nm]."""
+        (J,) [Nm].
+        """
         known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
         rates[self._column], pushed[self._column] = velocity, acceleration
@@ -384,7 +410,8 @@ class Kinematics:
         Afterwards ``_levers`` and ``_jacobian`` are those of this posture. Nothing is computed
         again if it is the same posture as in the last call.
 
-        angles: joint angles [rad].
+        Arguments:
+            angles: joint angles [rad].
         """
         key = np.asarray(angles, dtype=np.float64).tobytes()
         if key != self._at:
@@ -397,7 +424,8 @@ class Kinematics:
 
     def _levers(self) -> Array:
         """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape
-        (J, 3)."""
+        (J, 3).
+        """
         columns = self._spatial[
             self._column
         ]  # velocity of what is at the origin, and angular velocity
@@ -405,7 +433,8 @@ class Kinematics:
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N,
-        3, n)."""
+        3, n).
+        """
         jacobian, levers = np.zeros((len(self._feet), 3, self._most)), self._levers()
         if self._even:
             jacobian[:] = levers.reshape(len(jacobian), -1, 3).transpose(0, 2, 1)

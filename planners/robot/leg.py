@@ -14,10 +14,12 @@ FULL_TURN = 2.0 * np.pi - 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """A joint as its URDF has it: what it may do. Radians, or metres where it slides; newtons there
-    instead of Nm.
+    """A joint as its URDF has it: what it may do.
 
-    torque_nm, velocity_rad_s: 0 where the file does not say.
+    Radians, or metres where it slides; newtons there instead of Nm.
+
+    Arguments:
+        torque_nm, velocity_rad_s: 0 where the file does not say.
     """
 
     name: str
@@ -32,7 +34,7 @@ class Joint:
 class FootContact:
     """A foot's contact as a person describes it: a point, or a ball about that point.
 
-    Attributes:
+    Arguments:
         point_m: the point in the frame of the foot's link, shape (3,) [m].
         radius_m: radius of the ball, 0 for a point [m].
     """
@@ -50,7 +52,7 @@ class Mount:
     """The place of a link on the robot: the body that carries it, and where the link is in that
     body's frame.
 
-    Attributes:
+    Arguments:
         leg: number of the leg whose joint carries the link; None for the base and for arms at rest.
         joint: number of that joint in the leg, −1 for the base.
         rotation: from the link's frame to the joint's or the base's, shape (3, 3).
@@ -67,10 +69,13 @@ class Mount:
 class Leg:
     """A chain of joints from the base to a foot.
 
-    joints: from the base outward; chain: their kinematics, in the same order. foot: the link that
-    touches, a sphere of radius_m [m] about the chain's end, 0 for a point. stance_rad: the posture
-    in which it stands, shape (n,). contact: what a person says that the foot touches with, None
-    where its shapes show it. doubt: why nobody knows; plans of such a leg are refused.
+    Arguments:
+        joints: from the base outward.
+        chain: their kinematics, in the same order.
+        foot: the link that touches, a sphere of radius_m [m] about the chain's end, 0 for a point.
+        stance_rad: the posture in which it stands, shape (n,).
+        contact: what a person says that the foot touches with, None where its shapes show it.
+        doubt: why nobody knows; plans of such a leg are refused.
     """
 
     name: str
@@ -107,7 +112,8 @@ class Leg:
     @property
     def turns(self) -> np.ndarray:
         """Tell which joints turn freely: their limits are a whole turn apart, and every angle is
-        within them, shape (n,)."""
+        within them, shape (n,).
+        """
         return np.array(
             [
                 not joint.slides and joint.upper_rad - joint.lower_rad > FULL_TURN

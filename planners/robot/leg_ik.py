@@ -56,11 +56,14 @@ def limb_posture(
     """The most comfortable posture that puts the foot at ``target``, or the closest to it, shape
     (4,) [rad].
 
-    lengths: thigh and shank, shape (2,) [m]. target: foot's centre in the limb's frame (x outward,
-    z the body's), shape (3,) [m]. approach: unit vector in the same frame along which the foot
-    should come, into the surface; zeros where it does not matter. near: a posture to stay close to,
-    shape (4,). clearance: how far points of the limb's frame, shape (K, 3), are from the terrain,
-    shape (K,) [m].
+    Arguments:
+        lengths: thigh and shank, shape (2,) [m].
+        target: foot's centre in the limb's frame (x outward, z the body's), shape (3,) [m].
+        approach: unit vector in the same frame along which the foot should come, into the surface;
+            zeros where it does not matter.
+        near: a posture to stay close to, shape (4,).
+        clearance: how far points of the limb's frame, shape (K, 3), are from the terrain, shape
+            (K,) [m].
     """
     family, cost = posture_cost(lengths, target, approach, servo, near=near, clearance=clearance)
     return np.asarray(family[np.argmin(cost)])
@@ -102,8 +105,11 @@ def limb_postures(
 ) -> Array:
     """The most comfortable postures of all limbs, shape (J,) [rad].
 
-    feet, approach: as in ``limb_posture``, in the body frame, shape (N, 3). near: shape (N, 4).
-    pose: of the body in the world, where the obstacles are: its origin, shape (3,) [m], and R_WB.
+    Arguments:
+        feet, approach: as in ``limb_posture``, in the body frame, shape (N, 3).
+        near: shape (N, 4).
+        pose: of the body in the world, where the obstacles are: its origin, shape (3,) [m], and
+            R_WB.
     """
     origin, turn = pose
     frames = np.array([rotation_of([0.0, 0.0, outward_rad(limb)]) for limb in limbs])
@@ -129,7 +135,8 @@ def limb_postures(
 
 def swivels(lengths: Array, target: Array) -> Array:
     """The postures that reach ``target``, or come closest, one for each of SWIVELS_RAD; (…, 3) to
-    (…, K, 4)."""
+    (…, K, 4).
+    """
     thigh, shank = lengths
     far = np.maximum(np.linalg.norm(target, axis=-1, keepdims=True), 1e-6)
     distance = np.clip(far, abs(thigh - shank) + 1e-6, thigh + shank - 1e-6)
@@ -163,7 +170,8 @@ def swivels(lengths: Array, target: Array) -> Array:
 
 def links(lengths: Array, family: Array) -> Array:
     """Points along the shank, but for its end, which is near the surface, shape (…, K, 5, 3)
-    [m]."""
+    [m].
+    """
     upper, lower = directions(family)
     knees = lengths[0] * upper
     return np.asarray(knees[..., None, :] + SHANK[:, None] * lengths[1] * lower[..., None, :])
@@ -171,7 +179,8 @@ def links(lengths: Array, family: Array) -> Array:
 
 def directions(family: Array) -> tuple[Array, Array]:
     """Unit vectors along thigh and shank in the limb's frame, shape (…, 3) each, for angles of
-    shape (…, 4)."""
+    shape (…, 4).
+    """
     (cy, ch, cr, ck), (sy, sh, sr, sk) = (
         np.moveaxis(np.cos(family), -1, 0),
         np.moveaxis(np.sin(family), -1, 0),
@@ -205,11 +214,12 @@ def clearance_of(
     """Distance from the nearest solid of points in a frame, shape (…, K, 3) to (…, K) [m]; infinite
     where none is near.
 
-    origin, frame: of the points in the world, shape (…, 3) and (…, 3, 3). within_m: a solid farther
-    from the origin takes no part.
+    Arguments:
+        origin, frame: of the points in the world, shape (…, 3) and (…, 3, 3).
+        within_m: a solid farther from the origin takes no part.
     """
     close = Solids(solids).distances(origin.reshape(-1, 3)) < within_m
-    around = [Solids([solids[i] for i in np.flatnonzero(its).tolist()]) for its in close]
+    around = [Solids([solids[i] for i in np.flatnonzero(row).tolist()]) for row in close]
 
     def distance(points: Array) -> Array:
         world = origin[..., None, :] + points @ np.swapaxes(frame, -1, -2)

@@ -1,5 +1,6 @@
 """Limits of a leg that moves fast: how fast it extends, what power it has and how short it
-folds."""
+folds.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
 
 def no_motors(model: RobotModel) -> str:
     """What a robot's file lacks of its joints' efforts and velocities, in words; empty where there
-    are all."""
+    are all.
+    """
     slow = [
         f"joint {joint.name}"
         for leg in model.legs
@@ -83,7 +85,8 @@ def no_motors(model: RobotModel) -> str:
 
 def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
     """A walker as a robot whose toes are in boxes, with an enclosing ball about each box's
-    centre."""
+    centre.
+    """
     limbs = []
     for foot in walker.feet:
         half = 0.5 * (foot.reach_max_m - foot.reach_min_m)
@@ -113,8 +116,10 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     """The limits that a leg's joints give: their velocities along the standing leg, all their
     power, its shortest fold.
 
-    com_m: the centre of mass in the base's frame, shape (3,) [m]. Joints without a limit leave the
-    leg without one.
+    Joints without a limit leave the leg without one.
+
+    Arguments:
+        com_m: the centre of mass in the base's frame, shape (3,) [m].
     """
     foot, jacobian = (part[0] for part in leg.chain.feet_and_jacobian(leg.stance_rad[None]))
     along = (foot - leg.hip_m) / max(float(np.linalg.norm(foot - leg.hip_m)), 1e-9)
@@ -152,8 +157,10 @@ def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
 
 
 def _corrected(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    """The robot with the limits that its file says. Raises InvalidInput for a leg that it does not
-    have."""
+    """The robot with the limits that its file says.
+
+    Raises InvalidInput for a leg that it does not have.
+    """
     limbs = {limb.name: limb for limb in robot.limbs}
     for pattern, keys_of_leg in keys.items():
         for name in matching(pattern, limbs, f"robot {robot.name}: legs"):

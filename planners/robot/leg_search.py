@@ -54,8 +54,9 @@ class Found:
     """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or
     link, and what.
 
-    indices: for every leg the number of the shape that touches, −1 where that is none. gaps: what a
-    person has to say before anything is planned, a line each.
+    Arguments:
+        indices: for every leg the number of the shape that touches, −1 where that is none.
+        gaps: what a person has to say before anything is planned, a line each.
     """
 
     legs: tuple[Leg, ...]
@@ -74,11 +75,14 @@ def legs_of(
 ) -> Found:
     """The legs of pinocchio's model of a URDF.
 
-    order: names of its joints as the file has them, which is the order of the legs. feet: links
-    that are feet, by the name of their leg; empty to look for them. contacts: what feet touch with,
-    by a leg's name, its foot's, or a pattern of either. Raises InvalidInput where there are no
-    legs, for two feet on one leg, for a leg with joints that have more than one angle, and for
-    contacts of no leg.
+    Arguments:
+        order: names of its joints as the file has them, which is the order of the legs.
+        feet: links that are feet, by the name of their leg; empty to look for them.
+        contacts: what feet touch with, by a leg's name, its foot's, or a pattern of either.
+
+    Raises:
+        InvalidInput: where there are no legs, for two feet on one leg, for a leg with joints that
+            have more than one angle, and for contacts of no leg.
     """
     tree = _Tree(model, shapes)
     guesses, gaps = list[str](), list[str]()
@@ -111,8 +115,10 @@ def legs_of(
 def _contacts(
     ends: Mapping[str, _End], contacts: Mapping[str, FootContact]
 ) -> dict[str, FootContact]:
-    """Contact that a person gives each leg, by its name; later patterns win. Raises InvalidInput
-    for one that fits no leg."""
+    """Contact that a person gives each leg, by its name; later patterns win.
+
+    Raises InvalidInput for one that fits no leg.
+    """
     owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
     result = dict[str, FootContact]()
     for pattern, contact in contacts.items():
@@ -123,7 +129,8 @@ def _contacts(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _End:
     """The end of a chain: its joints from the base outward (pinocchio's numbers), and the link that
-    may be a foot."""
+    may be a foot.
+    """
 
     joints: tuple[int, ...]
     foot: str
@@ -154,7 +161,8 @@ class _Tree:
 
     def lowest_chains(self) -> tuple[list[_End], list[_End], list[str]]:
         """Chains that are legs, chains that reach as low and are arms, and the points of this that
-        a person has to settle. Raises InvalidInput where there are none."""
+        a person has to settle. Raises InvalidInput where there are none.
+        """
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
         ends = [
@@ -193,7 +201,8 @@ class _Tree:
 
     def _arms(self, ends: Sequence[_End]) -> list[_End]:
         """Chains that are called arms, and those in the middle that are made otherwise than all the
-        others; none where fewer than two chains are left."""
+        others; none where fewer than two chains are left.
+        """
         named = [end for end in ends if self._called(end, ARM) and not self._called(end, LEG)]
         left = [end for end in ends if end not in named]
         others = {end: [other for other in left if other is not end] for end in left}
@@ -212,7 +221,8 @@ class _Tree:
 
     def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
         """Reasons to think that z does not point up: chains made as the legs are that do not go
-        down, or legs that go up."""
+        down, or legs that go up.
+        """
         twins = [
             end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)
         ]
@@ -240,8 +250,10 @@ class _Tree:
         return len(one.joints) == len(other.joints) and abs(a - b) <= ALIKE * max(a, b)
 
     def end_at(self, foot: str) -> _End:
-        """The chain that ends in a link. Raises InvalidInput where there is no such link, or no
-        joint before it."""
+        """The chain that ends in a link.
+
+        Raises InvalidInput where there is no such link, or no joint before it.
+        """
         frame = next((frame for frame in self._bodies if frame.name == foot), None)
         if frame is None:
             known = ", ".join(each.name for each in self._bodies[:12])
@@ -264,8 +276,11 @@ class _Tree:
         """The leg of a chain's end, its stance the middle of its limits; and the number of the
         shape that touches.
 
-        contact: what a person says that it touches with. Raises InvalidInput for joints of more
-        than one angle.
+        Arguments:
+            contact: what a person says that it touches with.
+
+        Raises:
+            InvalidInput: for joints of more than one angle.
         """
         if not self._simple(end):
             wrong = next(j for j in end.joints if self._model.joints[j].nv != 1)
@@ -304,7 +319,8 @@ class _Tree:
 
     def _end(self, joints: tuple[int, ...]) -> _End:
         """The end of a chain of joints: the link at its last one that is called a foot, or the
-        farthest."""
+        farthest.
+        """
         links = [frame for frame in self._bodies if frame.parentJoint == joints[-1]]
         far = {frame.name: float(np.linalg.norm(frame.placement.translation)) for frame in links}
         links = [frame for frame in links if not SENSOR.search(frame.name)] or links
@@ -322,7 +338,8 @@ class _Tree:
 
     def _depth(self, end: _End) -> float:
         """Depth of the chain's end below the base's origin or its lowest hip, whichever is higher
-        [m]."""
+        [m].
+        """
         leg, _ = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
         return float(feet[:, 2].min()) - max(
@@ -342,7 +359,8 @@ class _Tree:
 
     def _second(self, ends: list[_End]) -> _End | None:
         """A second foot beside the longest chain's, where one child of the base has two: fingers
-        and heels are none."""
+        and heels are none.
+        """
         best = self._longest(ends)
         place = self._at_zero(best)
         for end in ends:

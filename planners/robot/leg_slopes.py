@@ -22,8 +22,10 @@ from .leg import Leg
 class LegSlopes:
     """K postures of N legs with J joints in all, turned into the world.
 
-    feet: R_WB p_BF, shape (K, N, 3) [m]. levers: of every joint, shape (K, J, 3) [m]; axes: a,
-    shape (K, J, 3).
+    Arguments:
+        feet: R_WB p_BF, shape (K, N, 3) [m].
+        levers: of every joint, shape (K, J, 3) [m].
+        axes: a, shape (K, J, 3).
     """
 
     feet: Array
@@ -32,7 +34,12 @@ class LegSlopes:
 
     @classmethod
     def of(cls, legs: Sequence[Leg], angles: Array, rotations: Array) -> LegSlopes:
-        """angles: in the legs' order, shape (K, J) [rad]; rotations: R_WB, shape (K, 3, 3)."""
+        """The slopes of K postures.
+
+        Arguments:
+            angles: in the legs' order, shape (K, J) [rad].
+            rotations: R_WB, shape (K, 3, 3).
+        """
         feet, levers, axes, begin = [], [], [], 0
         for leg in legs:
             q = angles[:, begin : begin + len(leg.joints)]
@@ -59,7 +66,8 @@ class LegSlopes:
 
 def turning(rotation_rad: Array) -> Array:
     """The left Jacobian of rotation vectors: R(Θ + δ) ≈ exp([D δ]×) R(Θ), shapes (K, 3) to (K, 3,
-    3)."""
+    3).
+    """
     angle = np.linalg.norm(rotation_rad, axis=-1)[:, None, None]
     x, y, z = rotation_rad.T
     zero = np.zeros_like(x)

@@ -35,8 +35,9 @@ def no_legs(name: str) -> InvalidInput:
 class LegSource(ABC):
     """Knowledge about the legs of one robot.
 
-    own: whether legs and reach are those of a file, so that plans keep to inner sets of the legs
-    and have joints, and proofs are over outer sets.
+    Arguments:
+        own: whether legs and reach are those of a file, so that plans keep to inner sets of the
+            legs and have joints, and proofs are over outer sets.
     """
 
     own: bool = False
@@ -48,12 +49,18 @@ class LegSource(ABC):
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The robot joint by joint; loads pinocchio.
 
-        servo: of drawn-up legs, in place of the robot's own. Raises InvalidInput where no legs are
-        known.
+        Arguments:
+            servo: of drawn-up legs, in place of the robot's own.
+
+        Raises:
+            InvalidInput: where no legs are known.
         """
 
     def own_model(self) -> RobotModel:
-        """The model of the robot's own file. Raises InvalidInput for a robot without one."""
+        """The model of the robot's own file.
+
+        Raises InvalidInput for a robot without one.
+        """
         raise InvalidInput(
             f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
         )
@@ -62,11 +69,15 @@ class LegSource(ABC):
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
         """Names of all joints, limb by limb, from the base outward; none where no legs are
-        known."""
+        known.
+        """
 
     @property
     def foot_names(self) -> tuple[str, ...]:
-        """Names of the links that are feet. Raises InvalidInput where no legs are known."""
+        """Names of the links that are feet.
+
+        Raises InvalidInput where no legs are known.
+        """
         return tuple(leg.foot for leg in self.legs().legs)
 
     @property
@@ -212,7 +223,8 @@ class DrawnLegs(LegSource):
 
     def to_json(self) -> dict[str, Any]:
         """The identity, and the servo where the limbs do not say it, as those of the default
-        hexapod do."""
+        hexapod do.
+        """
         named = {"identity": self._identity} if self._identity else {}
         return named | ({"legs": to_json(self._servo)} if self._said else {})
 
@@ -220,8 +232,9 @@ class DrawnLegs(LegSource):
 class NoLegs(LegSource):
     """A mass and the reach of limbs.
 
-    identity: that of the robot whose reach it is; empty where it is no robot's. point: whether feet
-    are points.
+    Arguments:
+        identity: that of the robot whose reach it is; empty where it is no robot's.
+        point: whether feet are points.
     """
 
     def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:

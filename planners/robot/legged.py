@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 def robot_of(model: RobotModel) -> Robot:
     """A robot of this model's legs, each reaching as far as it is long, from the centre of mass as
-    it stands."""
+    it stands.
+    """
     limbs = tuple(
         Limb(
             name=leg.name,
@@ -29,8 +30,9 @@ def robot_of(model: RobotModel) -> Robot:
 
 
 def walking_robot(robot: GaitRobot) -> Robot:
-    """The robot with limbs and joints of a walk's robot. Raises InvalidInput where its joints are
-    not known.
+    """The robot with limbs and joints of a walk's robot.
+
+    Raises InvalidInput where its joints are not known.
 
     The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the
     robots that come with the package the hexapod has joints, too.

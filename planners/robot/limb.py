@@ -17,9 +17,14 @@ from .reach import ReachRows
 class LegLimits:
     """Limits of a leg that moves fast, for leaps.
 
-    hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m]. speed_m_s: largest rate at
-    which hip and toe move apart or together [m/s]; power_w: largest power at the toe, either way
-    [W]; fold_m: least distance of hip and toe [m]. Raises InvalidInput for numbers out of range.
+    Arguments:
+        hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m].
+        speed_m_s: largest rate at which hip and toe move apart or together [m/s].
+        power_w: largest power at the toe, either way [W].
+        fold_m: least distance of hip and toe [m].
+
+    Raises:
+        InvalidInput: for numbers out of range.
     """
 
     hip_m: Array
@@ -53,10 +58,12 @@ class Limb:
             None for the shoulder, which of a leg from a file is the centre of a ball and may be
             below the ground.
         leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
+
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.
     Source:
         Lin et al. §II, E11.
+
     Example:
         >>> from stancekit import Limb
         >>> Limb(name="LF", shoulder_m=[0.2, 0.1, 0.0], reach_m=0.4).shoulder_m.shape

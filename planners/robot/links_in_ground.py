@@ -1,5 +1,6 @@
 """Depth of links in ground that is given by heights: points all over their hulls, by the ground's
-own spline."""
+own spline.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +22,15 @@ PATCH_M = 1e-3
 
 
 class LinksInGround:
-    """Shapes of links over one ground. points: whose hulls the shapes are, a shape each, (K, 3)
-    [m]; feet: the limb that touches with a shape, −1 for none; radii_m: of the limbs' feet. Shapes
-    are where they are with R_WS and p_WS, (S, 3, 3), (S, 3)."""
+    """Shapes of links over one ground.
+
+    Shapes are where they are with R_WS and p_WS, (S, 3, 3), (S, 3).
+
+    Arguments:
+        points: whose hulls the shapes are, a shape each, (K, 3) [m].
+        feet: the limb that touches with a shape, −1 for none.
+        radii_m: of the limbs' feet.
+    """
 
     def __init__(
         self, ground: Ground, points: Sequence[Array], feet: Sequence[int], radii_m: Array
@@ -37,7 +44,8 @@ class LinksInGround:
     ) -> Iterator[tuple[int, int, float]]:
         """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep
         they are, −inf of what is above [m]; of feet that stand on it what is outside the patch on
-        which they touch."""
+        which they touch.
+        """
         near = self.ground.near(low.reshape(-1, 3), high.reshape(-1, 3)).reshape(low.shape[:2])
         for shape in np.flatnonzero(near.any(axis=0)).tolist():
             moments, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])

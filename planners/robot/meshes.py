@@ -1,5 +1,6 @@
 """Meshes of a robot's links, as pictures need them: of few triangles, and kept on disk once
-thinned."""
+thinned.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +46,10 @@ class Triangles:
 
 
 def read_mesh(path: Path, scale: Array) -> Triangles:
-    """All of a mesh's file at a scale, each corner once. Raises InvalidInput as ``read_corners``
-    does."""
+    """All of a mesh's file at a scale, each corner once.
+
+    Raises InvalidInput as ``read_corners`` does.
+    """
     corners, faces = read_corners(path)
     first, number = _different(corners)
     return Triangles(vertices_m=corners[first] * scale, faces=number[faces])
@@ -75,7 +78,8 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
     file; None where it cannot be had. One whose faces disagree has all of them twice, seen from
     either side.
 
-    cached: False reads the file and keeps nothing.
+    Arguments:
+        cached: False reads the file and keeps nothing.
     """
     if not cached:
         try:
@@ -107,8 +111,11 @@ def kept(
 ) -> Value | None:
     """Read arrays that were kept for a mesh, or else make and keep them; None where there are none.
 
-    said: the mesh's file, and what is made of it. make: the arrays. read: raises InvalidInput,
-    KeyError or ValueError for arrays that are damaged, which are made anew.
+    Arguments:
+        said: the mesh's file, and what is made of it.
+        make: the arrays.
+        read: raises InvalidInput, KeyError or ValueError for arrays that are damaged, which are
+            made anew.
     """
     file = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):
@@ -127,7 +134,8 @@ def kept(
 def unseen(shapes: Sequence[Shape], most: int) -> list[str]:
     """Doubts on meshes that are no body, and cannot be drawn with ``most`` triangles: the links
     that look like them, the file, and why, in a line per mesh. Meshes that are bodies have doubts
-    of their own."""
+    of their own.
+    """
     bodies, links = (
         {id(shape) for shape in solid_shapes(shapes)},
         dict[tuple[Path, bytes], list[Shape]](),
@@ -150,8 +158,10 @@ def unseen(shapes: Sequence[Shape], most: int) -> list[str]:
 
 
 def _checked(vertices: Any, faces: Any) -> Triangles:
-    """Check the triangles that were kept. Raises InvalidInput for a file that something else has
-    written."""
+    """Check the triangles that were kept.
+
+    Raises InvalidInput for a file that something else has written.
+    """
     points = read_only(vertices, (None, 3), "vertices")
     whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind == "i"
     if not whole or not np.all((faces >= 0) & (faces < len(points))):
@@ -162,7 +172,8 @@ def _checked(vertices: Any, faces: Any) -> Triangles:
 def thinned(mesh: Triangles, most: int) -> Triangles:
     """The mesh with ``most`` triangles or fewer: vertices in one cell of a grid become one, in
     their middle (Rossignac and Borrel, 1993), the grid as fine as may be. Needs no mesh that is
-    closed or clean."""
+    closed or clean.
+    """
     cells = float(FINEST)
     low, size = mesh.vertices_m.min(axis=0), float(np.ptp(mesh.vertices_m, axis=0).max())
     coarser = mesh
@@ -189,7 +200,8 @@ def thinned(mesh: Triangles, most: int) -> Triangles:
 
 def faced_outward(mesh: Triangles) -> Triangles:
     """The mesh with its faces to the left as seen from outside, whichever way it was written or
-    mirrored; where faces disagree, each of them from both sides."""
+    mirrored; where faces disagree, each of them from both sides.
+    """
     faces, count = mesh.faces, len(mesh.vertices_m)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     _, edge, uses = np.unique(

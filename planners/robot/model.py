@@ -33,10 +33,16 @@ so much [m]."""
 class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
-    name: a word. mass_kg: of all of it. limbs: one or more. identity: of the model that it is of.
-    model: of its own file. relative_reach: where feet may be from a foot that is put down.
-    inertia_kgm2: about the centre of mass, of a robot that leaps. legs: the servo of legs that are
-    drawn up. absent: legs that it has, and whose place nobody says.
+    Arguments:
+        name: a word.
+        mass_kg: of all of it.
+        limbs: one or more.
+        identity: of the model that it is of.
+        model: of its own file.
+        relative_reach: where feet may be from a foot that is put down.
+        inertia_kgm2: about the centre of mass, of a robot that leaps.
+        legs: the servo of legs that are drawn up.
+        absent: legs that it has, and whose place nobody says.
     """
 
     name: str
@@ -50,7 +56,10 @@ class _RobotNumbers:
     absent: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def value(self) -> Robot:
-        """The robot. Raises InvalidInput."""
+        """The robot.
+
+        Raises InvalidInput.
+        """
         model = None
         if self.model is not None:
             from .model_json import model_from_json  # reads URDFs, which is slow to import
@@ -92,11 +101,13 @@ class Robot:
             ask for; None for that of the model, if there is one.
         absent: legs that it has beside its limbs, and whose place nobody says: their bodies are not
             judged.
+
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another
             mass or of other legs, or drawn legs beside a model.
     Source:
         Lin et al. §II.
+
     Example:
         >>> from stancekit import Limb, Robot
         >>> limbs = [Limb(name=f"L{k}", shoulder_m=[0.1 * k, 0.1, 0.0], reach_m=0.4) for k in range(3)]
@@ -236,7 +247,8 @@ class Robot:
     @property
     def inertia(self) -> Array | None:
         """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None
-        where nobody says."""
+        where nobody says.
+        """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
         return self.source.inertia_kgm2
@@ -257,8 +269,10 @@ class Robot:
         return tuple(limb.name for limb in self.limbs)
 
     def select(self, names: Sequence[str]) -> tuple[Limb, ...]:
-        """Return the limbs of these names, in this order. Raises InvalidInput for a name the robot
-        does not have."""
+        """Return the limbs of these names, in this order.
+
+        Raises InvalidInput for a name the robot does not have.
+        """
         by_name = {limb.name: limb for limb in self.limbs}
         for name in names:
             checked_choice(name, "leg", by_name)
@@ -267,7 +281,8 @@ class Robot:
 
 def checked_inertia(value: Any, where: str) -> Array:
     """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3)
-    [kg m²]."""
+    [kg m²].
+    """
     matrix = read_only(value, (3, 3), where)
     if not np.allclose(matrix, matrix.T, atol=1e-9 + 1e-6 * float(np.abs(matrix).max())):
         raise InvalidInput(f"{where}: expected a symmetric matrix, got {matrix.tolist()}")
@@ -286,6 +301,7 @@ def hexapod() -> Robot:
         A ``Robot`` with the limbs LF, LM, LR, RF, RM, RR.
     Source:
         Lin et al. §IV-B.
+
     Example:
         >>> from stancekit import hexapod
         >>> hexapod().mass_kg, len(hexapod().limbs)

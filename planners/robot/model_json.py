@@ -36,7 +36,8 @@ class _Keys(BaseModel):
 
 class LegJson(_Keys):
     """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where
-    a person says it, what it touches with."""
+    a person says it, what it touches with.
+    """
 
     name: Word
     foot: Word
@@ -48,7 +49,8 @@ class ModelJson(_Keys):
     """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its
     digest.
 
-    mesh_folders: of older files, which have no hulls; not looked into.
+    Arguments:
+        mesh_folders: of older files, which have no hulls; not looked into.
     """
 
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
@@ -62,8 +64,10 @@ class ModelJson(_Keys):
 
 
 def model_to_json(model: RobotModel) -> dict[str, Any]:
-    """JSON-ready values of a robot's model. Raises InvalidInput for a URDF that is too long to be
-    kept."""
+    """JSON-ready values of a robot's model.
+
+    Raises InvalidInput for a URDF that is too long to be kept.
+    """
     if model.older is not None:
         return dict(model.older)
     if len(model.urdf) > MOST_LETTERS:
@@ -89,7 +93,8 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
 
 def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
     """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links
-    that may touch."""
+    that may touch.
+    """
     model = robot.get("model")
     record = (
         {}

@@ -41,8 +41,11 @@ ROUNDING_M = 1e-9
 class OuterSet:
     """{p : normals p ≤ offsets}, and a ball that holds the same; all in the base's frame.
 
-    normals: unit vectors, shape (D, 3); offsets_m: shape (D,) [m]. centre_m, radius_m: of the ball.
-    slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
+    Arguments:
+        normals: unit vectors, shape (D, 3).
+        offsets_m: shape (D,) [m].
+        centre_m, radius_m: of the ball.
+        slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
     """
 
     normals: Array
@@ -60,8 +63,12 @@ class OuterSet:
 
 
 def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> OuterSet:
-    """The outer set of a leg's foot. steps: the finer, the smaller ε; directions: the more, the
-    nearer to the hull."""
+    """The outer set of a leg's foot.
+
+    Arguments:
+        steps: the finer, the smaller ε.
+        directions: the more, the nearer to the hull.
+    """
     points, slack = hull_points(leg, steps)
     normals = sphere_directions(directions)
     offsets = (points @ normals.T).max(axis=0) + slack
@@ -73,7 +80,8 @@ def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> 
 
 def hull_points(leg: Leg, steps: int) -> tuple[Array, float]:
     """Points in the base's frame, shape (K, 3), and ε such that every foot is within ε of their
-    convex hull [m]."""
+    convex hull [m].
+    """
     chain = leg.chain
     points, slack = chain.tip[None], ROUNDING_M
     for i in reversed(range(chain.joints)):
@@ -109,7 +117,8 @@ def _extreme(points: Array) -> Array:
 
 def _thinned(points: Array, most: float) -> tuple[Array, float]:
     """Fewer points, none of the old ones farther than ``most`` from one of the new [m], and how far
-    the farthest is."""
+    the farthest is.
+    """
     size = 2.0 * most / np.sqrt(3.0)
     cells = np.unique(np.round(points / size), axis=0) * size
     extreme = _extreme(cells)
@@ -119,7 +128,8 @@ def _thinned(points: Array, most: float) -> tuple[Array, float]:
 
 def sphere_directions(count: int) -> Array:
     """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape
-    (count + 6, 3)."""
+    (count + 6, 3).
+    """
     k = np.arange(count) + 0.5
     height, azimuth = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     flat = np.sqrt(1.0 - height**2)
@@ -129,7 +139,8 @@ def sphere_directions(count: int) -> Array:
 
 def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
     """Centre and radius of a ball that holds all points, hardly larger than the smallest (Bădoiu
-    and Clarkson) [m]."""
+    and Clarkson) [m].
+    """
     centre = points.mean(axis=0)
     for k in range(rounds):
         far = points[np.argmax(np.einsum("ki,ki->k", points - centre, points - centre))]

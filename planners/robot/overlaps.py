@@ -15,9 +15,11 @@ class WholeBody:
     """A robot in the world, J joints, N limbs, at one moment; or at T moments, which every array
     then begins with.
 
-    rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m]. angles: shape
-    (J,) [rad]. toes_m, normals: where limbs touch and of what surface, shape (N, 3); stands: which
-    of them do, shape (N,).
+    Arguments:
+        rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m].
+        angles: shape (J,) [rad].
+        toes_m, normals: where limbs touch and of what surface, shape (N, 3).
+        stands: which of them do, shape (N,).
     """
 
     rotation: Array
@@ -53,9 +55,12 @@ class Overlap:
 class Near:
     """A shape of a link near to another one, or to a part of the terrain.
 
-    shape, other: numbers of the shapes, other −1 for the terrain; name: of what it is near to.
-    distance_m: negative inside. points_m: of both where they are nearest, in the world, shape (2,
-    3); normal: unit vector from the other to the shape, along which the distance grows.
+    Arguments:
+        shape, other: numbers of the shapes, other −1 for the terrain.
+        name: of what it is near to.
+        distance_m: negative inside.
+        points_m: of both where they are nearest, in the world, shape (2, 3).
+        normal: unit vector from the other to the shape, along which the distance grows.
     """
 
     shape: int

@@ -1,5 +1,6 @@
 """A robot that weighs something else than its file says, as with a payload: the difference is on
-what no leg moves."""
+what no leg moves.
+"""
 
 from __future__ import annotations
 

@@ -45,7 +45,8 @@ REST = 0.05
 
 def link_inertia(link: Element) -> tuple[float, Array, Array]:
     """Mass [kg], centre in the link, shape (3,) [m], and principal moments, shape (3,) [kg m²],
-    zeros for a link without. Raises InvalidInput for what is no number."""
+    zeros for a link without. Raises InvalidInput for what is no number.
+    """
     where = f"link {shown(link.get('name', ''))}"
     inertial = link.find("inertial")
     if inertial is None:
@@ -70,7 +71,10 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
 def body_doubts(
     root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> Iterator[Doubt]:
-    """Doubts about the masses of a robot's links. Raises InvalidInput as ``link_inertia`` does."""
+    """Doubts about the masses of a robot's links.
+
+    Raises InvalidInput as ``link_inertia`` does.
+    """
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     masses = dict[tuple[int | None, int], float]()
     links = [(link.get("name", ""), *link_inertia(link)) for link in root.findall("link")]
@@ -102,7 +106,8 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
 
 def impossible(mass_kg: float, moments: Array) -> str:
     """Why no body has this mass and these principal moments, in order, shape (3,) [kg m²]; empty
-    where one may."""
+    where one may.
+    """
     small, middle, large = (float(moment) for moment in moments)
     room = max(ROUNDED * abs(large), ROUNDED_KGM2)
     if mass_kg < 0.0:
@@ -144,7 +149,8 @@ def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:
 
 def wrong_links(root: Element) -> str:
     """The links whose mass or inertia no body has, and why, in one line; empty where there is
-    none."""
+    none.
+    """
     whys = [
         (link.get("name", ""), impossible(mass, moments))
         for link in root.findall("link")
@@ -162,7 +168,8 @@ def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
 
 def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
     """Points to settle of the joints that no leg has, which plans take to rest at 0: those that
-    follow a leg's joint or rest elsewhere, and those whose limits do not let them be there."""
+    follow a leg's joint or rest elsewhere, and those whose limits do not let them be there.
+    """
     of_legs = {name for leg in legs for name in leg.joint_names}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     mimics = {

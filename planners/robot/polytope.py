@@ -17,8 +17,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polytope:
-    """{p : normals p ≤ offsets}, bounded and with an inside; normals: unit, shape (F, 3);
-    offsets_m: shape (F,) [m]."""
+    """{p : normals p ≤ offsets}, bounded and with an inside.
+
+    Arguments:
+        normals: unit, shape (F, 3).
+        offsets_m: shape (F,) [m].
+    """
 
     normals: Array
     offsets_m: Array
@@ -35,8 +39,10 @@ class Polytope:
 
     @cached_property
     def largest_ball(self) -> Array:
-        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m]. Raises
-        InvalidInput for none."""
+        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m].
+
+        Raises InvalidInput for none.
+        """
         from scipy.optimize import linprog  # slow to import
 
         rows = np.column_stack([self.normals, np.ones(len(self.normals))])
@@ -87,7 +93,8 @@ class Polytope:
 
     def largest_box(self) -> Array:
         """Low and high corner of the largest upright box inside, shape (2, 3) [m]: max Σ log(high −
-        low)."""
+        low).
+        """
         centre, radius = np.split(self.largest_ball, [3])
         sides = np.hstack([-np.eye(3), np.eye(3)])
         return self._box(

@@ -33,9 +33,14 @@ CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -
 class ReachRows:
     """Half-spaces normals · (p − c) ≤ bounds_m in the body frame, where the body is not turned.
 
-    normals: a, shape (K, 3), of any length but 0, are made unit and bounds_m, shape (K,) [m], with
-    them. The set may be unbounded, since the ball about the shoulder holds, too, and need not hold
-    the origin. Raises InvalidInput for a normal of no length, and for rows that leave no room.
+    Arguments:
+        normals: outward normals, shape (K, 3), of any length but 0; they are made unit, and
+            bounds_m with them. The set may be unbounded, since the ball about the shoulder holds,
+            too, and need not hold the origin.
+        bounds_m: shape (K,) [m].
+
+    Raises:
+        InvalidInput: for a normal of no length, and for rows that leave no room.
     """
 
     normals: Array
@@ -64,8 +69,10 @@ class ReachRows:
 
     @cached_property
     def centre_m(self) -> Array:
-        """Centre of a largest ball inside, up to 1 m wide, shape (3,) [m]. Raises InvalidInput
-        where there is none."""
+        """Centre of a largest ball inside, up to 1 m wide, shape (3,) [m].
+
+        Raises InvalidInput where there is none.
+        """
         return np.array(_centre(self.normals.tobytes(), self.bounds_m.tobytes()))
 
 
@@ -91,7 +98,8 @@ class RelativeReach:
 @lru_cache(maxsize=256)
 def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
     """``ReachRows.centre_m``, remembered: the rows of a data set's problems are those of one robot
-    again and again."""
+    again and again.
+    """
     from scipy.optimize import linprog  # slow to import
 
     rows, free = np.frombuffer(normals).reshape(-1, 3), (None, None)
@@ -106,8 +114,10 @@ def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
 
 
 def turned_most(vectors: Array, tilt_rad: float) -> Array:
-    """Largest ‖Θ × x‖ of vectors of shape (..., 3) over |Θ_i| ≤ tilt; convex, so at a corner. Shape
-    (...)."""
+    """Largest ‖Θ × x‖ of vectors of shape (..., 3) over |Θ_i| ≤ tilt; convex, so at a corner.
+
+    Shape (...).
+    """
     return np.asarray(
         tilt_rad * np.linalg.norm(np.cross(CORNERS, vectors[..., None, :]), axis=-1).max(axis=-1)
     )

@@ -39,8 +39,9 @@ class ReachSets:
     """Sets of places of each limb's toe relative to the centre of mass, and of the feet relative to
     one another.
 
-    toes: half-spaces of p − c, by limb; balls: centre and radius of a ball that holds them, shape
-    (4,) [m], by limb.
+    Arguments:
+        toes: half-spaces of p − c, by limb.
+        balls: centre and radius of a ball that holds them, shape (4,) [m], by limb.
     """
 
     toes: Mapping[str, ReachRows]
@@ -48,8 +49,10 @@ class ReachSets:
     feet: tuple[RelativeReach, ...]
 
     def applied(self, robot: Robot) -> Robot:
-        """The robot with this reach in place of its own, limb by limb. Raises InvalidInput for one
-        with a model."""
+        """The robot with this reach in place of its own, limb by limb.
+
+        Raises InvalidInput for one with a model.
+        """
         if robot.source.own:
             raise InvalidInput(
                 f"reach: expected a robot without a model of its legs, got {robot.name}, which has one"
@@ -69,10 +72,14 @@ class ReachSets:
 def read_reach(folder: str | Path, limbs: Sequence[str], *, com_stretch: float = 1.0) -> ReachSets:
     """The sets of some limbs in a folder.
 
-    limbs: names; a file is of the limb whose name and the file's begin alike. com_stretch: the sets
-    of the centre of mass are made so much larger, about the mean of their corners. Raises
-    InvalidInput for a folder that lacks a limb's set of the centre of mass, for two files for one
-    set, and for files that are no such sets.
+    Arguments:
+        limbs: names; a file is of the limb whose name and the file's begin alike.
+        com_stretch: the sets of the centre of mass are made so much larger, about the mean of their
+            corners.
+
+    Raises:
+        InvalidInput: for a folder that lacks a limb's set of the centre of mass, for two files for
+            one set, and for files that are no such sets.
     """
     files = _files(Path(folder), limbs)
     toes, balls, feet = dict[str, ReachRows](), dict[str, Array](), list[RelativeReach]()
@@ -101,9 +108,13 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
     """The half-spaces of an OBJ file, normals · x ≤ bounds, shapes (F, 3) and (F,), and its
     corners, (V, 3) [m].
 
-    Normals are as the file has them. stretch: as if the corners were so many times as far from
-    their mean. Raises InvalidInput for a file without corners, normals and faces that name them
-    (``v//n``).
+    Normals are as the file has them.
+
+    Arguments:
+        stretch: as if the corners were so many times as far from their mean.
+
+    Raises:
+        InvalidInput: for a file without corners, normals and faces that name them (``v//n``).
     """
     rows: dict[str, list[list[str]]] = {"v": [], "vn": [], "f": []}
     for line in read_text(path).splitlines():
@@ -141,8 +152,10 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
 
 
 def _ball(path: Path, normals: Array, bounds: Array) -> Array:
-    """Centre and radius of a ball that holds the half-spaces' set, shape (4,). Raises InvalidInput
-    for an empty one."""
+    """Centre and radius of a ball that holds the half-spaces' set, shape (4,).
+
+    Raises InvalidInput for an empty one.
+    """
     length = np.linalg.norm(normals, axis=1)
     try:
         corners = Polytope(normals=normals / length[:, None], offsets_m=bounds / length).vertices
@@ -154,7 +167,8 @@ def _ball(path: Path, normals: Array, bounds: Array) -> Array:
 
 def _files(folder: Path, limbs: Sequence[str]) -> dict[tuple[str, str], Path]:
     """The file of every set, by what it is of (``COM`` or a limb) and the limb that it begins
-    from."""
+    from.
+    """
     if not folder.is_dir():
         raise InvalidInput(f"{folder}: expected a folder of reach polytopes, found none")
     files = dict[tuple[str, str], list[Path]]()

@@ -32,9 +32,13 @@ def limbs_over(
 ) -> tuple[Limb, ...]:
     """The limbs of a model over these sets of its legs, from its centre of mass as it stands.
 
-    workspaces: of its legs; measured, or taken from the cache, where not given. Raises InvalidInput
-    for a leg whose foot is larger than its inner set, for one whose workspace has no inside, and
-    where a person has to say first what a leg touches with, or which way is up.
+    Arguments:
+        workspaces: of its legs; measured, or taken from the cache, where not given.
+
+    Raises:
+        InvalidInput: for a leg whose foot is larger than its inner set, for one whose workspace has
+            no inside, and where a person has to say first what a leg touches with, or which way is
+            up.
     """
     robot.check_known()
     measured = workspaces_of(robot) if workspaces is None else workspaces
@@ -45,7 +49,8 @@ def limbs_over(
 
 def standing_toes(robot: RobotModel) -> Array:
     """Places of the toes as the robot stands on level ground, from its centre of mass, shape (N, 3)
-    [m]."""
+    [m].
+    """
     down = np.array([0.0, 0.0, 1.0])
     return np.array([leg.nominal_m - leg.radius_m * down - robot.body.com_m for leg in robot.legs])
 

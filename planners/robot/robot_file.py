@@ -1,5 +1,6 @@
 """A robot by what a person calls it: a name, a URDF, or a YAML file that names a URDF and corrects
-it."""
+it.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +39,6 @@ class RobotKeys(BaseModel):
     """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of
     robots.
 
-    provider: an installed package that has the URDF, example-robot-data or pybullet. urdf: the
-    robot. srdf: pairs of links that may touch, and a posture to stand in. packages: folders where
-    ``package://`` names lead. name: in place of the URDF's. feet: the links that are feet, by the
-    names that their legs shall have, or a list. contacts: what a foot touches with where it is no
-    ball: point_m in its link, and radius_m of a ball about that, by foot, leg or pattern. joints:
-    corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how
-    the URDF's root lies in a frame whose z points up, where its own does not.
-
     For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how
     high above the centre of mass a foot may be; inner_m, how far a foot stays from the planes half
     way to the others [m].
@@ -57,6 +50,19 @@ class RobotKeys(BaseModel):
     and ranges_rad says how far below and above that posture the joints of a leg may go, for the
     first foot's leg, and mirrored for joints that the posture mirrors; voxel_m and steps are read,
     and are of no use any more.
+
+    Arguments:
+        provider: an installed package that has the URDF, example-robot-data or pybullet.
+        urdf: the robot.
+        srdf: pairs of links that may touch, and a posture to stand in.
+        packages: folders where ``package://`` names lead.
+        name: in place of the URDF's.
+        feet: the links that are feet, by the names that their legs shall have, or a list.
+        contacts: what a foot touches with where it is no ball: point_m in its link, and radius_m of
+            a ball about that, by foot, leg or pattern.
+        joints: corrections by name or pattern.
+        posture_rad: to stand in, by name or pattern.
+        root_rpy_rad: how the URDF's root lies in a frame whose z points up, where its own does not.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -83,8 +89,12 @@ class RobotKeys(BaseModel):
 def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotModel:
     """The robot of a name, a ``.urdf`` file, or a ``.yaml`` file that names one.
 
-    name: hexapod, one of ``catalogue``, or a path. srdf: in place of the one that a YAML file
-    names. Raises InvalidInput, in one line, for anything else.
+    Arguments:
+        name: hexapod, one of ``catalogue``, or a path.
+        srdf: in place of the one that a YAML file names.
+
+    Raises:
+        InvalidInput: in one line, for anything else.
     """
     path = robot_path(name)
     if path.suffix in YAML:
@@ -104,9 +114,12 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Robot:
     """A robot as the contact planner has it, over the inner sets of its legs.
 
-    robot: as for ``named_robot``; a ``Robot`` is returned as it is.
-    srdf: likewise, for a robot of a file.
-    Raises InvalidInput, also for a leg without a workspace that has an inside.
+    Arguments:
+        robot: as for ``named_robot``; a ``Robot`` is returned as it is.
+        srdf: likewise, for a robot of a file.
+
+    Raises:
+        InvalidInput: also for a leg without a workspace that has an inside.
     """
     if isinstance(robot, Robot):
         return robot
@@ -124,7 +137,11 @@ def robot_path(name: str | Path) -> Path:
 
 
 def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
-    """The error for a name that no robot has; built_in: names that need no file."""
+    """The error for a name that no robot has.
+
+    Arguments:
+        built_in: names that need no file.
+    """
     names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
     return InvalidInput(
         f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got {shown(str(name))}"
@@ -137,12 +154,18 @@ def hexapod_model() -> RobotModel:
 
 
 def read_keys(path: Path) -> RobotKeys:
-    """The keys of a YAML file. Raises InvalidInput with all that is wrong, in one line."""
+    """The keys of a YAML file.
+
+    Raises InvalidInput with all that is wrong, in one line.
+    """
     return validated(RobotKeys, read_yaml(path), str(path))
 
 
 def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -> RobotModel:
-    """The robot that the keys of the file at ``path`` say. Raises InvalidInput."""
+    """The robot that the keys of the file at ``path`` say.
+
+    Raises InvalidInput.
+    """
     folder = provided(keys.provider, keys.name or path.stem) if keys.provider else path.parent
     urdf = folder / keys.urdf
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
@@ -191,7 +214,8 @@ def _with_feet(keys: RobotKeys) -> RobotKeys:
 
 def _posture(angles: Any, joints: Sequence[str], model: RobotModel) -> dict[str, float]:
     """An older file's angles, which are of all joints in pinocchio's order, by the names of the
-    legs' joints."""
+    legs' joints.
+    """
     if len(angles) != len(joints):
         raise InvalidInput(f"posture_rad: expected {len(joints)} joint angles, got {len(angles)}")
     posture = dict(zip(joints, angles, strict=True))

@@ -70,7 +70,8 @@ class Remark:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
     """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame,
-    shape (3,) [m], and inertia about it, shape (3, 3) [kg m²]."""
+    shape (3,) [m], and inertia about it, shape (3, 3) [kg m²].
+    """
 
     mass_kg: float
     com_m: Array
@@ -81,12 +82,16 @@ class Body:
 class RobotModel:
     """A legged robot.
 
-    urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every
-    link by name. disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or
-    is hard to believe. gaps: what a person has to say of it in a YAML file before anything is
-    planned, a line each. older: of a model out of a file from before there were hulls, what that
-    file says of it: digests there are of this. servo: the drive of every joint of legs that are
-    drawn up; None where a robot's own file says what its joints can.
+    Arguments:
+        urdf: its text, corrections written into it; what parses that sees this robot.
+        mounts: of every link by name.
+        disabled_pairs: links that may touch, from the SRDF.
+        remarks: what was guessed or is hard to believe.
+        gaps: what a person has to say of it in a YAML file before anything is planned, a line each.
+        older: of a model out of a file from before there were hulls, what that file says of it:
+            digests there are of this.
+        servo: the drive of every joint of legs that are drawn up; None where a robot's own file
+            says what its joints can.
     """
 
     name: str
@@ -106,7 +111,8 @@ class RobotModel:
 
     def changed(self, **fields: Any) -> RobotModel:
         """The model with other values of some fields, and with what was parsed and built of the
-        same URDF."""
+        same URDF.
+        """
         made = replace(self, **fields)
         if made.urdf is self.urdf:
             vars(made).update(
@@ -137,7 +143,8 @@ class RobotModel:
     @property
     def digest(self) -> str:
         """SHA-256 of the corrected URDF, the legs and their feet, and the hulls of the meshes that
-        it names."""
+        it names.
+        """
         legs = [(leg.name, leg.foot, leg.stance_rad.tolist()) for leg in self.legs]
         content = hashlib.sha256(urdf_digest_text(self.urdf, legs).encode())
         for leg in self.legs:
@@ -154,7 +161,8 @@ class RobotModel:
     @property
     def identity(self) -> str:
         """Name and the beginning of the digest: what data sets and envelopes say that they were
-        learned for."""
+        learned for.
+        """
         return f"{self.name}-{self.digest[:IDENTITY_DIGITS]}"
 
     @property
@@ -166,7 +174,8 @@ class RobotModel:
     @property
     def unrunnable(self) -> tuple[str, ...]:
         """Why plans and walks of the robot cannot be run as its file is, a line each: joints that
-        slide, and passive ones, which only a file of actuators gives something to hold with."""
+        slide, and passive ones, which only a file of actuators gives something to hold with.
+        """
         idle = [
             (joint.name, IDLE)
             for leg in self.legs
@@ -177,13 +186,17 @@ class RobotModel:
 
     def check_known(self) -> None:
         """Raise InvalidInput, in one line, where a person has to say something of the robot before
-        it is planned for: what a leg touches with, or which way is up."""
+        it is planned for: what a leg touches with, or which way is up.
+        """
         if self.gaps:
             raise InvalidInput(f"robot {self.name}: {self.gaps[0]}")
         check_contacts(self.legs, self.name, self.shapes, self.mounts)
 
     def leg(self, name: str) -> Leg:
-        """The leg of a name. Raises InvalidInput for one that is not there."""
+        """The leg of a name.
+
+        Raises InvalidInput for one that is not there.
+        """
         for leg in self.legs:
             if leg.name == name:
                 return leg
@@ -192,7 +205,8 @@ class RobotModel:
     @property
     def carried_nm(self) -> float:
         """Torque that holds the robot's weight at the length of a leg: the unit of what its drives
-        are guessed by."""
+        are guessed by.
+        """
         length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
         return self.body.mass_kg * GRAVITY_M_S2 * length_m
 
@@ -230,7 +244,8 @@ class RobotModel:
     def link_frames(self, angles: Sequence[Array]) -> dict[str, tuple[Array, Array]]:
         """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].
 
-        angles: of each leg, shape (n,) [rad].
+        Arguments:
+            angles: of each leg, shape (n,) [rad].
         """
         placed = [
             leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)
@@ -249,7 +264,8 @@ def urdf_digest_text(urdf: str, legs: Sequence[tuple[str, str, list[float]]]) ->
     """The text whose SHA-256 was a robot's digest before hulls were part of it, and is where there
     are none.
 
-    legs: name, foot and posture of each.
+    Arguments:
+        legs: name, foot and posture of each.
     """
     return "\0".join([urdf, *(f"{name}\0{foot}\0{stance}" for name, foot, stance in legs)])
 
@@ -271,15 +287,22 @@ def model_of(
 ) -> RobotModel:
     """The robot of a URDF's text.
 
-    where: what messages call the file. folder, packages: where meshes are; folder None where none
-    is to be looked for. hulls: of meshes, each with its parts after it, by the number of their
-    shape, in place of their files. srdf: text of an SRDF, for pairs of links that may touch and a
-    posture to stand in. feet: links, by the names of their legs or alone; searched for where none
-    is given. contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at
-    the leg's end. joints: corrections, by name or pattern. posture_rad: of the standing robot, by
-    joint or pattern. name: in place of the URDF's. root_rpy_rad: of a root whose z does not point
-    up, in a frame whose z does. Raises InvalidInput, in one line, for a file that is no URDF of a
-    robot with legs and masses.
+    Arguments:
+        where: what messages call the file.
+        folder, packages: where meshes are; folder None where none is to be looked for.
+        hulls: of meshes, each with its parts after it, by the number of their shape, in place of
+            their files.
+        srdf: text of an SRDF, for pairs of links that may touch and a posture to stand in.
+        feet: links, by the names of their legs or alone; searched for where none is given.
+        contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at the
+            leg's end.
+        joints: corrections, by name or pattern.
+        posture_rad: of the standing robot, by joint or pattern.
+        name: in place of the URDF's.
+        root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
+
+    Raises:
+        InvalidInput: in one line, for a file that is no URDF of a robot with legs and masses.
     """
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
     root = parsed(text, where)
@@ -350,7 +373,8 @@ def _stand(
     legs: tuple[Leg, ...], posture_rad: Mapping[str, float] | None, srdf: Element | None
 ) -> tuple[tuple[Leg, ...], list[str]]:
     """The legs with the posture that a person or the SRDF says, or a guessed one; and what was
-    guessed."""
+    guessed.
+    """
     guesses = list[str]()
     angles, names = dict[str, float](), {name: None for leg in legs for name in leg.joint_names}
     states = (
@@ -386,7 +410,10 @@ def _stand(
 
 
 def _angle(text: str, where: str) -> float:
-    """A joint's value in an SRDF. Raises InvalidInput for anything but one finite number."""
+    """A joint's value in an SRDF.
+
+    Raises InvalidInput for anything but one finite number.
+    """
     try:
         return checked(float(text), where)
     except ValueError:  # InvalidInput is one
@@ -395,7 +422,8 @@ def _angle(text: str, where: str) -> float:
 
 def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Array]:
     """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base
-    at the origin."""
+    at the origin.
+    """
     pin = pinocchio()
     data, rest = model.createData(), at_rest(model)
     for leg in legs:

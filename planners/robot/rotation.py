@@ -55,7 +55,8 @@ def rotations_of(vectors: Array) -> Array:
 
 def between_rotations(first: Array, last: Array, share: Array) -> Array:
     """Rotations a share of the way from one to another, each by less than half a turn about one
-    axis: (L, 3, 3)."""
+    axis: (L, 3, 3).
+    """
     turn = np.swapaxes(first, 1, 2) @ last
     skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))
     axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)

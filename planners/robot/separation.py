@@ -26,7 +26,7 @@ ON_FACE_M = 1e-9
 class Bounds:
     """Bounds on the distances of K pairs of bodies at T moments.
 
-    Attributes:
+    Arguments:
         least: no distance is less, shape (T, K) [m].
         way: how far points go from every moment to the next, of both bodies together, shape (T - 1,
             K) [m].
@@ -39,7 +39,8 @@ class Bounds:
 
     def nearer(self, limit_m: float, *, between: bool) -> NDArray[np.bool_]:
         """Tell which pairs may be nearer than this at a moment, or with ``between`` on the way
-        before or after it, shape (T, K)."""
+        before or after it, shape (T, K).
+        """
         near = self.least < limit_m
         if between:
             on = self.least[:-1] + self.least[1:] < self.way + 2.0 * limit_m
@@ -51,8 +52,11 @@ class Bounds:
         self, measure: Callable[[int, int], float], limit_m: float, *, between: bool
     ) -> Bounds:
         """Better bounds: exact are those that are nearer than the limit, at moments and, with
-        ``between``, at both ends of ways on which bodies may be nearer. measure: the distance of a
-        pair (k) at a moment (t)."""
+        ``between``, at both ends of ways on which bodies may be nearer.
+
+        Arguments:
+            measure: the distance of a pair (k) at a moment (t).
+        """
         least, exact = self.least.copy(), self.exact.copy()
         open_ = self.nearer(limit_m, between=between) & ~exact
         for k in np.flatnonzero(open_.any(axis=0)).tolist():
@@ -74,7 +78,10 @@ class Bounds:
 def balls_apart(middles: Array, radii: Array, pairs: Index) -> Array:
     """Distances between balls around bodies, shape (T, K) [m].
 
-    middles: of S bodies, shape (T, S, 3); radii: of the balls, shape (S,); pairs: shape (K, 2).
+    Arguments:
+        middles: of S bodies, shape (T, S, 3).
+        radii: of the balls, shape (S,).
+        pairs: shape (K, 2).
     """
     first, second = pairs.T
     between = middles[:, second] - middles[:, first]
@@ -86,8 +93,9 @@ def balls_apart(middles: Array, radii: Array, pairs: Index) -> Array:
 def boxes_apart(between: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Least distance at which an axis of either box keeps two apart, shape (L,) [m].
 
-    between: from the one's middle to the other's, shape (L, 3). one, other: R of the boxes, and
-    half their sides, shapes (L, 3, 3) and (L, 3).
+    Arguments:
+        between: from the one's middle to the other's, shape (L, 3).
+        one, other: R of the boxes, and half their sides, shapes (L, 3, 3) and (L, 3).
     """
     (a, ha), (b, hb) = one, other
     across = np.abs(np.swapaxes(a, 1, 2) @ b)
@@ -103,9 +111,10 @@ def off_solids(
     which middles are inside of the convex body, or nearest to the inside of a face of it: of balls
     these are the distances.
 
-    middles: of the bodies, shape (L, 3). supports: how far they reach along the faces' normals,
-    shape (L, F) or (L, 1). normals, offsets_m: of the F faces n·x = d of every convex body, shapes
-    (L, F, 3), (L, F).
+    Arguments:
+        middles: of the bodies, shape (L, 3).
+        supports: how far they reach along the faces' normals, shape (L, F) or (L, 1).
+        normals, offsets_m: of the F faces n·x = d of every convex body, shapes (L, F, 3), (L, F).
     """
     heights = (normals @ middles[:, :, None])[..., 0] - offsets_m
     face, rows = heights.argmax(axis=1), np.arange(len(heights))

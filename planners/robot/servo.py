@@ -28,8 +28,11 @@ class Servo:
     """Limits of every joint, and the position loop τ = Kp (q* − q) − Kd q̇ inside the servo that
     drives it.
 
-    lower_rad, upper_rad: of yaw, hip, roll and knee. rotor_kg_m2: inertia of the rotor, seen behind
-    the gears. torque_nm, velocity_rad_s: limits. stiffness_nm_rad, damping_nms_rad: Kp and Kd.
+    Arguments:
+        lower_rad, upper_rad: of yaw, hip, roll and knee.
+        rotor_kg_m2: inertia of the rotor, seen behind the gears.
+        torque_nm, velocity_rad_s: limits.
+        stiffness_nm_rad, damping_nms_rad: Kp and Kd.
     """
 
     lower_rad: tuple[Angle, Angle, Angle, Angle] = (-1.9, -1.8, -2.6, -0.05)

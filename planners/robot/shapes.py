@@ -29,12 +29,16 @@ SIZES: dict[str, tuple[str, ...]] = {
 class Shape:
     """One shape of a link, in the link's frame.
 
-    size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a mesh
-    its scale, shape (3,). rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m].
-    mesh: its file, or None where none was found. collides: is it the link's body, or only what it
-    looks like? corners_m: of a mesh that is a link's body the corners of its convex hull, at its
-    scale, in the shape's own frame, shape (K, 3) [m]; None where they are not known. parts_m: where
-    the hull is much larger than the mesh, the corners of convex parts that hold it, likewise.
+    Arguments:
+        size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a
+            mesh its scale, shape (3,).
+        rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m].
+        mesh: its file, or None where none was found.
+        collides: is it the link's body, or only what it looks like? corners_m: of a mesh that is a
+            link's body the corners of its convex hull, at its scale, in the shape's own frame,
+            shape (K, 3) [m]; None where they are not known.
+        parts_m: where the hull is much larger than the mesh, the corners of convex parts that hold
+            it, likewise.
     """
 
     link: str
@@ -60,7 +64,8 @@ class Shape:
     @property
     def far_m(self) -> Array:
         """The point of a round or boxed shape that is farthest from the link's origin, about, shape
-        (3,) [m]."""
+        (3,) [m].
+        """
         half = {"sphere": [0, 0, 0], "box": 0.5 * self.size_m, "mesh": [0, 0, 0]}.get(self.kind)
         corner = (
             np.array([0.0, 0.0, 0.5 * self.size_m[-1]])
@@ -78,9 +83,12 @@ def shapes_of(
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """All shapes of a URDF, and the names of the meshes that are not there.
 
-    folder: of the URDF, None where no mesh is to be looked for; packages: folders in which
-    ``package://NAME`` is a folder, or which are that package. Raises InvalidInput for sizes that no
-    shape has.
+    Arguments:
+        folder: of the URDF, None where no mesh is to be looked for.
+        packages: folders in which ``package://NAME`` is a folder, or which are that package.
+
+    Raises:
+        InvalidInput: for sizes that no shape has.
     """
     names = dict.fromkeys(mesh.get("filename", "") for mesh in root.findall("link/*/geometry/mesh"))
     files = {name: None if folder is None else mesh_file(name, folder, packages) for name in names}

@@ -1,5 +1,6 @@
 """A legged robot as the gait optimiser sees it: one rigid body, and a box that each foot can reach
-(Pan et al. §III-A)."""
+(Pan et al. §III-A).
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,10 @@ class Foot:
     """One foot: where it stands by default and the box R_i that it can reach (W4).
 
     All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside
-    the box from reach_min_m to reach_max_m; hip_m: where its leg begins.
+    the box from reach_min_m to reach_max_m.
+
+    Arguments:
+        hip_m: where its leg begins.
     """
 
     name: str
@@ -64,8 +68,10 @@ DEEPEST = 0.5
 class _WalkerKeys:
     """The keys of a walker, see ``GaitRobot``.
 
-    model: of its own file. legs: limits of the legs in leaps, by name or pattern. source: of its
-    numbers, for people.
+    Arguments:
+        model: of its own file.
+        legs: limits of the legs in leaps, by name or pattern.
+        source: of its numbers, for people.
     """
 
     name: str
@@ -79,7 +85,10 @@ class _WalkerKeys:
     legs: Any = field(default=None, metadata=LATER)
 
     def value(self) -> GaitRobot:
-        """The robot. Raises InvalidInput."""
+        """The robot.
+
+        Raises InvalidInput.
+        """
         model = None if self.model is None else model_from_json(self.model, self.name)
         numbers = {each.name: getattr(self, each.name) for each in fields(self)[:6]}
         return GaitRobot(**numbers, model=model)
@@ -90,10 +99,12 @@ class GaitRobot:
     """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (Pan et al.
     §III-A).
 
-    inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²];
-    stand_height_m: of the centre of mass over level ground in the nominal stance [m]; trunk_half_m:
-    half sides of the trunk's box, shape (3,) [m], which has to stay clear of the terrain; model:
-    the robot of a URDF, which has joints, where it is one.
+    Arguments:
+        inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²].
+        stand_height_m: of the centre of mass over level ground in the nominal stance [m].
+        trunk_half_m: half sides of the trunk's box, shape (3,) [m], which has to stay clear of the
+            terrain.
+        model: the robot of a URDF, which has joints, where it is one.
     """
 
     KEYS: ClassVar = _WalkerKeys
@@ -134,8 +145,10 @@ class GaitRobot:
         self._check_numbers(where)
 
     def _check_model(self, model: RobotModel, where: str) -> None:
-        """Raise InvalidInput for feet and numbers that are not its model's. It may stand lower,
-        crouched, and not higher."""
+        """Raise InvalidInput for feet and numbers that are not its model's.
+
+        It may stand lower, crouched, and not higher.
+        """
         if model.leg_names != self.foot_names:
             legs, feet = ", ".join(model.leg_names), ", ".join(self.foot_names)
             raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {feet}")
@@ -159,7 +172,8 @@ class GaitRobot:
 
     def _check_numbers(self, where: str) -> None:
         """Raise InvalidInput for a height at which its feet do not stand, and for an inertia that
-        no mass within it has: tolerances of the verifier are in units of both."""
+        no mass within it has: tolerances of the verifier are in units of both.
+        """
         stands_m = -float(np.mean([foot.nominal_m[2] for foot in self.feet]))
         if not abs(self.stand_height_m - stands_m) <= NEAR * abs(stands_m):
             raise InvalidInput(
@@ -180,7 +194,10 @@ class GaitRobot:
 
     @property
     def source(self) -> LegSource:
-        """Source of its legs: its own file, or nowhere. Feet without legs are points."""
+        """Source of its legs: its own file, or nowhere.
+
+        Feet without legs are points.
+        """
         if self.model is not None:
             return OwnLegs(self.model)
         return NoLegs(self.name, len(self.feet), point=True)
@@ -210,7 +227,8 @@ class GaitRobot:
 
 def anymal() -> GaitRobot:
     """ANYmal, the robot of Pan et al. §V, by its boxes alone; the file says where its numbers come
-    from."""
+    from.
+    """
     from stancekit.configs import config_path
 
     return GaitRobot.from_yaml(config_path("robots/anymal.yaml"))

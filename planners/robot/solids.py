@@ -19,14 +19,16 @@ RINGS = 10
 
 def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:
     """For each link the shapes that it collides with, or where there are none what it looks
-    like."""
+    like.
+    """
     bodies = {shape.link for shape in shapes if shape.collides}
     return [shape for shape in shapes if shape.collides or shape.link not in bodies]
 
 
 def shape_points(shape: Shape) -> Array | None:
     """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh without a
-    hull."""
+    hull.
+    """
     if shape.kind == "box":
         return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
     if shape.kind == "mesh":
@@ -47,7 +49,8 @@ def shape_points(shape: Shape) -> Array | None:
 
 def surface_points(points: Array, apart_m: float) -> Array:
     """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P,
-    3) [m]."""
+    3) [m].
+    """
     from scipy.spatial import ConvexHull  # slow to import
 
     hull = ConvexHull(points)
@@ -57,7 +60,8 @@ def surface_points(points: Array, apart_m: float) -> Array:
 
 def points_on(triangles: Array, apart_m: float) -> Array:
     """Points all over triangles, shape (F, 3, 3), not much farther apart than this, shape (P, 3)
-    [m]."""
+    [m].
+    """
     every = _all_over(triangles.reshape(-1, 3), triangles, apart_m)
     return np.asarray(every[_apart(every, apart_m)])
 
@@ -77,5 +81,6 @@ def _all_over(corners: Array, triangles: Array, apart_m: float) -> Array:
 
 def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
     """Thin out points: lay a grid of cells half as wide as ``apart_m`` [m] over them, and return
-    the indices of the first point in each cell."""
+    the indices of the first point in each cell.
+    """
     return np.asarray(np.unique(np.round(points / (0.5 * apart_m)), axis=0, return_index=True)[1])

@@ -1,5 +1,6 @@
 """A robot on some of its legs, joint by joint: what a posture of these legs is judged and bent
-with."""
+with.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +30,7 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     Arguments:
         limbs: in the order of the robot's own.
         mass_kg: of all of it [kg].
+
     Raises:
         InvalidInput: for a robot whose legs are not known, and a mass that is not that of its file.
     """
@@ -47,7 +49,8 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
 @lru_cache(maxsize=8)
 def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     """The model whose other legs are part of its base, without shapes; whoever reads its URDF reads
-    it so."""
+    it so.
+    """
     if names == model.leg_names:
         return model
     root, legs = deepcopy(model.tree), [leg for leg in model.legs if leg.name in names]

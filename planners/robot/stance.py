@@ -1,5 +1,6 @@
 """A posture to stand in, where nobody says one: every foot below its hip, joints near the middle of
-their limits."""
+their limits.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Joint angles for a robot as plans and walks have it, in the world: its centre of mass, its
-rotation, and its toes."""
+rotation, and its toes.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +29,13 @@ class ToeKinematics:
         """Angles of K stances of N legs, each found from the standing posture, so that knees keep
         their bend.
 
-        com_m: p_WC, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3); toes_m: p_WF, and normals of
-        the ground there, on which a foot is a sphere, shape (K, N, 3). near: all joints in the
-        model's order, shape (K, J) [rad], in place of those of the standing posture.
+        Arguments:
+            com_m: p_WC, shape (K, 3) [m].
+            rotation: R_WB, shape (K, 3, 3).
+            toes_m: p_WF, and normals of the ground there, on which a foot is a sphere, shape (K, N,
+                3).
+            near: all joints in the model's order, shape (K, J) [rad], in place of those of the
+                standing posture.
         """
         feet = self.centres(com_m, rotation, toes_m, normals)
         standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
@@ -46,7 +51,8 @@ class ToeKinematics:
         self, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike
     ) -> Array:
         """Centres of the feet in the base's frame, shape (K, N, 3) [m]; arguments as of
-        ``solve``."""
+        ``solve``.
+        """
         radii = np.array([[leg.radius_m] for leg in self.model.legs])
         centres = np.asarray(toes_m) + radii * np.asarray(normals)
         arms = centres - np.asarray(com_m)[:, None]

@@ -1,5 +1,6 @@
 """The robot as a URDF, made from the numbers that planners know: planned, checked and simulated is
-one robot."""
+one robot.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +14,19 @@ __all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "hexapod_urdf", "joint_names"]
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
     """Names of all joints, limb by limb in the robot's order, from the base outward, e.g.
-    ``LF_yaw``; none where no legs are known."""
+    ``LF_yaw``; none where no legs are known.
+    """
     return robot.source.joint_names
 
 
 def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
     """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
 
-    servo: of every joint, in place of the robot's own. Raises InvalidInput also for a robot with
-    its own legs.
+    Arguments:
+        servo: of every joint, in place of the robot's own.
+
+    Raises:
+        InvalidInput: also for a robot with its own legs.
     """
     if robot.source.own:
         raise InvalidInput(

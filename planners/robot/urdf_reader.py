@@ -1,5 +1,6 @@
 """URDF and SRDF as they come: XML in bounds, the corrections that a person makes to it, and
-pinocchio as the parser."""
+pinocchio as the parser.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
 
 class JointCorrection(BaseModel):
     """Correction of a joint by a person, in place of the URDF: limits [rad, or m where it slides],
-    torque, velocity."""
+    torque, velocity.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     limits_rad: tuple[Number, Number] | None = None
@@ -62,8 +64,11 @@ def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str)
     """The URDF with what a person says of its joints written into it, so that whoever reads it
     reads the same robot.
 
-    corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win. Raises
-    InvalidInput for a name or pattern that fits no joint that moves.
+    Arguments:
+        corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win.
+
+    Raises:
+        InvalidInput: for a name or pattern that fits no joint that moves.
     """
     if not corrections:
         return text
@@ -97,7 +102,8 @@ def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str)
 def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     """The URDF of a robot whose z does not point up, below a new root whose z does.
 
-    root_rpy_rad: roll, pitch and yaw of the old root in the new one.
+    Arguments:
+        root_rpy_rad: roll, pitch and yaw of the old root in the new one.
     """
     root = parsed(text, where)
     children = {child.get("link") for child in root.findall("joint/child")}
@@ -150,7 +156,10 @@ def remove_root_joint(root: Element) -> bool:
 
 
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:
-    """The names that a name or pattern means. Raises InvalidInput for one that means none."""
+    """The names that a name or pattern means.
+
+    Raises InvalidInput for one that means none.
+    """
     names_found = (
         [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
     )
@@ -160,7 +169,10 @@ def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]
 
 
 def pinocchio() -> Any:
-    """The pinocchio module. Raises InvalidInput where it is not installed."""
+    """The pinocchio module.
+
+    Raises InvalidInput where it is not installed.
+    """
     try:
         import pinocchio as module
     except ImportError:
@@ -171,7 +183,10 @@ def pinocchio() -> Any:
 
 
 def coal() -> Any:
-    """The coal module. Raises InvalidInput where it is not installed."""
+    """The coal module.
+
+    Raises InvalidInput where it is not installed.
+    """
     try:
         import coal as module
     except ImportError:
@@ -181,8 +196,10 @@ def coal() -> Any:
 
 
 def built(text: str, where: str) -> Any:
-    """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio
-    refuses."""
+    """pinocchio's model of a URDF on a free-flying base.
+
+    Raises InvalidInput for what pinocchio refuses.
+    """
     pin = pinocchio()
     with TemporaryFile() as sink:
         try:
@@ -210,7 +227,8 @@ def built(text: str, where: str) -> Any:
 
 def base_joint(model: Any) -> int:
     """pinocchio's number of the joint that carries the base: the last of those that fly, one below
-    the other, from the root on, with nothing beside them."""
+    the other, from the root on, with nothing beside them.
+    """
     base = 1
     while len(below := model.children[base]) == 1 and model.joints[below[0]].nq == 7:
         base = int(below[0])
@@ -219,7 +237,8 @@ def base_joint(model: Any) -> int:
 
 def at_rest(model: Any) -> Any:
     """pinocchio's neutral posture with the base's frame at the origin, where a file may have it
-    elsewhere."""
+    elsewhere.
+    """
     pin = pinocchio()
     rest, data = pin.neutral(model), model.createData()
     pin.forwardKinematics(model, data, rest)
@@ -232,7 +251,8 @@ def at_rest(model: Any) -> Any:
 @contextmanager
 def _standard_error(descriptor: int) -> Iterator[None]:
     """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it
-    refuses."""
+    refuses.
+    """
     stderr = os.dup(2)
     os.dup2(descriptor, 2)
     try:

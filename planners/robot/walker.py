@@ -96,13 +96,19 @@ def walker_of(
     """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its
     trunk.
 
-    workspaces: of its legs; measured, or taken from the cache, where not given. trunk_half_m: half
-    sides of the trunk's box, shape (3,) [m]; of the shapes that no leg carries where not given.
-    ceiling_m: how high above the centre of mass a foot may be; inner_m: how far a foot stays from
-    the planes half way to the others [m]. Where a foot has no room about it as the model stands,
-    the walker stands a little lower, and its feet where they are. Raises InvalidInput for a leg
-    without a workspace, or whose foot has no room about it at any height, for a robot without a
-    trunk, and for one that no gait is for.
+    Where a foot has no room about it as the model stands, the walker stands a little lower, and its
+    feet where they are.
+
+    Arguments:
+        workspaces: of its legs; measured, or taken from the cache, where not given.
+        trunk_half_m: half sides of the trunk's box, shape (3,) [m]; of the shapes that no leg
+            carries where not given.
+        ceiling_m: how high above the centre of mass a foot may be.
+        inner_m: how far a foot stays from the planes half way to the others [m].
+
+    Raises:
+        InvalidInput: for a leg without a workspace, or whose foot has no room about it at any
+            height, for a robot without a trunk, and for one that no gait is for.
     """
     if len(model.legs) not in LEGS:
         raise InvalidInput(
@@ -175,7 +181,8 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
 
 def _own_side(toes: Array, foot: int, ceiling_m: float, inner_m: float) -> tuple[Array, Array]:
     """Half-spaces below the ceiling, and nearer to the foot's own place than to another's, seen
-    from above."""
+    from above.
+    """
     normals, offsets = [UP], [ceiling_m]
     for other in np.delete(toes, foot, axis=0):
         away = (other - toes[foot]) * [1.0, 1.0, 0.0]

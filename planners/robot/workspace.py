@@ -48,12 +48,14 @@ CUBE.setflags(write=False)
 class Workspace:
     """Sets of one leg's foot, in the base's frame.
 
-    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the
-    largest ball in it, centre and radius, shape (4,). box_m: the largest upright box in it, low and
-    high corner, shape (2, 3). outer: holds all that is reachable, proved. reach_m: how far from its
-    first joint the foot gets [m]. cover: share of what is reachable, usefully below the hip, that
-    is in ``inner``; unreachable: share of ``inner`` that is not; both by inverse kinematics on
-    sampled points.
+    Arguments:
+        inner: a polytope that is reached throughout, as far as ``unreachable`` says.
+        ball_m: the largest ball in it, centre and radius, shape (4,).
+        box_m: the largest upright box in it, low and high corner, shape (2, 3).
+        outer: holds all that is reachable, proved.
+        reach_m: how far from its first joint the foot gets [m].
+        cover: share of what is reachable, usefully below the hip, that is in ``inner``.
+        unreachable: share of ``inner`` that is not; both by inverse kinematics on sampled points.
     """
 
     inner: Polytope
@@ -66,8 +68,10 @@ class Workspace:
 
 
 def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
-    """Measure a leg. Raises InvalidInput for one whose foot stays on a surface: it has no
-    inside."""
+    """Measure a leg.
+
+    Raises InvalidInput for one whose foot stays on a surface: it has no inside.
+    """
     if len(leg.joints) < 3:
         raise InvalidInput(
             f"leg {leg.name}: expected three joints or more for a workspace with an inside, got {len(leg.joints)}"
@@ -133,7 +137,8 @@ class _Voxels:
 
     def useful(self, count: int, rng: np.random.Generator) -> Array:
         """Points spread evenly over the voxels that are reached, usefully below the hip, shape
-        (count, 3)."""
+        (count, 3).
+        """
         corners = self._centres(self.reached) - 0.5 * self.size
         points = corners[rng.integers(len(corners), size=8 * count)] + self.size * rng.random(
             (8 * count, 3)
@@ -147,7 +152,8 @@ class _Voxels:
         self, walls: Array, metric: Array, centre: Array, home: Array
     ) -> tuple[Array, Array]:
         """Planes against the walls, the nearest first in the ellipsoid's metric, half a voxel
-        before each."""
+        before each.
+        """
         inverse = np.linalg.inv(metric)
         away = walls - centre
         left = walls[np.argsort(np.einsum("ki,ki->k", away @ inverse, away))]
@@ -180,7 +186,8 @@ class _Voxels:
 
 def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
     """The polytope without the parts that inverse kinematics does not reach, tried on fresh points
-    in every round."""
+    in every round.
+    """
     for _ in range(CUTS):
         points = inner.sample(CHECKED, rng)
         missed = ~_reached(seeds, points)
@@ -198,7 +205,8 @@ def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
 
 def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[Array, Array]:
     """Half-spaces that leave out missed points, one after the other, each worth the most: DEAR for
-    each of those, less one for each other point that it leaves out."""
+    each of those, less one for each other point that it leaves out.
+    """
     normals, offsets = list[Array](), list[float]()
     along, value = points @ candidates.T, np.where(missed, DEAR, -1.0)
     order = np.argsort(-along, axis=0).T  # of all points that are left, a row each candidate

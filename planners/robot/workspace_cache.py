@@ -1,5 +1,6 @@
 """Workspaces of a robot's legs, measured once and kept on disk by the digest of what they depend
-on."""
+on.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +34,20 @@ def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace,
     """Workspaces of all legs, in the robot's order; read where a leg like it was measured before,
     on whatever robot.
 
-    cached: False measures again and keeps nothing. A file that is damaged counts as none, a folder
-    that cannot be written to keeps none. Raises InvalidInput for a leg without a workspace that has
-    an inside.
+    Arguments:
+        cached: False measures again and keeps nothing. A file that is damaged counts as none, a
+            folder that cannot be written to keeps none.
+
+    Raises:
+        InvalidInput: for a leg without a workspace that has an inside.
     """
     return tuple(_kept(leg) if cached else workspace_of(leg) for leg in robot.legs)
 
 
 def _kept(leg: Leg) -> Workspace:
     """Workspace of one leg, kept by all that it depends on: chain, limits and the posture in which
-    it stands."""
+    it stands.
+    """
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
     key_parts = [

@@ -25,13 +25,18 @@ legs."""
 
 
 class Planner(Protocol):
-    """Anything that answers problems: posture problems, courses, or both. ``name`` is its name on
-    the command line."""
+    """Anything that answers problems: posture problems, courses, or both.
+
+    ``name`` is its name on the command line.
+    """
 
     name: str
 
     def solve(self, problem: Problem, /) -> Answer[Plan]:
-        """Answer one problem. Raises InvalidInput where the planner is not made for it."""
+        """Answer one problem.
+
+        Raises InvalidInput where the planner is not made for it.
+        """
         ...
 
 
@@ -60,9 +65,12 @@ class TimeLimited:
 class Claim:
     """Claim of a planner about a problem, before anybody believes it.
 
-    found: a plan. certificate: that there is none. word: its verdict in its own word, e.g. a
-    solver's "optimal". message: why it has neither, or what else is to be known. details: its
-    figures, by name.
+    Arguments:
+        found: a plan.
+        certificate: that there is none.
+        word: its verdict in its own word, e.g. a solver's "optimal".
+        message: why it has neither, or what else is to be known.
+        details: its figures, by name.
     """
 
     found: Plan | None = None
@@ -76,8 +84,9 @@ class Claim:
 class Acceptance:
     """When a claim is accepted.
 
-    tolerance: largest violation of any constraint by a posture or a plan, non-dimensional. gap:
-    moment residual that a certificate of a posture problem must prove, non-dimensional.
+    Arguments:
+        tolerance: largest violation of any constraint by a posture or a plan, non-dimensional.
+        gap: moment residual that a certificate of a posture problem must prove, non-dimensional.
     """
 
     tolerance: float = 1e-6
@@ -94,7 +103,8 @@ class Acceptance:
     ) -> Answer[Plan]:
         """Feasible if the plan is verified, infeasible if the certificate is, else undecided.
 
-        bound: on the objective of any plan, proved.
+        Arguments:
+            bound: on the objective of any plan, proved.
         """
         status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
         certificate: Certificate | None = None
@@ -166,8 +176,12 @@ def plan_of(
     provenance: Mapping[str, Any] | None = None,
     modes: Index | None = None,
 ) -> Plan:
-    """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen;
-    choice: shape (P,), of a posture ``scaled.numbers``."""
+    """Give a point on one choice of candidates its units back.
+
+    Arguments:
+        scaled: as asked for, or chosen.
+        choice: shape (P,), of a posture ``scaled.numbers``.
+    """
     chosen = scaled.chosen(choice)
     forces, soles = chosen.forces_si(point)
     return Plan(

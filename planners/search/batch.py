@@ -30,8 +30,11 @@ from .witness import Iteration
 
 @dataclass(frozen=True, kw_only=True)
 class Decided:
-    """Every problem's outcome. relaxed: canonical points of P̄ that were found on the way, by the
-    problem's index."""
+    """Every problem's outcome.
+
+    Arguments:
+        relaxed: canonical points of P̄ that were found on the way, by the problem's index.
+    """
 
     outcomes: list[Answer[Plan]]
     relaxed: dict[int, Plan]
@@ -46,10 +49,15 @@ def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = Fal
     """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical
     witnesses.
 
-    points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are
-    looked for. Without proposers certificates are the same, too. ``residual_nm`` is NaN but where
-    the search decided; ``seconds`` are a share of what each stage took. Raises InvalidInput where
-    the planner's proposers are for other problems.
+    Without proposers certificates are the same, too. ``residual_nm`` is NaN but where the search
+    decided; ``seconds`` are a share of what each stage took.
+
+    Arguments:
+        points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are
+            looked for.
+
+    Raises:
+        InvalidInput: where the planner's proposers are for other problems.
     """
     work = _Batch(planner, batch)
     work.find(SHORT)
@@ -142,7 +150,8 @@ class _Batch:
 
     def relax(self, points: bool) -> None:
         """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the
-        lift."""
+        lift.
+        """
         begin, proofs = time.perf_counter(), self._proved
         of = list(proofs)
         if points:

@@ -34,7 +34,10 @@ than the first."""
 def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> Found:
     """Canonical postures of the problems that the iteration finds one for.
 
-    tolerance: as in ``Acceptance``. Problems that are not in it may be feasible all the same.
+    Problems that are not in it may be feasible all the same.
+
+    Arguments:
+        tolerance: as in ``Acceptance``.
     """
     return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
 
@@ -43,13 +46,15 @@ def gone_on(
     iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6
 ) -> Found:
     """``canonical`` of what is left of an iteration over the batch, which goes on until it has
-    taken so many steps."""
+    taken so many steps.
+    """
     return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
 
 
 def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
     """The middle of what these postures' toes leave, by the index of the problem; none where that
-    has no inside."""
+    has no inside.
+    """
     index, scaled = np.array(list(found), dtype=np.intp), ScaledBatch.of(batch)
     toes = np.array([posture.toes_m for posture in found.values()]).reshape(
         -1, *scaled.friction.shape[1:], 3
@@ -61,7 +66,8 @@ def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: floa
 
 def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     """Canonical points of P̄, which violate nothing but the balance of moments, where the iteration
-    finds one."""
+    finds one.
+    """
     scaled = ScaledBatch.of(batch)
     postures = _accepted(
         batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False

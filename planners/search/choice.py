@@ -44,11 +44,12 @@ patiently."""
 
 @dataclass(frozen=True, kw_only=True)
 class SearchLimits:
-    """Limits at which a search stops. gap: relative to the best plan's objective; None stops at the
-    first plan.
+    """Limits at which a search stops.
 
-    share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds no
-    plan for.
+    Arguments:
+        gap: relative to the best plan's objective; None stops at the first plan.
+        share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds
+            no plan for.
     """
 
     max_nodes: int
@@ -128,7 +129,8 @@ class ChoiceSearch:
     def _guess(self) -> None:
         """Try the first candidates that have friction, which are the nearest, and where P1 alone
         has a point on them those that the root likes best; then dive, unless the root is refuted,
-        or the limit is met."""
+        or the limit is met.
+        """
         guess = nearest(self._scaled)
         self._try(guess, hasty=True)
         self.guessed = self.found is not None
@@ -246,8 +248,10 @@ class ChoiceSearch:
     def _try(self, choice: Index, lifted: LiftAnswer | None = None, *, hasty: bool = False) -> None:
         """Look for a plan on one choice, unless it was looked at.
 
-        lifted: a point of the lift that makes this choice already. hasty: where the first steps of
-        P2 do not reach one, nothing is learned, and the choice may be looked at again.
+        Arguments:
+            lifted: a point of the lift that makes this choice already.
+            hasty: where the first steps of P2 do not reach one, nothing is learned, and the choice
+                may be looked at again.
         """
         key = tuple(int(r) for r in choice)
         only = np.eye(self._scaled.options)[choice]
@@ -270,7 +274,8 @@ class ChoiceSearch:
 
     def _blame_stances(self, choice: Index) -> None:
         """Learn cuts of single stances that the lift refutes on a choice: they say more than one
-        over all frames."""
+        over all frames.
+        """
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         for stance, (frame, _) in enumerate(layout.stances):
             key = (stance, *choice[list(layout.holds[frame])].tolist())
@@ -295,7 +300,8 @@ class ChoiceSearch:
 
     def _beaten(self, bound: float) -> bool:
         """Tell whether no plan of this bound is better than the one there is by more than the
-        gap."""
+        gap.
+        """
         gap = self._limits.gap
         return (
             gap is not None
@@ -315,14 +321,16 @@ class ChoiceSearch:
 
 def nearest(scaled: Scaled) -> Index:
     """The first open candidate of every foothold that has friction, or its first, by number, shape
-    (P,)."""
+    (P,).
+    """
     grips = scaled.by_candidate(np.where(scaled.friction > 0.0, 2.0, 1.0), 0.0)
     return np.asarray(np.argmax(grips, axis=1), dtype=np.int_)
 
 
 def _preference(scaled: Scaled) -> Array:
     """Log of how much a candidate is liked before anything is known: near, and with friction; −inf
-    where none is."""
+    where none is.
+    """
     grips = scaled.by_candidate((scaled.friction > 0.0).astype(np.float64), 0.0)
     rank = np.cumsum(grips, axis=1) - 1.0
     liked = np.where(grips > 0.0, 0.7 * 0.35 ** np.maximum(rank, 0.0), 0.01)

@@ -9,7 +9,8 @@ from ..files.arrays import Array
 
 def halving_chord(piece: Array) -> tuple[float, float]:
     """Border coordinates of a chord that halves a polygon: a triangle's median to its longest edge,
-    else a diagonal."""
+    else a diagonal.
+    """
     count = len(piece)
     if count > 3:
         return 0.0, float(count // 2)
@@ -20,7 +21,8 @@ def halving_chord(piece: Array) -> tuple[float, float]:
 
 def cut(piece: Array, first: float, second: float) -> tuple[Array, Array]:
     """The two parts of a convex polygon on either side of a chord, as ``Certificate`` orders
-    them."""
+    them.
+    """
     count = len(piece)
 
     def point(coordinate: float) -> Array:

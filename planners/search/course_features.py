@@ -1,5 +1,6 @@
 """Features of a course for a policy, from where the robot stands: the coming candidate patches, the
-path, the goal."""
+path, the goal.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +56,10 @@ class CourseFeatures:
         }
 
     def observe(self, course: Problem, frame: int, standing: Standing) -> Features:
-        """The features at a key frame. Raises InvalidInput where the course does not fit the
-        size."""
+        """The features at a key frame.
+
+        Raises InvalidInput where the course does not fit the size.
+        """
         if len(course.robot.limbs) != self.limbs:
             raise InvalidInput(
                 f"course: expected {self.limbs} limbs, got {len(course.robot.limbs)}"

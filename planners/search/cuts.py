@@ -64,7 +64,8 @@ ABOVE = 20.0
 @dataclass(kw_only=True, eq=False)
 class Node:
     """A part of a problem, what the lift says there, and how it was split: a row of the
-    certificate's tree."""
+    certificate's tree.
+    """
 
     scaled: Scaled
     lift: LiftAnswer
@@ -84,11 +85,13 @@ class Node:
 class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
-    gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation
-    that a point may have. max_nodes, deadline (``time.perf_counter()``), max_solves: where to stop.
-    root: the lift of the problem, where it is solved already. wanted: of a search that counts only
-    where it comes to this; it stops when it cannot any more. found: choice, (P,), and point;
-    stopped: why there is neither.
+    Arguments:
+        gap: moment residual at which a node counts as refuted, or ``PROVABLE``.
+        tolerance: violation that a point may have. max_nodes, deadline (``time.perf_counter()``),
+            max_solves: where to stop.
+        root: the lift of the problem, where it is solved already.
+        wanted: of a search that counts only where it comes to this; it stops when it cannot any
+            more. found: choice, (P,), and point; stopped: why there is neither.
     """
 
     def __init__(
@@ -149,7 +152,8 @@ class CutSearch:
 
     def _proved(self, lift: LiftAnswer) -> float:
         """The moment residual that counts: what the lift bounds, less what the verifier will take
-        off."""
+        off.
+        """
         if self._gap is not None or not np.isfinite(lift.bound):
             return lift.bound
         stances = len(lift.scaled.layout.stances)
@@ -166,8 +170,10 @@ class CutSearch:
         return Node(scaled=scaled, lift=lift)
 
     def _project(self, node: Node) -> bool:
-        """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not
-        only the node's."""
+        """Look for a point from the node's toes.
+
+        The whole problem's pieces and boxes hold, not only the node's.
+        """
         choice, start = node.lift.rounded()
         worth, steps = (
             float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST,
@@ -185,7 +191,8 @@ class CutSearch:
 
     def _in_vain(self, node: Node) -> bool:
         """Tell whether the wanted result cannot come any more: a bound lies above every point, or a
-        point below all proofs."""
+        point below all proofs.
+        """
         beneath = self._gap is not None and self._least <= BENEATH * self._gap
         above = node is self.root and node.lift.bound > ABOVE * self._on_surface
         vain = (self._wanted is Status.INFEASIBLE and beneath) or (
@@ -223,8 +230,11 @@ def branch(
 
     First a foothold torn between candidates; then the force box of the stance contact and component
     whose f_u / λ_u differ most, at the force that the lift has there, or, where what the cones
-    leave of the box is narrower than its patch, the patch. contact: where another one is wanted.
-    bent: of which patches only the forces may be split, (P, options).
+    leave of the box is narrower than its patch, the patch.
+
+    Arguments:
+        contact: where another one is wanted.
+        bent: of which patches only the forces may be split, (P, options).
     """
     torn = _torn(scaled, lift)
     if torn is not None:
@@ -269,7 +279,8 @@ def _bend(border: Array) -> float:
 
 def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
     """The foothold that is least decided between its candidates, and the best of these; None where
-    all are."""
+    all are.
+    """
     if all(len(counts) == 1 for counts in scaled.layout.corners):
         return None
     shares = scaled.by_candidate(lift.shares, 0.0)
@@ -322,7 +333,8 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
 
 def spreads(lift: LiftAnswer) -> Array:
     """Spread of f_u / λ_u over the vertices under each stance contact, by component, weighted by λ;
-    (B, 3)."""
+    (B, 3).
+    """
     contact, vertex = lift.scaled.layout.contact_vertices
     starts = np.searchsorted(contact, np.arange(len(lift.scaled.force_min)))
     share = lift.weights[vertex][:, None]

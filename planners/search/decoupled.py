@@ -34,7 +34,8 @@ from .either import Kind
 
 class Positions:
     """Body and toes of all key frames without forces, for one layout: E1, E11, limits and
-    objective."""
+    objective.
+    """
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
@@ -53,7 +54,8 @@ class Positions:
 
     def solve(self, scaled: Scaled) -> tuple[ConicSolution, Index, Point]:
         """The solution, the candidates of the largest shares by number, (P,), and the point without
-        forces."""
+        forces.
+        """
         layout, solution = self.layout, self.rows.solve(Given(scaled))
         weights = np.maximum(solution.value("weights"), 0.0)
         shares = np.bincount(

@@ -1,5 +1,6 @@
 """One planner per method: it answers postures and courses, by two parts that are made when they are
-first asked."""
+first asked.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +19,26 @@ Kind = Literal["postures", "courses"]
 class EitherPlanner:
     """The planner of a method that nobody has said what it will be asked.
 
-    name: of the method. make: by kind of question, a function that makes the planner of it, or
-    raises InvalidInput.
+    Arguments:
+        name: of the method.
+        make: by kind of question, a function that makes the planner of it, or raises InvalidInput.
     """
 
     def __init__(self, name: str, make: Mapping[Kind, Callable[[], Planner]]) -> None:
         self.name, self._make, self._made = name, make, dict[Kind, Planner]()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Answer one problem. Raises InvalidInput where the method, or a setting of it, is not for
-        its kind."""
+        """Answer one problem.
+
+        Raises InvalidInput where the method, or a setting of it, is not for its kind.
+        """
         return self.part(kind_of(problem)).solve(problem)
 
     def part(self, kind: Kind) -> Planner:
-        """The planner of this kind of question. Raises InvalidInput likewise."""
+        """The planner of this kind of question.
+
+        Raises InvalidInput likewise.
+        """
         if kind not in self._made:
             self._made[kind] = self._make[kind]()
         return self._made[kind]

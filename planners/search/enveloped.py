@@ -47,10 +47,12 @@ squared, is best."""
 class EnvelopeCoursePlanner(TimeLimited):
     """P1 over one envelope, or over modes, then P2.
 
-    envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with
-    several, one is chosen a stance. Several sets are for stances on different limbs;
-    ``StanceBoxes`` for the stances of one course. ``Modes`` are boxes in world axes. relaxation: P1
-    over them, a class like ``McCormick``. max_nodes, max_solves, time_limit_s: of the search.
+    Arguments:
+        envelopes: boxes in contact frames, learned for a stance of the course or its mirror image;
+            with several, one is chosen a stance. Several sets are for stances on different limbs;
+            ``StanceBoxes`` for the stances of one course. ``Modes`` are boxes in world axes.
+        relaxation: P1 over them, a class like ``McCormick``.
+        max_nodes, max_solves, time_limit_s: of the search.
     """
 
     name = "two-stage"
@@ -79,8 +81,10 @@ class EnvelopeCoursePlanner(TimeLimited):
         self.programs = programs or Programs()
 
     def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course. Raises InvalidInput that names the stance that the envelopes were not
-        learned for."""
+        """Plan one course.
+
+        Raises InvalidInput that names the stance that the envelopes were not learned for.
+        """
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
         boxes = (
@@ -140,7 +144,8 @@ class EnvelopeCoursePlanner(TimeLimited):
         self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array, clock: Clock
     ) -> RelaxationAnswer:
         """P1 with these boxes allowed in every stance, shape (S, E); one box a stance needs no
-        hull."""
+        hull.
+        """
         if np.all(allowed.sum(axis=1) == 1.0):
             box = composed(scaled.layout, boxes, allowed.argmax(axis=1))
             answer = self.programs.get(self.relaxation, scaled.layout, self.axes, False).solve(
@@ -166,7 +171,8 @@ class EnvelopeCoursePlanner(TimeLimited):
 
 class _Search:
     """Best first over the choices of one course: which candidates are open, (P, options), and which
-    boxes, (S, E)."""
+    boxes, (S, E).
+    """
 
     def __init__(
         self,

@@ -43,10 +43,12 @@ from .two_stage import TwoStageCoursePlanner, decide
 class ExactPlanner:
     """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
 
-    acceptance: problems whose least moment residual lies between its two figures stay undecided.
-    max_nodes, max_solves, time_limit_s: where to stop and say undecided. proposers: asked before
-    any solver, and decided on by the verifier, where problems come in batches (``batch``); one
-    problem alone is solved sooner than they are asked.
+    Arguments:
+        acceptance: problems whose least moment residual lies between its two figures stay
+            undecided.
+        max_nodes, max_solves, time_limit_s: where to stop and say undecided.
+        proposers: asked before any solver, and decided on by the verifier, where problems come in
+            batches (``batch``); one problem alone is solved sooner than they are asked.
     """
 
     name = "exact"
@@ -76,12 +78,13 @@ class ExactPlanner:
     def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
         """Decide whether a posture problem has an answer (Lin et al.'s P, exactly).
 
-        root: the lift of the problem with the least moment, where it is solved already.
-
         Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a
         moment residual above ``acceptance.gap``, both checked by the verifier; or UNDECIDED with
         the reason. details: nodes of the tree, and trivial, 1.0 where not even P̄ has an answer.
         The verdict depends on the problem alone.
+
+        Arguments:
+            root: the lift of the problem with the least moment, where it is solved already.
         """
         clock, scaled = Clock.start(), Scaled.of(problem)
         search = self.search(scaled, root=root)
@@ -99,8 +102,10 @@ class ExactPlanner:
     ) -> CutSearch:
         """The search that ``solve`` has the claim of verified, when it has run.
 
-        root: as for ``solve``. wanted: where only this answer counts, which is then the same to the
-        last bit; the search ends where it cannot come any more.
+        Arguments:
+            root: as for ``solve``.
+            wanted: where only this answer counts, which is then the same to the last bit; the
+                search ends where it cannot come any more.
         """
         search = CutSearch(
             self.programs,
@@ -121,8 +126,9 @@ class ExactCoursePlanner(TimeLimited):
     """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a
     limit.
 
-    gap: relative. max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is
-    proved so far.
+    Arguments:
+        gap: relative.
+        max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is proved so far.
     """
 
     name = "exact"
@@ -147,7 +153,8 @@ class ExactCoursePlanner(TimeLimited):
 
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it
-        without a proof."""
+        without a proof.
+        """
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStageCoursePlanner(
             gap=self.gap,
@@ -192,7 +199,8 @@ class _Node:
 
 class _BestPlan:
     """Best-first branch and bound in space for the best plan, from what the search over patches
-    knows."""
+    knows.
+    """
 
     def __init__(
         self, planner: ExactCoursePlanner, head: ChoiceSearch, scaled: Scaled, clock: Clock
@@ -258,8 +266,10 @@ class _BestPlan:
             self._lost = min(self._lost, node.bound)
 
     def _project(self, node: _Node) -> None:
-        """A plan from the node's toes. The whole course's patches and boxes hold, not only the
-        node's."""
+        """A plan from the node's toes.
+
+        The whole course's patches and boxes hold, not only the node's.
+        """
         choice, start = node.lift.rounded()
         chosen = self._scaled.chosen(choice)
         point = project(
@@ -278,7 +288,8 @@ class _BestPlan:
 
     def _branch(self, node: _Node) -> list[Scaled]:
         """Two parts that cover the node: a candidate's, where shares are torn, or halves in
-        space."""
+        space.
+        """
         row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift), self._bent)
         self.cuts += row[0] != 1.0
         return parts
@@ -286,7 +297,8 @@ class _BestPlan:
 
 def _most_gained(lift: LiftAnswer) -> int:
     """The stance contact at which the lift gains the most moment: by forces that its vertices
-    spread."""
+    spread.
+    """
     part, layout = lift.scaled, lift.scaled.layout
     contact, vertex = layout.contact_vertices
     share, points = lift.weights[vertex], part.bearing_vertices

@@ -23,7 +23,8 @@ the verifier."""
 
 class FarkasCuts:
     """The cuts found so far on one problem. rows: multipliers, as a leaf of a certificate has
-    them."""
+    them.
+    """
 
     def __init__(self, scaled: Scaled) -> None:
         self._scaled = scaled
@@ -143,7 +144,8 @@ class FarkasCuts:
 
 def of_stance(scaled: Scaled, stance: int, lift: LiftAnswer) -> Array:
     """A certificate's row with the multipliers of one stance alone (``cuts.alone``), and zeros for
-    all others."""
+    all others.
+    """
     row = np.zeros(sum(int(np.prod(shape)) for shape in multiplier_shapes(scaled.layout).values()))
     whole, multipliers = split(scaled, row), split(lift.scaled, lift.multipliers)
     whole["nu_F"][stance], whole["nu_M"][stance] = multipliers["nu_F"][0], multipliers["nu_M"][0]

@@ -70,11 +70,16 @@ def plan_with_reserve(
     share of the weight, the first of ``presses`` that has one. Where no share has a plan, the
     answer for the last one, by default the course as it is: only that one proves anything of it.
     ``provenance`` says which of several shares of friction it was, with which share of the weight
-    feet press, and which push, as a share of the weight, every stance bears. deadline: when all of
-    this has to end (``time.perf_counter()``), for planners whose time can be limited
-    (``Limitable``), whose own limit is one for all shares, too. The more cautious shares and
-    ``presses`` may take ``CAUTION`` of the time, the last share the rest. Raises InvalidInput where
-    the planner is not made for the course.
+    feet press, and which push, as a share of the weight, every stance bears.
+
+    Arguments:
+        deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can
+            be limited (``Limitable``), whose own limit is one for all shares, too. The more
+            cautious shares and ``presses`` may take ``CAUTION`` of the time, the last share the
+            rest.
+
+    Raises:
+        InvalidInput: where the planner is not made for the course.
     """
     begin, planner = time.perf_counter(), part_of(planner, "courses")
     if len(shares) > 1:
@@ -139,7 +144,8 @@ def _braced(
     planner: Planner, course: Problem, outcome: Answer[Plan], deadline: float
 ) -> tuple[Answer[Plan], float]:
     """Replace an outcome in which some stance bears no push by one whose stances do, and tell the
-    share of the weight that they bear: 0 for none."""
+    share of the weight that they bear: 0 for none.
+    """
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
     patience_s = (
@@ -181,14 +187,16 @@ def _firmer(
 
 def _part_of_time(deadline: float) -> float:
     """When a try has to end that is not to use up the time of those after it
-    (``time.perf_counter()``)."""
+    (``time.perf_counter()``).
+    """
     now = time.perf_counter()
     return now + EACH * (deadline - now)
 
 
 def _quick(planner: Planner) -> Planner:
     """The planner without cuts in space: nobody waits half a minute for a plan that is only better
-    to have."""
+    to have.
+    """
     if isinstance(planner, TwoStageCoursePlanner):
         planner = copy(planner)
         planner.cuts = False
@@ -197,7 +205,8 @@ def _quick(planner: Planner) -> Planner:
 
 def check_push(course: Problem, planner: Planner) -> None:
     """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture
-    can bear it."""
+    can bear it.
+    """
     if course.push_n == 0.0:
         return
     if not isinstance(planner, TwoStageCoursePlanner):

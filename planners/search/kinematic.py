@@ -53,8 +53,14 @@ DECIDED, MOST_TRIED = 1e-5, 100
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
-    """Places of feet and body from a planner without forces, lengths in m: choice: (P,); toes_m:
-    (P, 3); com_m: (M, 3), or None where it has no body; tried: combinations."""
+    """Places of feet and body from a planner without forces, lengths in m.
+
+    Arguments:
+        choice: (P,).
+        toes_m: (P, 3).
+        com_m: (M, 3), or None where it has no body.
+        tried: combinations.
+    """
 
     choice: Index
     toes_m: Array
@@ -63,10 +69,15 @@ class Placed:
 
 
 class KinematicPlanner:
-    """choice: how surfaces are chosen. body: whether there is a centre of mass. solver: of the
-    mixed-integer program, ``highs`` or ``scip``. time_limit_s: of each of its solves.
+    """A planner that looks at footholds and reach, without forces.
 
     Raises InvalidInput for another name, and a solver that is not installed.
+
+    Arguments:
+        choice: how surfaces are chosen.
+        body: whether there is a centre of mass.
+        solver: of the mixed-integer program, ``highs`` or ``scip``.
+        time_limit_s: of each of its solves.
     """
 
     answers: ClassVar[Kind] = "courses"
@@ -171,7 +182,8 @@ class KinematicPlanner:
 
 class _Model:
     """The terms that all programs share: toes, body and their reach, in cvxpy; candidates as
-    half-spaces."""
+    half-spaces.
+    """
 
     def __init__(self, course: tuple[Problem, list[list[int]]], body: bool) -> None:
         self._course, self._numbers = course
@@ -250,7 +262,8 @@ class _Model:
 
     def by_slacks(self, clock: Clock) -> Iterator[Index]:
         """Choices by the slacks of least sum: the one that they decide, or combinations of what
-        they leave open."""
+        they leave open.
+        """
         total = sum((cp.sum(slack) for slack in self._slacks.values()), cp.Constant(0.0))
         terms = [
             *self._shared,

@@ -1,5 +1,6 @@
 """The methods that answer postures and courses: a value each, with its settings; their names; what
-is made of them."""
+is made of them.
+"""
 
 from __future__ import annotations
 
@@ -61,6 +62,7 @@ class PlannerOptions:
         acceptance: when a claim counts.
         programs: compiled models to share; their engine solves the convex programs.
         settings: by name, for a planner from elsewhere, see ``SETTINGS``.
+
     Raises:
         InvalidInput: for a limit that is negative.
     """
@@ -84,7 +86,11 @@ class PlannerOptions:
         return default_s if self.time_limit_s is None else self.time_limit_s
 
     def check_unlimited(self, by: str) -> None:
-        """Raise InvalidInput for a time limit. by: the method that has no use for one."""
+        """Raise InvalidInput for a time limit.
+
+        Arguments:
+            by: the method that has no use for one.
+        """
         if self.time_limit_s is not None:
             raise InvalidInput(
                 f"time_limit_s: expected none for {by}, which has no use for it, got {self.time_limit_s:g}"
@@ -112,7 +118,10 @@ class _OfBoth:
     name: ClassVar[str]
 
     def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of what ``options.of`` says. Raises InvalidInput, see ``Method``."""
+        """Make the planner of what ``options.of`` says.
+
+        Raises InvalidInput, see ``Method``.
+        """
         make: dict[Kind, Callable[[], Planner]] = {
             "postures": lambda: self._of_postures(options),
             "courses": lambda: self._of_courses(options),
@@ -141,10 +150,12 @@ class Exact(_OfBoth):
         max_solves: convex solves of one answer at most, beside the limit of time; None for no such
             limit. With a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy
             computer.
+
     Raises:
         InvalidInput: for numbers that are negative.
     Source:
         Spatial branch and bound over E1-E11.
+
     Example:
         >>> import stancekit
         >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0], stancekit.Exact()).status.value
@@ -200,11 +211,13 @@ class TwoStage(_OfBoth):
         max_solves: of courses: convex solves of one search at most, beside the limit of time; None
             for no such limit. With a ``time_limit_s`` that is never met, 1e6, the plan is the same
             on a busy computer.
+
     Raises:
         InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift
             has no use for.
     Source:
         Lin et al. §II, §III.
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -298,11 +311,13 @@ class Micp(_OfBoth):
         envelope_use: of courses: the box as "rows", or to "shrink" the grid.
         gap: of courses, relative; None takes the first point.
         projection: of courses, P2 after the grid.
+
     Raises:
         InvalidInput: for a solver, a use or a projection that there is not, and for several
             envelopes.
     Source:
         Lin et al. §IV; the grid is that of piecewise McCormick envelopes.
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -377,6 +392,7 @@ class Nlp(_OfBoth):
 
     Source:
         Lin et al. §IV-A (NLP in Table I).
+
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]
@@ -410,6 +426,7 @@ class Decoupled(_OfBoth):
 
     Source:
         None: the common order of planners without forces.
+
     Example:
         >>> import stancekit
         >>> stancekit.plan("stairs", stancekit.Decoupled(), frames=3).status.value
@@ -426,7 +443,8 @@ class Decoupled(_OfBoth):
 
 def _check_of_postures(method: Any, *of_courses: str) -> None:
     """Raise InvalidInput for a setting that postures have no use for, where it is not what it is by
-    default."""
+    default.
+    """
     for name in of_courses:
         came = getattr(method, name)
         if came != getattr(type(method), name):
@@ -451,8 +469,10 @@ def lift(*, projection: Projection | None = None) -> TwoStage:
 
 
 def _boxes(envelopes: EnvelopeSet | Modes | None) -> EnvelopeSet | None:
-    """The envelopes of postures. Raises InvalidInput for modes, between which only courses can
-    switch."""
+    """The envelopes of postures.
+
+    Raises InvalidInput for modes, between which only courses can switch.
+    """
     from ..relaxation.modes import Modes
 
     if isinstance(envelopes, Modes):
@@ -488,7 +508,8 @@ of solves."""
 
 def _is_own(it: object) -> bool:
     """Tell whether it is one of the package's methods; what compares in a way of its own is asked
-    nothing."""
+    nothing.
+    """
     return any(it is one for one in OWN.values())
 
 
@@ -519,15 +540,18 @@ CALLED: Mapping[Kind | None, str] = MappingProxyType(
 
 def known(of: Kind | None = None) -> tuple[str, ...]:
     """The names of all planners of this kind of question, as far as their names say; nothing is
-    imported."""
+    imported.
+    """
     more = () if of == "postures" else _OLD_COURSE_PLANNERS.names()
     further = [name for name in (*PLANNERS.names(), *more) if name not in OWN]
     return tuple(dict.fromkeys([*OWN_OF[of], *further]))
 
 
 def _named(name: str, of: Kind | None) -> Make:
-    """Maker of the planner of this name. Raises InvalidInput for a name that nobody has for this
-    kind of question."""
+    """Maker of the planner of this name.
+
+    Raises InvalidInput for a name that nobody has for this kind of question.
+    """
     called = CALLED[of]
     is_own = name in OWN  # whose kind of question is known without a look at other packages
     if is_own and name not in OWN_OF[of]:
@@ -551,7 +575,8 @@ def _named(name: str, of: Kind | None) -> Make:
 def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
     """The names of the settings that a method takes; of one from elsewhere all that there are.
 
-    of: the kind of question; None for the settings of either.
+    Arguments:
+        of: the kind of question; None for the settings of either.
     """
     make = _named(name, of)
     if not _is_own(make):
@@ -572,11 +597,17 @@ def make_planner(
 ) -> Planner:
     """Make a planner.
 
-    method: a value with its settings; or the text that stands for one, a name of ``PLANNERS`` or
-    "FILE.py:NAME", with ``settings``. What is not the package's own answers through the verifier.
-    of: the kind of question that it will be asked, in place of the one in ``options``: what does
-    not fit it is refused at once. Raises InvalidInput for an unknown method, a setting that it does
-    not take, an envelope that is missing, or a solver that is not installed.
+    What is not the package's own answers through the verifier.
+
+    Arguments:
+        method: a value with its settings; or the text that stands for one, a name of ``PLANNERS``
+            or "FILE.py:NAME", with ``settings``.
+        of: the kind of question that it will be asked, in place of the one in ``options``: what
+            does not fit it is refused at once.
+
+    Raises:
+        InvalidInput: for an unknown method, a setting that it does not take, an envelope that is
+            missing, or a solver that is not installed.
     """
     if of is not None and of != options.of:
         options = replace(options, of=of)
@@ -611,7 +642,8 @@ def make_planner(
 
 def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
     """The planner of a method of before, which makes planners of courses by another function, for
-    one release."""
+    one release.
+    """
     warnings.warn(
         f"{method.name}.course_planner is old: planner(options), and options.of",
         DeprecationWarning,
@@ -626,7 +658,8 @@ def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
 
 def through_verifier(planner: Planner, of: Kind) -> Planner:
     """A planner for this kind of question, which answers through the verifier unless it is the
-    package's own."""
+    package's own.
+    """
     from .verified import VerifiedPlanner, check_answers
 
     if type(planner).__module__.startswith("stancekit."):
@@ -637,7 +670,10 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
 
 
 def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:
-    """The method of a text. Raises InvalidInput for a setting that it does not take."""
+    """The method of a text.
+
+    Raises InvalidInput for a setting that it does not take.
+    """
     for setting, value in settings.items():
         if setting not in taken and not (setting in SETTINGS and value == SETTINGS[setting]):
             came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
@@ -649,8 +685,10 @@ def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str,
 
 
 def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
-    """A method that is a value, which has its settings already. Raises InvalidInput for others
-    beside them."""
+    """A method that is a value, which has its settings already.
+
+    Raises InvalidInput for others beside them.
+    """
     if not isinstance(method, Method):
         raise InvalidInput(
             f"method: expected a name, or a method like TwoStage(), got {shown(method)}"
@@ -668,7 +706,8 @@ def _called(planner: object) -> str:
 
 def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]) -> PlannerOptions:
     """Options for a planner from elsewhere, which may write to what it is given; with a time limit
-    always."""
+    always.
+    """
     engine = "rows" if options.programs is None else options.programs.engine
     return replace(
         options,

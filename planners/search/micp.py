@@ -39,11 +39,13 @@ class MicpPlanner(TimeLimited):
     """The papers' planner: claims of a mixed-integer solver, of which only verified witnesses
     become an answer.
 
-    solver: "highs", "scip" or "gurobi". envelope: a box over the stance contacts, or a learned set
-    of one; it confines the search, so that "infeasible" then speaks of the envelope only. gap:
-    relative, to which a course's objective is minimised (with planes from below, by tangents of its
-    squares); None takes the first point, which is all that a claim needs. time_limit_s: the
-    solver's.
+    Arguments:
+        solver: "highs", "scip" or "gurobi".
+        envelope: a box over the stance contacts, or a learned set of one; it confines the search,
+            so that "infeasible" then speaks of the envelope only.
+        gap: relative, to which a course's objective is minimised (with planes from below, by
+            tangents of its squares); None takes the first point, which is all that a claim needs.
+        time_limit_s: the solver's.
     """
 
     name = "micp"
@@ -74,8 +76,10 @@ class MicpPlanner(TimeLimited):
         self.acceptance, self._programs = acceptance, programs or Programs()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Ask the solver, then project and verify what it found. Raises InvalidInput for an
-        envelope of other limbs."""
+        """Ask the solver, then project and verify what it found.
+
+        Raises InvalidInput for an envelope of other limbs.
+        """
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
             program = self.program(problem)
@@ -113,7 +117,8 @@ class MicpPlanner(TimeLimited):
 
     def program(self, problem: Problem) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of
-        this one."""
+        this one.
+        """
         scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
         breaks = Breaks.of(domain, self.grid.counts)
         if problem.is_posture and envelope is None:
@@ -128,7 +133,8 @@ class MicpPlanner(TimeLimited):
 
     def boxes(self, problem: Problem) -> tuple[Envelope, Envelope | None]:
         """The domain that the grid divides, and the box of the envelope rows, where there are
-        any."""
+        any.
+        """
         scaled, envelope = Scaled.of(problem), self.box(problem)
         domain = (
             domain_of(scaled, axes_of(scaled))
@@ -140,8 +146,10 @@ class MicpPlanner(TimeLimited):
         return domain, envelope
 
     def box(self, problem: Problem) -> Envelope | None:
-        """The envelope over the stance contacts of a problem. Raises InvalidInput where it was
-        learned for others."""
+        """The envelope over the stance contacts of a problem.
+
+        Raises InvalidInput where it was learned for others.
+        """
         if self.envelope is None:
             return None
         scaled = Scaled.of(problem)

@@ -1,5 +1,6 @@
 """The problem as it is, on IPOPT from several starts, for postures and courses; nothing is ever
-proved infeasible."""
+proved infeasible.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +28,14 @@ STARTS: tuple[Start, ...] = get_args(Start)
 class NlpPlanner(TimeLimited):
     """Feasible by IPOPT from one of several starts, or undecided: a local method proves nothing.
 
-    Of several candidates each toe takes the nearest with friction. start: the first one, nominal
-    (body on its path, toes amid their patches) or p1 (the lift's point, where it has one). starts:
-    how many, all but the first random; None for 5 of a posture and 1 of a course. seed: of the
-    random ones. time_limit_s: for all starts together.
+    Of several candidates each toe takes the nearest with friction.
+
+    Arguments:
+        start: the first one, nominal (body on its path, toes amid their patches) or p1 (the lift's
+            point, where it has one).
+        starts: how many, all but the first random; None for 5 of a posture and 1 of a course.
+        seed: of the random ones.
+        time_limit_s: for all starts together.
     """
 
     name = "nlp"

@@ -35,7 +35,8 @@ class Nogood:
     """Candidates of a stance's footholds none of which can hold it: refuted, (P, options), 1 also
     elsewhere.
 
-    root: of the search that says so, over those candidates alone.
+    Arguments:
+        root: of the search that says so, over those candidates alone.
     """
 
     stance: int
@@ -60,8 +61,11 @@ class Nogoods:
         return int(covers.argmax()) if covers.any() else None
 
     def learn(self, choice: Index, share: float) -> bool:
-        """Look at every stance alone on this choice, (P,); whether one is refuted. share: of the
-        clock's limits, where to stop."""
+        """Look at every stance alone on this choice, (P,); whether one is refuted.
+
+        Arguments:
+            share: of the clock's limits, where to stop.
+        """
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         learned = False
         for stance, (frame, _) in enumerate(layout.stances):
@@ -81,14 +85,16 @@ class Nogoods:
 
     def covering(self, choice: Index, foothold: int) -> Array:
         """Number of nogoods that a choice, (P,), meets with each candidate of one foothold, shape
-        (options,)."""
+        (options,).
+        """
         inside = self.masks[:, np.arange(len(choice)), choice] > 0.0
         inside[:, foothold] = True
         return np.asarray(self.masks[inside.all(axis=1), foothold].sum(axis=0))
 
     def blame(self, number: int, opened: Array) -> int | None:
         """A foothold whose open candidates a nogood does not cover, and which has several; None
-        without one."""
+        without one.
+        """
         loose = np.any((opened > 0.0) & (self.masks[number] <= 0.0), axis=1) & (
             opened.sum(axis=1) > 1.0
         )
@@ -96,7 +102,8 @@ class Nogoods:
 
     def rows(self, number: int, opened: Array) -> tuple[list[tuple[float, ...]], list[Array]]:
         """The subtree of a certificate that proves a nogood at a leaf with these open candidates,
-        in preorder."""
+        in preorder.
+        """
         entry = self.entries[number]
         _, footholds, contacts = alone(self._scaled, entry.stance)
         tree, multipliers = list[tuple[float, ...]](), list[Array]()
@@ -129,7 +136,8 @@ class Nogoods:
 
     def _widened(self, stance: int, choice: Index, root: Node, share: float) -> Nogood:
         """The refuted choice with every limb's other candidates in, as far as the stance stays
-        refuted."""
+        refuted.
+        """
         scaled, layout = self._scaled, self._scaled.layout
         frame, limbs = layout.stances[stance]
         everything, mask = scaled.opened(), np.ones((layout.footholds, scaled.options))
@@ -149,7 +157,8 @@ class Nogoods:
 
     def _refuted(self, scaled: Scaled, stance: int, nodes: int, share: float) -> Node | None:
         """The root of a search that refutes the stance alone; None where it does not, or not in
-        time."""
+        time.
+        """
         left_s, solves = self._clock.left(share)
         search = CutSearch(
             self._programs,

@@ -46,7 +46,8 @@ Detour = Callable[[Standing, "list[Array]"], Problem]
 
 class Kept(Protocol):
     """Keeper of the plan of a course's beginning, so that an interrupted run can go on
-    (``formats.partial_plan``)."""
+    (``formats.partial_plan``).
+    """
 
     def begun(self, course: Problem) -> Plan | None:
         """The plan of the course's beginning that is kept."""
@@ -67,10 +68,15 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """course: as it was planned in the end, after detours. plan: of its beginning, or of all; None
-    for nothing. pieces: how many were planned. tried_m: nominal paths that were left, each from
-    where the plan left it, shape (L, 3) [m]. failed: the answer of the piece that had no plan, None
-    where all have."""
+    """A course that was planned piece by piece.
+
+    Arguments:
+        course: as it was planned in the end, after detours.
+        plan: of its beginning, or of all; None for nothing.
+        pieces: how many were planned.
+        tried_m: nominal paths that were left, each from where the plan left it, shape (L, 3) [m].
+        failed: the answer of the piece that had no plan, None where all have.
+    """
 
     course: Problem
     plan: Plan | None
@@ -95,8 +101,10 @@ def plan_pieces(
 ) -> Pieces:
     """Plan a course piece by piece.
 
-    detour: None where there is no other way. kept: holds what was planned before, and what is
-    planned after every piece. deadline: when to be done (``time.perf_counter()``).
+    Arguments:
+        detour: None where there is no other way.
+        kept: holds what was planned before, and what is planned after every piece.
+        deadline: when to be done (``time.perf_counter()``).
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
     if begun is not None and begun.problem.frames < course.frames:
@@ -190,7 +198,8 @@ def plan_pieces(
 
 def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
     """The plan, which says of all of it what holds of every piece: the largest share of the
-    friction, and the least push that stances bear."""
+    friction, and the least push that stances bear.
+    """
     friction = [float(each["friction_share"]) for each in pieces if "friction_share" in each]
     pushes = [float(each.get("push_share", 0.0)) for each in pieces]
     provenance: dict[str, Any] = {"pieces": sum(int(each.get("pieces", 1)) for each in pieces)}
@@ -240,7 +249,8 @@ def _shorter(
 
 def _failed_frame(answer: Answer[Plan]) -> float | None:
     """The frame of the first violated group that names one in the report on a piece; None if there
-    is no report or no such group."""
+    is no report or no such group.
+    """
     if answer.report is None:
         return None
     frames = [

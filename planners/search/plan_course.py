@@ -80,25 +80,37 @@ def plan_course(
     """Answer a course: a plan that was judged, a proof that there is none, or what is known when
     the time ends.
 
-    question: the course, or a function that lays it out; a function may choose other candidates for
-    a proof, which is then one about all that the robot may reach, while a course is answered with
-    the candidates that it has. planner: of contacts and forces. shares: of the friction, see
-    ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the planner has a true ``reserve``, as
-    two-stage planners have, and all of it with others. presses: likewise; None for the usual ones
-    with a reserve. limits: of joints and bodies, to which the plan is bent, and then judged with
-    all of the whole body; None leaves it at contacts. start_rad: joints of a robot that stands
-    already, as for ``plan_angles``, shape (J,). push_n: horizontal push that every stance has to
-    bear, where the course does not ask for more [N]. wrench: on the body beside its weight and what
-    the course has already, at every frame, shape (6,). layouts: ways in which a function lays the
-    course out, the first before all others, which are tried while there is time in the order that
-    the table of successes gives (``alternatives.ordered``), where over none before a plan was
-    accepted; its provenance says which. *Infeasible* is said of the first alone. kept: of a long
-    course, which is planned in pieces, holds the beginning that an interrupted run had planned.
-    progress: called after every piece with the key frames that are planned, and all. deadline: when
-    the answer is wanted (``time.perf_counter()``), with what is known then. Returns the outcome
-    with its ``problem``, over outer sets where it is infeasible and the robot has legs of its own,
-    and its ``report``. Raises InvalidInput where the planner is not made for the course, or torques
-    are asked for of a robot whose joints are not known.
+    Arguments:
+        question: the course, or a function that lays it out; a function may choose other candidates
+            for a proof, which is then one about all that the robot may reach, while a course is
+            answered with the candidates that it has.
+        planner: of contacts and forces.
+        shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the
+            planner has a true ``reserve``, as two-stage planners have, and all of it with others.
+        presses: likewise; None for the usual ones with a reserve.
+        limits: of joints and bodies, to which the plan is bent, and then judged with all of the
+            whole body; None leaves it at contacts.
+        start_rad: joints of a robot that stands already, as for ``plan_angles``, shape (J,).
+        push_n: horizontal push that every stance has to bear, where the course does not ask for
+            more [N].
+        wrench: on the body beside its weight and what the course has already, at every frame, shape
+            (6,).
+        layouts: ways in which a function lays the course out, the first before all others, which
+            are tried while there is time in the order that the table of successes gives
+            (``alternatives.ordered``), where over none before a plan was accepted; its provenance
+            says which. *Infeasible* is said of the first alone.
+        kept: of a long course, which is planned in pieces, holds the beginning that an interrupted
+            run had planned.
+        progress: called after every piece with the key frames that are planned, and all.
+        deadline: when the answer is wanted (``time.perf_counter()``), with what is known then.
+
+    Returns:
+        The outcome with its ``problem``, over outer sets where it is infeasible and the robot has
+        legs of its own, and its ``report``.
+
+    Raises:
+        InvalidInput: where the planner is not made for the course, or torques are asked for of a
+            robot whose joints are not known.
     """
     planner = part_of(planner, "courses")
     question = _loaded(question, wrench)
@@ -162,7 +174,8 @@ def _search_end(end: float, share: float = SEARCH) -> float:
 
 def _detour(question: Problem | LayOut, alternative: Alternative, push_n: float) -> Detour | None:
     """Detour that lays the course out anew from where a robot stands; None where the question
-    cannot."""
+    cannot.
+    """
     onward = getattr(question, "onward", None)
     if onward is None:
         return None
@@ -287,7 +300,8 @@ class _Used:
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:
     """Tell whether nothing collides in the answer's motion and a foot stays from its path all the
-    same."""
+    same.
+    """
     groups = () if outcome.report is None else outcome.report.groups
     motion = [group for group in groups if group.name == "motion" and group.verdict == "violated"]
     return any("worst" in group.figures and group.figures["worst"] is None for group in motion)
@@ -306,7 +320,8 @@ def _refuted(
     inner: Answer[Plan], question: Problem | LayOut, planner: Planner, share: float, deadline: float
 ) -> Answer[Plan]:
     """The proof over outer sets, with this share of the friction; the course is undecided where
-    there is none."""
+    there is none.
+    """
     try:
         outer = question("outer", AS_ASKED) if callable(question) else _as_wide(question)
         outer = replace(outer, robot=outer.robot.sets("outer"))
@@ -321,7 +336,8 @@ def _refuted(
 
 def _as_wide(course: Problem) -> Problem:
     """The course with the tilt limit of proofs, if it has the one that layouts give plans where
-    nothing is said: the same is proved of it and of the file that it was made of."""
+    nothing is said: the same is proved of it and of the file that it was made of.
+    """
     return (
         replace(course, tilt_limit_rad=TILT_LIMIT_RAD)
         if course.tilt_limit_rad == LEVEL_RAD

@@ -1,5 +1,6 @@
 """Stretches of a course, planned one after the other: what a planner with a shorter horizon is
-asked, and the walk that its answers make together."""
+asked, and the walk that its answers make together.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,11 @@ the very border of what holds."""
 class Standing:
     """Pose of a robot at a key frame.
 
-    com_m, rotation_rad: shape (3,); toes_m: shape (N, 3) [m], each on the patch of the same index.
-    yaws_rad: of soles [rad]; () for 0. angles_rad: of the joints, shape (J,), where they are known.
+    Arguments:
+        com_m, rotation_rad: shape (3,).
+        toes_m: shape (N, 3) [m], each on the patch of the same index.
+        yaws_rad: of soles [rad]; () for 0.
+        angles_rad: of the joints, shape (J,), where they are known.
     """
 
     com_m: Array
@@ -65,10 +69,15 @@ def course_window(
 ) -> Problem:
     """Key frames ``first`` to ``last`` of a course, as a course.
 
-    standing: the robot at frame ``first``, whose toes stay; without it toes and COM are free there
-    as in the course, and ``first`` is 0. The goal is the course's at its end, else the nominal COM
-    at ``last``. The least progress is asked for as far as a body that stands off its nominal path
-    can make it. Raises InvalidInput for frames that there are not.
+    The least progress is asked for as far as a body that stands off its nominal path can make it.
+
+    Arguments:
+        standing: the robot at frame ``first``, whose toes stay; without it toes and COM are free
+            there as in the course, and ``first`` is 0. The goal is the course's at its end, else
+            the nominal COM at ``last``.
+
+    Raises:
+        InvalidInput: for frames that there are not.
     """
     if course.has_soles and standing is not None and not standing.yaws_rad:
         raise InvalidInput("window: expected the yaws of the soles that stand, got none")
@@ -120,7 +129,8 @@ def course_window(
 
 def with_pause(course: Problem, frame: int) -> Problem:
     """The course with a key frame more after this one, to which the body alone moves, as far as it
-    may there."""
+    may there.
+    """
     again = [*range(frame + 1), frame, *range(frame + 1, course.frames)]
     return replace(
         course,
@@ -180,7 +190,8 @@ def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
 
 def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
     """Room of the first step along its line [m]; 0 where the body stands ahead of where it should
-    go next."""
+    go next.
+    """
     if len(com_m) < 2:
         return np.inf
     step = com_m[1] - com_m[0]
@@ -192,8 +203,10 @@ def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
 
 
 def beginning(plan: Plan, last: int) -> Plan:
-    """A plan up to key frame ``last``, where it may be gone on from. Raises InvalidInput for frames
-    that there are not."""
+    """A plan up to key frame ``last``, where it may be gone on from.
+
+    Raises InvalidInput for frames that there are not.
+    """
     problem = course_window(plan.problem, 0, last)
     feet = [i for i, foothold in enumerate(plan.problem.footholds) if foothold.frame <= last]
     rows = {(stance.frame, stance.limbs): i for i, stance in enumerate(plan.problem.stances)}
@@ -249,9 +262,11 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """The plans of neighbouring windows as one plan of the course, or of its beginning where they
     stop earlier.
 
-    plans: of windows from frame 0 on, each but the first begun from where the last one ended; what
-    they say of their own first frames is left out. The first may be of frame 0 alone. Joints are
-    those of the windows where all have some.
+    Joints are those of the windows where all have some.
+
+    Arguments:
+        plans: of windows from frame 0 on, each but the first begun from where the last one ended;
+            what they say of their own first frames is left out. The first may be of frame 0 alone.
     """
     if course.has_soles:
         raise InvalidInput("windows: expected point feet to join plans of, got soles")

@@ -1,5 +1,6 @@
 """The two-stage planner P1 → P2 of postures (Lin et al. §II): a relaxation, and its answer put on
-the bilinear surface."""
+the bilinear surface.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +29,12 @@ class TwoStagePlanner:
     """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2, unless
     ``projection`` is None.
 
-    relaxation: which P1 over envelopes, a name of ``RELAXATIONS``.
-
     A relaxation that is infeasible proves something only where it relaxes the whole problem: the
     lift's answer comes with a certificate, an envelope's is reported as its margin and the problem
     stays undecided. Without a projection the relaxation's own point is put to the verifier.
+
+    Arguments:
+        relaxation: which P1 over envelopes, a name of ``RELAXATIONS``.
     """
 
     answers: ClassVar[Kind] = "postures"
@@ -60,8 +62,10 @@ class TwoStagePlanner:
         self._programs = programs or Programs()
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another
-        class."""
+        """Relax, project, verify.
+
+        Raises InvalidInput where the envelopes were learned for another class.
+        """
         clock = Clock.start()
         if self.envelopes is not None:
             self.envelopes.check_fits(problem)
@@ -105,8 +109,10 @@ class TwoStagePlanner:
         lift: LiftAnswer | None,
         details: dict[str, float],
     ) -> Answer[Plan]:
-        """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate
-        says so."""
+        """The relaxation is infeasible.
+
+        Where that holds whatever the box, the lift's certificate says so.
+        """
         if lift is None and np.isinf(details["margin"]):
             lift = solve_lift(self._programs, scaled, least_moment=True)
             clock.count(1, 0.0)

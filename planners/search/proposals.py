@@ -39,7 +39,8 @@ class Proposer(Protocol):
 
     def postures(self, scaled: ScaledBatch) -> tuple[Index, PointBatch]:
         """Claimed points, non-dimensional, for some of the problems, by their indices, ascending;
-        right or wrong."""
+        right or wrong.
+        """
         ...
 
     def proofs(self, scaled: ScaledBatch) -> Array:
@@ -79,7 +80,8 @@ def proved(
     proposer: Proposer, batch: PostureBatch, accept: Acceptance
 ) -> dict[int, tuple[Certificate, float]]:
     """The first of every problem's proofs that the verifier accepts, and what it proves, by
-    index."""
+    index.
+    """
     if not len(batch):
         return {}
     rows, proofs = proposer.proofs(ScaledBatch.of(batch)), dict[int, tuple[Certificate, float]]()
@@ -106,6 +108,7 @@ def _finite(row: Array) -> bool:
 
 def _certificate(row: Array, half_spaces: int) -> Certificate:
     """A leaf in single precision, its largest entry ±1, as a solver's are; half-spaces of reach
-    take no part."""
+    take no part.
+    """
     flat = (row / np.abs(row).max()).astype(np.float32).astype(np.float64)
     return Certificate(tree=LEAF, multipliers=np.append(flat, np.zeros(half_spaces))[None])

@@ -1,5 +1,6 @@
 """Receding horizon: the coming key frames planned anew from where the robot stands, with nothing
-kept from before."""
+kept from before.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +31,6 @@ def replan(
 ) -> Answer[Plan]:
     """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
 
-    state: pose and toes at ``frame``, whose toes stay, and joints, where they are known; None at
-    the beginning, where they are free as in the course. horizon: how many frames ahead; None for
-    all that are left. planner: one, or what chooses one for the window (a policy); by default the
-    two-stage planner over the lift. shares: of the friction, tried in this order until there is a
-    plan (``friction_margin.plan_with_reserve``); presses: likewise. limits: of joints and bodies,
-    to which the window's plan is bent; None: contacts alone. deadline: as for ``plan_course``.
-
     Returns the planner's outcome over the window, whose plan begins at ``state``;
     ``plan_window.joined`` puts windows together. It comes of ``plan_course``, so that a proof is
     one over the outer sets of legs. With limits it is one of the whole body, with its joint angles:
@@ -44,6 +38,18 @@ def replan(
     to what (``with_whole_body``), and where that does not do it is undecided with the reason. The
     answer depends on the arguments alone: no program, guess or earlier plan is kept. Raises
     InvalidInput for frames that there are not, and where the planner is not made for the window.
+
+    Arguments:
+        state: pose and toes at ``frame``, whose toes stay, and joints, where they are known; None
+            at the beginning, where they are free as in the course.
+        horizon: how many frames ahead; None for all that are left.
+        planner: one, or what chooses one for the window (a policy); by default the two-stage
+            planner over the lift.
+        shares: of the friction, tried in this order until there is a plan
+            (``friction_margin.plan_with_reserve``).
+        presses: likewise.
+        limits: of joints and bodies, to which the window's plan is bent; None: contacts alone.
+        deadline: as for ``plan_course``.
     """
     last = course.frames - 1 if horizon is None else min(frame + horizon, course.frames - 1)
     window = course_window(course, frame, last, state)

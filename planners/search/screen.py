@@ -56,7 +56,8 @@ class StandingTest:
     """Test for c, Θ and f with toes that are held: fix-toes (``held``), its moments zero, nothing
     to minimise.
 
-    implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
+    Arguments:
+        implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
     """
 
     def __init__(self, layout: Layout, implied: bool) -> None:
@@ -71,7 +72,8 @@ class StandingTest:
 
     def admits(self, scaled: Scaled, toes: Array) -> bool:
         """Tell whether the solver met its own tolerances at a point with these toes, shape (N,
-        3)."""
+        3).
+        """
         nothing = np.zeros((1, 3))
         held = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
         solution = self._rows.solve(Given(scaled, held))
@@ -80,5 +82,6 @@ class StandingTest:
 
 def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
     """Tell whether a posture problem has a posture with these toes, shape (N, 3),
-    non-dimensional."""
+    non-dimensional.
+    """
     return programs.get(StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)

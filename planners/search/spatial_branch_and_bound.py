@@ -38,8 +38,11 @@ SWEEPS = 3
 class OpenBox:
     """A box that is neither refuted nor projected, and P1's answer over it.
 
-    margin: t, at most REFUTED_MARGIN. point: P1's [p, f], shape (N, 6). gaps: |m_jk − p_j f_k|,
-    shape (N, 3, 3). depth: cuts from the first box.
+    Arguments:
+        margin: t, at most REFUTED_MARGIN.
+        point: P1's [p, f], shape (N, 6).
+        gaps: |m_jk − p_j f_k|, shape (N, 3, 3).
+        depth: cuts from the first box.
     """
 
     box: Envelope
@@ -89,12 +92,16 @@ class BoxSearch:
 
     @property
     def current(self) -> OpenBox:
-        """The open box of least margin. Raises IndexError where none is open."""
+        """The open box of least margin.
+
+        Raises IndexError where none is open.
+        """
         return self._queue[0][2]
 
     def cut(self, dimension: int) -> None:
         """Halve the current box in the middle of this dimension, 0 … 6N − 1 (contact by contact),
-        and visit both."""
+        and visit both.
+        """
         node = heapq.heappop(self._queue)[2]
         contact, column = divmod(dimension, 6)
         middle = 0.5 * (node.box.low[contact, column] + node.box.high[contact, column])
@@ -121,8 +128,10 @@ class BoxSearch:
         heapq.heappush(self._queue, (node.margin, self._pushed, node))
 
     def _relax(self, box: Envelope, depth: int) -> tuple[OpenBox, Point | None] | None:
-        """P1 over the box; None where it is refuted. A solver that gives up leaves the box open,
-        with no point."""
+        """P1 over the box; None where it is refuted.
+
+        A solver that gives up leaves the box open, with no point.
+        """
         answer = self._programs.get(McCormick, self._scaled.layout).solve(self._scaled, box)
         self.solves += 1
         if not answer.known:
@@ -170,7 +179,10 @@ def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
 
 
 def _share_com(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow p through the interval of the centre of mass, in place. False where that is empty."""
+    """Narrow p through the interval of the centre of mass, in place.
+
+    False where that is empty.
+    """
     toe_low, toe_high = toe_ranges(scaled)
     com_low = (
         np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - ROUNDING
@@ -184,8 +196,10 @@ def _share_com(scaled: Scaled, low: Array, high: Array) -> bool:
 
 
 def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow |f_y|, |f_z| ≤ μ f_n, in place. False where a frictionless contact would have to
-    shear."""
+    """Narrow |f_y|, |f_z| ≤ μ f_n, in place.
+
+    False where a frictionless contact would have to shear.
+    """
     shear = scaled.friction * high[:, 3] + ROUNDING
     low[:, 4:] = np.maximum(low[:, 4:], -shear[:, None])
     high[:, 4:] = np.minimum(high[:, 4:], shear[:, None])
@@ -196,8 +210,10 @@ def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
 
 
 def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
-    """Narrow every force component through Σ f = w e_z − F, in place. False where no forces
-    balance."""
+    """Narrow every force component through Σ f = w e_z − F, in place.
+
+    False where no forces balance.
+    """
     frames = scaled.frames  # [i, r, k]: world component r of a unit force k at contact i
     ends = frames * low[:, None, 3:], frames * high[:, None, 3:]
     least, most = np.minimum(*ends), np.maximum(*ends)

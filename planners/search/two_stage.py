@@ -43,11 +43,14 @@ class TwoStageCoursePlanner(TimeLimited):
     """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says
     yes and P2 no.
 
-    projection: see ``projection.project``. gap: None takes the first plan that the search finds;
-    else the search goes on, and improves plans, until one is proved to be within this relative gap
-    of the best. max_nodes: of each search. time_limit_s, max_solves: of one course, None for no
-    limit of solves. cuts: whether to cut in space. steps: of SCP at most, where the first few bring
-    a point near to a plan.
+    Arguments:
+        projection: see ``projection.project``.
+        gap: None takes the first plan that the search finds; else the search goes on, and improves
+            plans, until one is proved to be within this relative gap of the best.
+        max_nodes: of each search.
+        time_limit_s, max_solves: of one course, None for no limit of solves.
+        cuts: whether to cut in space.
+        steps: of SCP at most, where the first few bring a point near to a plan.
     """
 
     name = "two-stage"
@@ -79,7 +82,8 @@ class TwoStageCoursePlanner(TimeLimited):
 
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of
-        the whole search."""
+        the whole search.
+        """
         clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
         result, message, proof = search.found, search.message, None
@@ -144,7 +148,8 @@ def decide(
     programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int
 ) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
     """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit;
-    and how many nodes."""
+    and how many nodes.
+    """
     left_s, solves = clock.left()
     search = CutSearch(
         programs,

@@ -54,8 +54,12 @@ class VerifiedPlanner:
 
     None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one
     of the problem that was asked for; bounds on its objective come without proof, and are left.
-    called: what messages call it. envelopes: that it was made with. remake: a function that makes
-    the planner anew with another time limit [s]; None where there is no such function.
+
+    Arguments:
+        called: what messages call it.
+        envelopes: that it was made with.
+        remake: a function that makes the planner anew with another time limit [s]; None where there
+            is no such function.
     """
 
     def __init__(
@@ -90,9 +94,11 @@ class VerifiedPlanner:
         )
 
     def solve(self, problem: Problem) -> Answer[Plan]:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, a
-        planner that raises or answers another kind of question alone, and envelopes that were
-        learned for other problems."""
+        """Ask, and have the evidence verified.
+
+        Raises InvalidInput for an answer of another kind, a planner that raises or answers another
+        kind of question alone, and envelopes that were learned for other problems.
+        """
         check_answers(self._planner, kind_of(problem), self._where)
         if self._envelopes is not None and problem.is_posture:
             self._envelopes.check_fits(problem)
@@ -105,7 +111,11 @@ class VerifiedPlanner:
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
     """Raise InvalidInput for a planner that says that it answers another kind of question alone: by
     its attribute ``answers``, a kind, or as before by the annotation of what its ``solve`` is
-    asked. where: what the message begins with."""
+    asked.
+
+    Arguments:
+        where: what the message begins with.
+    """
     answered = getattr(planner, "answers", None)
     if answered in get_args(Kind):
         if answered != kind:
@@ -127,7 +137,10 @@ def check_answers(planner: Any, kind: Kind, where: str) -> None:
 
 
 def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
-    """Claim of a planner, and the number of solves that it reports. Raises InvalidInput."""
+    """Claim of a planner, and the number of solves that it reports.
+
+    Raises InvalidInput.
+    """
     with foreign(where):
         claim, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
         if claim is not None and not isinstance(claim, Answer | Plan | Certificate):
@@ -155,15 +168,20 @@ def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
 
 
 def _solving(planner: Any, where: str) -> Any:
-    """A planner. Raises InvalidInput for what is none."""
+    """A planner.
+
+    Raises InvalidInput for what is none.
+    """
     if not callable(getattr(planner, "solve", None)):
         raise InvalidInput(f"{where}: expected something with solve, got {_a(planner)}")
     return planner
 
 
 def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | None:
-    """The numbers of evidence, in an object of our own; None where there is none. Raises
-    InvalidInput, ValueError."""
+    """The numbers of evidence, in an object of our own; None where there is none.
+
+    Raises InvalidInput, ValueError.
+    """
     if found is None:
         return None
     if not isinstance(found, kind):
@@ -183,7 +201,10 @@ def _text(value: Any, where: str) -> str:
 
 
 def _plain(content: dict[str, Any]) -> Any:
-    """JSON-ready values, and nothing that is theirs. Raises TypeError, ValueError."""
+    """JSON-ready values, and nothing that is theirs.
+
+    Raises TypeError, ValueError.
+    """
     return json.loads(json.dumps(content, allow_nan=False))
 
 

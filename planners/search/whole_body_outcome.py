@@ -1,5 +1,6 @@
 """A planner's outcome after its plan became one of the whole body: what its joints cannot do is no
-plan."""
+plan.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +34,18 @@ def with_whole_body(
     """The outcome with joint angles in its plan, with torques within the limits where such a plan
     is found, and with the verifier's report on all of it.
 
-    start_rad: those of a robot that stands already where the plan begins, as for ``plan_angles``,
-    shape (J,). deadline: when it is wanted (``time.perf_counter()``). Where the joints cannot do
-    it, or bodies collide, the course is undecided, with the reason and the plan: nothing is proved
-    of others. So it is where the time ended before all was judged. The outcome as it is where there
-    is no plan; no joints, where no torque is asked for, for a robot without a file whose legs are
-    not known, or without pinocchio. Raises InvalidInput where these are needed.
+    Where the joints cannot do it, or bodies collide, the course is undecided, with the reason and
+    the plan: nothing is proved of others. So it is where the time ended before all was judged. The
+    outcome as it is where there is no plan; no joints, where no torque is asked for, for a robot
+    without a file whose legs are not known, or without pinocchio.
+
+    Arguments:
+        start_rad: those of a robot that stands already where the plan begins, as for
+            ``plan_angles``, shape (J,).
+        deadline: when it is wanted (``time.perf_counter()``).
+
+    Raises:
+        InvalidInput: where these are needed.
     """
     if outcome.solution is None:
         return outcome
@@ -79,8 +86,9 @@ def judged(
 ) -> Answer[Plan]:
     """The outcome with the verifier's report on all of its plan, which decides its status.
 
-    report: what the verifier said of the plan already, if it was asked. bent: whether there was
-    time to bend the plan.
+    Arguments:
+        report: what the verifier said of the plan already, if it was asked.
+        bent: whether there was time to bend the plan.
     """
     plan = outcome.solution
     assert plan is not None
@@ -104,7 +112,11 @@ def judged(
 
 
 def _reason(report: Report[Plan], *, bent: bool) -> str:
-    """Why a plan is not accepted, or not yet. bent: whether there was time for that."""
+    """Why a plan is not accepted, or not yet.
+
+    Arguments:
+        bent: whether there was time for that.
+    """
     if not report.contacts:
         return report.message
     late = ""

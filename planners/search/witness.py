@@ -45,7 +45,8 @@ def witnesses(scaled: ScaledBatch, steps: int, *, moments: bool = True) -> tuple
     """Claimed points for problems of a batch, by their indices, ascending; there is none where more
     steps are needed.
 
-    moments: False for points of P̄, in which moments need not balance.
+    Arguments:
+        moments: False for points of P̄, in which moments need not balance.
     """
     return Iteration(scaled, moments=moments).claims(steps)
 
@@ -54,8 +55,10 @@ class Iteration:
     """Douglas–Rachford for a batch, as far as it has come: it can be gone on with, for all that is
     left or for some.
 
-    moments: False for points of P̄, in which moments need not balance. index: of the problems that
-    are left, ascending; scaled: all of them.
+    Arguments:
+        moments: False for points of P̄, in which moments need not balance. index: of the problems
+            that are left, ascending.
+        scaled: all of them.
     """
 
     def __init__(self, scaled: ScaledBatch, *, moments: bool = True) -> None:
@@ -139,8 +142,9 @@ class _Sets:
     """A and K of the problems that are left; x is (λ, Θ, c − c_0, u, f), the first two in their
     units.
 
-    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight: what makes up A but
-    for the moments, the rows of u and of Σ C_i f_i.
+    Arguments:
+        low, high: where cones begin and end, shape (N,) and (B, N).
+        legs, weight: what makes up A but for the moments, the rows of u and of Σ C_i f_i.
     """
 
     scaled: ScaledBatch
@@ -151,8 +155,10 @@ class _Sets:
 
     @classmethod
     def of(cls, scaled: ScaledBatch) -> _Sets:
-        """Sets of all problems of a batch. Shear bounds cut the cones where they begin to leave
-        them."""
+        """Sets of all problems of a batch.
+
+        Shear bounds cut the cones where they begin to leave them.
+        """
         like, lifting = scaled.like, _side_by_side(scaled.frames)
         shear = np.minimum(like.force_max[:, 1:], -like.force_min[:, 1:]).min(axis=1)
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
@@ -182,7 +188,8 @@ class _Sets:
     @cached_property
     def cones(self) -> tuple[Array, Array, Array, Array]:
         """μ, 1 + μ², and where cones begin and end, all of them made smaller, (B, N), but (N,)
-        where they begin."""
+        where they begin.
+        """
         friction = self.scaled.friction * (1.0 - SHRINK)
         return (
             friction,
@@ -193,7 +200,8 @@ class _Sets:
 
     def start(self) -> Array:
         """Toes in the middle of their patches, the nominal c, no tilt, equal shares of the weight
-        along the normals."""
+        along the normals.
+        """
         count, contacts, corners, _ = self.scaled.vertices.shape
         weights, _, balls, forces = self.parts
         z = np.zeros((count, forces.stop))
@@ -204,7 +212,11 @@ class _Sets:
         return z
 
     def balance(self, z: Array, moments: _Rows | None) -> Array:
-        """P_A. moments: as they are linearised, where they have to balance."""
+        """P_A.
+
+        Arguments:
+            moments: as they are linearised, where they have to balance.
+        """
         on, forces = z.copy(), self.parts[3]
         self.legs.meet(on[:, : forces.start])
         self.weight.meet(on[:, forces])
@@ -317,7 +329,8 @@ def _legs(scaled: ScaledBatch) -> _Rows:
 
 def _of_weight(scaled: ScaledBatch, rows: Array, column: int) -> Array:
     """Add −(c − c_0) × b to rows of moments, c − c_0 at this column; c_0 × b − M, for the right
-    side."""
+    side.
+    """
     borne, com = scaled.like.borne[0], scaled.like.com[0]
     rows[:, :, column : column + 3] = skew(borne)
     return np.asarray(skew(com) @ borne - scaled.like.twisted[0])

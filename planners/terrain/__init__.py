@@ -1,5 +1,6 @@
 """Terrain: patches that toes stand on, polygons and solids behind them, meshes, grids and height
-fields."""
+fields.
+"""
 
 from .patch import Patch
 

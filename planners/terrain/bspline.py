@@ -33,7 +33,8 @@ class CubicBasis:
     @classmethod
     def over(cls, sites: Array, reach_m: float = REACH_M) -> CubicBasis:
         """The basis with a knot at each site, shape (n,), and others beyond both ends, ever wider
-        up to ``reach_m``."""
+        up to ``reach_m``.
+        """
         before, after = (
             _beyond(sites[1] - sites[0], reach_m),
             _beyond(sites[-1] - sites[-2], reach_m),
@@ -48,7 +49,8 @@ class CubicBasis:
     @cached_property
     def _pieces(self) -> Array:
         """Polynomials of the four functions that live on an interval, by (power, interval,
-        function)."""
+        function).
+        """
         from scipy.interpolate import BSpline
 
         spline, starts = BSpline(self.knots, np.eye(self.size), 3), self.knots[3 : self.size]
@@ -61,7 +63,8 @@ class CubicBasis:
 
     def weights(self, x: Array, orders: int = 0) -> tuple[NDArray[np.intp], list[Array]]:
         """The first of the four functions that live at x, shape (N,), and their derivatives
-        0…orders, shape (N, 4)."""
+        0…orders, shape (N, 4).
+        """
         interval = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 3, self.size - 1) - 3
         u = (x - self.knots[interval + 3])[:, None]
         c = [np.take(piece, interval, axis=0) for piece in self._pieces]
@@ -99,7 +102,8 @@ class CubicBasis:
 
 def _beyond(step: float, reach_m: float) -> Array:
     """Distances of knots beyond the last site: three cells, then ever wider, and three more for the
-    basis."""
+    basis.
+    """
     far = (
         3.0 * step * 2.0 ** np.arange(1, max(2, int(np.ceil(np.log2(reach_m / (3.0 * step)))) + 1))
     )

@@ -61,7 +61,8 @@ class GroundCells:
     @classmethod
     def of_points(cls, points_m: Array, coarsest_m: float, noise_m: float) -> GroundCells:
         """The upper side of a cloud, shape (K, 3), about two points per cell and no cell wider than
-        ``coarsest_m``."""
+        ``coarsest_m``.
+        """
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
         spacing = min(
@@ -110,7 +111,8 @@ class GroundCells:
 
     def noise_m(self) -> float:
         """Deviation of white noise of the heights, by the residuals of planes over 3 × 3 cells that
-        no edge crosses."""
+        no edge crosses.
+        """
         one, *_ = sums = boxed(self.moments, 3)
         _, rms = solved(about(sums, *np.indices(one.shape, dtype=np.float64)))
         freedom = np.round(one) - 3.0
@@ -128,7 +130,8 @@ class GroundCells:
 
 def boxed(moments: Array, side: int) -> Array:
     """Sums over squares of ``side`` cells about each cell, nothing beyond the border; shape as that
-    of moments."""
+    of moments.
+    """
     sums = moments
     for axis in (-2, -1):
         sums = uniform_filter1d(sums, side, axis=axis, mode="constant")
@@ -156,7 +159,8 @@ def about(moments: Array, i: Array, j: Array) -> Array:
 
 def solved(moments: Array) -> tuple[Array, Array]:
     """Least-squares planes z = a·x + b·y + c by moments, (a, b, c) first, shape (3, …), and the rms
-    off them."""
+    off them.
+    """
     one, x, y, xx, xy, yy, z, xz, yz, zz = moments
     one = np.maximum(one, 1e-12)
     cxx, cxy, cyy = xx - x * x / one, xy - x * y / one, yy - y * y / one
@@ -187,7 +191,8 @@ def renumbered(labels: Labels) -> Labels:
 
 def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many
-    samples it has."""
+    samples it has.
+    """
     sums = sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     planes, rms = solved(sums)
     return planes.T, rms, sums[0]
@@ -197,7 +202,11 @@ def block_squares(
     labels: Labels, cells: GroundCells, planes: Array, side: int
 ) -> tuple[Array, Array]:
     """Deviation of means over blocks of each surface from its plane: the sum of their squares times
-    the samples of each, and the number of blocks, shape (S,) each. side: of a block, in cells."""
+    the samples of each, and the number of blocks, shape (S,) each.
+
+    Arguments:
+        side: of a block, in cells.
+    """
     i, j = np.nonzero(labels >= 0)
     number, (one, x, y, z) = labels[i, j], (cells.moments[k, i, j] for k in (0, 1, 2, 6))
     a, b, c = planes[number].T

@@ -47,14 +47,16 @@ class Certainty:
 
     def levers(self, places_m: Array) -> Array:
         """Coefficients of height and slopes in the plane's height at places, shape (…, 2), shape
-        (…, 3)."""
+        (…, 3).
+        """
         return np.concatenate(
             [np.ones((*places_m.shape[:-1], 1)), places_m - self.about_m], axis=-1
         )
 
     def height_sd_m(self, places_m: Array) -> Array:
         """Standard deviation of the ground's height off the plane at places, shape (…, 2) to (…)
-        [m]."""
+        [m].
+        """
         levers = self.levers(places_m)
         plane = np.maximum(np.einsum("...i,ij,...j->...", levers, self.covariance, levers), 0.0)
         return np.asarray(np.sqrt(plane + self.rough_m**2))

@@ -1,5 +1,6 @@
 """Point clouds from files: .ply and .pcd by the libraries that know them, .xyz, .csv and .npy as
-rows of x, y, z."""
+rows of x, y, z.
+"""
 
 from __future__ import annotations
 

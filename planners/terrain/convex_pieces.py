@@ -85,7 +85,8 @@ def _merged(loops: list[Loop], flat: Corners) -> list[Loop]:
 
 def _border(loops: list[Loop]) -> Loop | None:
     """The border of pieces that touch along edges, as one loop; None where it is not one (holes,
-    pinched corners)."""
+    pinched corners).
+    """
     edges = {(a, b) for loop in loops for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)}
     following = {a: b for a, b in edges if (b, a) not in edges}
     open_edges = sum((b, a) not in edges for a, b in edges)

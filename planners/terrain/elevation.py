@@ -31,10 +31,16 @@ values may be [m]."""
 class ElevationMap:
     """Heights at the nodes of a rectilinear grid, NaN where there is none.
 
-    x_m, y_m: grid lines, shape (n,) and (m,), increasing [m]. heights_m: shape (n, m) [m]. samples:
-    how many points each height is of, shape (n, m); one each where that is not known. points_m:
-    those of the cloud that it is of, shape (K, 3) [m]. name: for messages. Raises InvalidInput for
-    fewer than four grid lines, one that is wider than any robot walks, and one of holes alone.
+    Arguments:
+        x_m, y_m: grid lines, shape (n,) and (m,), increasing [m].
+        heights_m: shape (n, m) [m].
+        samples: how many points each height is of, shape (n, m); one each where that is not known.
+        points_m: those of the cloud that it is of, shape (K, 3) [m].
+        name: for messages.
+
+    Raises:
+        InvalidInput: for fewer than four grid lines, one that is wider than any robot walks, and
+            one of holes alone.
     """
 
     x_m: Array
@@ -88,7 +94,8 @@ class ElevationMap:
     @classmethod
     def of_heights(cls, heights: Array, spacing_m: float, name: str) -> ElevationMap:
         """Heights, shape (n, m) [m], on a square grid of this spacing with its middle at the
-        origin."""
+        origin.
+        """
         if heights.size > MOST_POINTS:
             raise InvalidInput(
                 f"{name}: expected {MOST_POINTS} grid points or fewer, got {heights.size}"
@@ -105,7 +112,8 @@ class ElevationMap:
     def of_points(cls, points_m: Array, spacing_m: float, name: str) -> ElevationMap:
         """The upper side of a point cloud, shape (K, 3) [m]: in each cell the mean of the points
         within 5 cm of its highest one. Cells without points are holes. Grid lines are at multiples
-        of the spacing."""
+        of the spacing.
+        """
         ends = points_m.min(axis=0), points_m.max(axis=0)
         far, wide = (
             float(np.abs(ends).max()),
@@ -152,7 +160,10 @@ class ElevationMap:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array], name: str) -> ElevationMap:
-        """Read what ``HeightField.to_arrays`` wrote. Raises InvalidInput."""
+        """Read what ``HeightField.to_arrays`` wrote.
+
+        Raises InvalidInput.
+        """
         for key in ("x_m", "y_m", "heights_m"):
             if key not in arrays:
                 raise InvalidInput(f"{name}: {key}: expected this array, got nothing")
@@ -168,8 +179,10 @@ class ElevationMap:
 
     @property
     def spacing_m(self) -> float:
-        """Spacing of the grid lines, the same along both axes [m]. Raises InvalidInput where it is
-        not."""
+        """Spacing of the grid lines, the same along both axes [m].
+
+        Raises InvalidInput where it is not.
+        """
         steps = np.concatenate([np.diff(self.x_m), np.diff(self.y_m)])
         if float(np.ptp(steps)) > 1e-3 * float(steps.min()):
             raise InvalidInput(
@@ -178,8 +191,10 @@ class ElevationMap:
         return float(steps.mean())
 
     def cropped(self, box_m: Array) -> ElevationMap:
-        """Map of the samples in a box, shape (2, 3) [m]; heights beyond it become holes. Raises
-        InvalidInput for none."""
+        """Map of the samples in a box, shape (2, 3) [m]; heights beyond it become holes.
+
+        Raises InvalidInput for none.
+        """
         (x0, y0, z0), (x1, y1, z1) = box_m
         i, j = (
             (line >= a) & (line <= b) for line, a, b in ((self.x_m, x0, x1), (self.y_m, y0, y1))
@@ -198,7 +213,9 @@ class ElevationMap:
 
     def filled(self) -> ElevationMap:
         """Map whose holes are filled by a membrane over their borders (Δh = 0): planes stay planes.
-        No samples there."""
+
+        No samples there.
+        """
         hole = np.isnan(self.heights_m)
         measured = np.where(hole, 0, 1 if self.samples is None else self.samples)
         return ElevationMap(
@@ -214,7 +231,10 @@ class ElevationMap:
         return self.filled() if holes == "fill" else self
 
     def field(self) -> HeightField:
-        """The map as a smooth surface. Raises InvalidInput where it has holes."""
+        """The map as a smooth surface.
+
+        Raises InvalidInput where it has holes.
+        """
         hole = np.argwhere(np.isnan(self.heights_m))
         if len(hole):
             i, j = hole[0]
@@ -227,7 +247,8 @@ class ElevationMap:
 
 def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
     """Heights with each hole the mean of its neighbours, those beyond the grid's border left
-    out."""
+    out.
+    """
     if not hole.any():
         return heights
     if hole.sum() > MOST_FILLED:

@@ -38,7 +38,10 @@ ROUNDS = 20
 
 
 def shapely_module() -> Any:
-    """shapely. Raises InvalidInput without it."""
+    """shapely.
+
+    Raises InvalidInput without it.
+    """
     try:
         import shapely
     except ImportError:
@@ -51,7 +54,8 @@ def shapely_module() -> Any:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
     """A plane with its coordinates: origin, shape (3,) [m], unit normal (3,), and axes in it, shape
-    (3, 2)."""
+    (3, 2).
+    """
 
     origin_m: Array
     normal: Array
@@ -92,7 +96,8 @@ class Plane:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatPiece:
     """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of
-    their corners off the plane [m]; how sure plane and edges are, where they were measured."""
+    their corners off the plane [m]; how sure plane and edges are, where they were measured.
+    """
 
     plane: Plane
     polygon: Any
@@ -138,8 +143,11 @@ def wide(piece: Array, least_m: float) -> bool:
 
 
 def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[FlatPiece]:
-    """The facets of a mesh, the largest first; wanted: of which triangles, shape (T,), all if
-    missing."""
+    """The facets of a mesh, the largest first.
+
+    Arguments:
+        wanted: of which triangles, shape (T,), all if missing.
+    """
     shapely = shapely_module()
     corners = mesh.spread_m
     doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -177,7 +185,8 @@ def _joined(
     corners: Array, normals: Array, area: Array, triangles: NDArray[np.int_]
 ) -> NDArray[np.int_]:
     """A label for every triangle, the same for those of one facet: first over shared edges, then
-    plane by plane."""
+    plane by plane.
+    """
     pairs = edge_pairs(triangles)
     pairs = pairs[_agree(normals, *pairs.T)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
@@ -200,7 +209,8 @@ def _merged_planes(
     labels: NDArray[np.int_], corners: Array, normals: Array, area: Array
 ) -> NDArray[np.int_]:
     """Labels with groups of one plane as one, though no edge joins them: each goes to the largest
-    that it fits."""
+    that it fits.
+    """
     _, labels = np.unique(labels, return_inverse=True)
     number = int(labels.max(initial=-1)) + 1
     seed = _largest(labels, area, number)
@@ -242,7 +252,8 @@ def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> ND
 
 def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     """Pairs of triangles that share an edge, neighbours in the order of each edge's triangles,
-    shape (K, 2)."""
+    shape (K, 2).
+    """
     edges = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     owner = np.tile(np.arange(len(triangles)), 3)
     order = np.lexsort(edges.T)
@@ -252,7 +263,8 @@ def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 
 def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
     """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many,
-    shape (size,)."""
+    shape (size,).
+    """
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     number, group = connected_components(graph, directed=False)
     return int(number), np.asarray(group)

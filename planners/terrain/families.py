@@ -223,10 +223,13 @@ SMOOTH = ("rough", "waves", "ramps")
 def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) -> Terrain:
     """The ground of a family's name or FILE.py:NAME, a level in [0, 1] and a seed.
 
-    extent: how far patches go; heights go over all of ``WIDE``. Raises InvalidInput.
+    Raises InvalidInput.
 
     >>> family_terrain("gaps", 0.5, seed=0).figures["gap_m"]
     0.5
+
+    Arguments:
+        extent: how far patches go; heights go over all of ``WIDE``.
     """
     rng, name = checked_draw(family, level, seed), f"{family}:{level:g}:{seed}"
     ground = _drawn(family, level, rng, extent)
@@ -240,10 +243,12 @@ def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) 
 def random_heights(
     family: str, level: float, rng: np.random.Generator, name: str = ""
 ) -> HeightField:
-    """The heights of a family's ground over all of ``WIDE``, drawn with a generator; name: of the
-    field.
+    """The heights of a family's ground over all of ``WIDE``, drawn with a generator.
 
     Raises InvalidInput, also for a family that has no height at a place.
+
+    Arguments:
+        name: of the field.
     """
     checked(level, "terrain: level", least=0.0, most=1.0)
     heights = _heights(family, level, rng, name or f"{family}:{level:g}")
@@ -256,15 +261,19 @@ def random_heights(
 
 
 def drawn_surface(family: str, level: float, seed: int) -> tuple[Patch, ...] | None:
-    """All patches of a family's ground over ``WIDE``; None for a family of heights. Raises
-    InvalidInput."""
+    """All patches of a family's ground over ``WIDE``; None for a family of heights.
+
+    Raises InvalidInput.
+    """
     ground = _drawn(family, level, checked_draw(family, level, seed), WIDE)
     return ground.patches if isinstance(ground, Terrain) else None
 
 
 def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
-    """The generator of a draw. Raises InvalidInput for a level outside [0, 1] and for what is no
-    seed."""
+    """The generator of a draw.
+
+    Raises InvalidInput for a level outside [0, 1] and for what is no seed.
+    """
     terrain_family(family)
     checked(level, "level", least=0.0, most=1.0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
@@ -274,7 +283,8 @@ def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
 
 def drawn_name(name: str) -> bool:
     """Tell whether a name is that of a draw, as ``stairs:0.6``, ``stairs:0.6:7`` or
-    ``mine.py:steps:0.6:7``."""
+    ``mine.py:steps:0.6:7``.
+    """
     family, numbers = split_name(name)
     return bool(numbers) and (
         ".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD
@@ -282,10 +292,12 @@ def drawn_name(name: str) -> bool:
 
 
 def read_draw(name: str, where: str) -> tuple[str, float, int]:
-    """Family, level and seed of a name, seed 0 where there is none. where: what the message begins
-    with.
+    """Family, level and seed of a name, seed 0 where there is none.
 
     Raises InvalidInput for text where a number is expected.
+
+    Arguments:
+        where: what the message begins with.
     """
     family, numbers = split_name(name)
     try:
@@ -343,7 +355,10 @@ def _goes_on(draw: Draw) -> bool:
 
 
 def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -> Terrain | Shape:
-    """Ground that a family draws. Raises InvalidInput where that is no ground."""
+    """Ground that a family draws.
+
+    Raises InvalidInput where that is no ground.
+    """
     draw = _family(family).draw
     ground = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
     if (
@@ -361,7 +376,8 @@ def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -
 
 def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> HeightField | None:
     """The heights of a draw over ``WIDE``, or over its patches where they do not go on; None for
-    upright surfaces."""
+    upright surfaces.
+    """
     from .rounding import rounded  # splines are slow to import
     from .smooth_families import levelled
 
@@ -468,8 +484,10 @@ def _within(far: Array, near: Array) -> Array:
 if not TYPE_CHECKING:  # checkers read what is there today
 
     def __getattr__(name: str) -> object:
-        """``Terrain`` under the name that plug-ins had for it. Raises AttributeError for any other
-        name."""
+        """``Terrain`` under the name that plug-ins had for it.
+
+        Raises AttributeError for any other name.
+        """
         if name != "FamilyTerrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         message = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"

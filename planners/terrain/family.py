@@ -27,8 +27,13 @@ it is level on the whole and to stand on; or h of x and y. Polygons go on to an 
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """quantity: what the level says, by its formula. draw: the ground at a level. walked: whether
-    it has a height at every place, so that walks can go over it."""
+    """A family of drawn grounds.
+
+    Arguments:
+        quantity: what the level says, by its formula.
+        draw: the ground at a level.
+        walked: whether it has a height at every place, so that walks can go over it.
+    """
 
     quantity: str
     draw: Draw

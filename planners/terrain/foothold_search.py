@@ -70,7 +70,10 @@ def read_footholds(
     limits: FootholdLimits = FootholdLimits(),
     friction: float = 1.0,
 ) -> Footholds:
-    """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
+    """The footholds of a terrain's file.
+
+    Raises InvalidInput for one that is none, or has none.
+    """
     from .terrain_file import (
         read_terrain,
     )  # scipy and trimesh are no part of a course without a file

@@ -1,5 +1,6 @@
 """Footholds: the planar convex pieces of a terrain that a foot may be put on, each with how certain
-it is."""
+it is.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +39,12 @@ class FootholdLimits:
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
             roughness; None estimates it from the heights [m].
+
     Raises:
         InvalidInput: for a value out of range.
     Source:
         None: what a foot needs.
+
     Example:
         >>> from stancekit import FootholdLimits
         >>> FootholdLimits(slope_rad=0.4).margin_m
@@ -61,14 +64,16 @@ class FootholdLimits:
     @classmethod
     def for_foot(cls, radius_m: float, **others: Any) -> FootholdLimits:
         """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is
-        0."""
+        0.
+        """
         foot = radius_m or FOOT_M
         return cls(**{"margin_m": foot, "width_m": foot, **others})
 
     @property
     def rms_m(self) -> float:
         """Largest rms of measured heights off a foothold's plane, of a map whose noise is known or
-        nothing [m]."""
+        nothing [m].
+        """
         return float(np.hypot(self.roughness_m, self.noise_m or 0.0))
 
 
@@ -76,10 +81,12 @@ class FootholdLimits:
 class TerrainPatch:
     """A convex piece of a surface and how certain it is.
 
-    rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m]; samples: how many
-    triangles or heights that is of; surface: number of the surface that it is a piece of; turn_rad:
-    how far the surface of a rung turns from the middle of its line to the border, 0 of what is
-    flat: forces are held on both sides.
+    Arguments:
+        rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m].
+        samples: how many triangles or heights that is of.
+        surface: number of the surface that it is a piece of.
+        turn_rad: how far the surface of a rung turns from the middle of its line to the border, 0
+            of what is flat: forces are held on both sides.
     """
 
     patch: Patch
@@ -90,7 +97,8 @@ class TerrainPatch:
 
     def on(self, friction: float) -> Patch:
         """The patch on a surface with this friction; a rung has less of it on both sides of its
-        line."""
+        line.
+        """
         return self.patch.with_friction(
             held_on_both_sides(friction, self.turn_rad) if self.turn_rad else friction
         )
@@ -109,7 +117,8 @@ class TerrainPatch:
     @property
     def height_sd_m(self) -> float | None:
         """Standard deviation of its plane's height, the largest at its corners; None where it was
-        not measured [m]."""
+        not measured [m].
+        """
         sure = self.patch.certainty
         return None if sure is None else float(sure.height_sd_m(self.patch.vertices_m[:, :2]).max())
 
@@ -157,6 +166,7 @@ class Footholds:
             of a mesh [m].
     Source:
         None: planar convex pieces with a margin.
+
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.05)

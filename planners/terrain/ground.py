@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Heights that are solid below. friction: Coulomb coefficient of all of it."""
+    """Heights that are solid below.
+
+    Arguments:
+        friction: Coulomb coefficient of all of it.
+    """
 
     heights: HeightField
     friction: float = 1.0
@@ -31,7 +35,8 @@ class Ground:
 
     def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
         """Tell which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its
-        control points. Shape (S,)."""
+        control points. Shape (S,).
+        """
         control, each = self._spline
         (x0, x1), (y0, y1) = (
             [
@@ -47,14 +52,16 @@ class Ground:
 
     def depth(self, points: Array) -> Array:
         """Depth of points in it, along the normal where it is even, negative above, shape (…, 3) to
-        (…) [m]."""
+        (…) [m].
+        """
         height, slope = self.heights.height_and_gradient(points[..., :2])
         return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
 
     @cached_property
     def _tops(self) -> Array:
         """The highest of the control points that the spline has over each cell of its knots, shape
-        (X, Y) [m]."""
+        (X, Y) [m].
+        """
         control, _ = self._spline
         rows = np.max([control[k : len(control) - 3 + k] for k in range(4)], axis=0)
         return np.asarray(np.max([rows[:, k : rows.shape[1] - 3 + k] for k in range(4)], axis=0))
@@ -80,12 +87,14 @@ class Ground:
 
     def distance(self, points: Array) -> Array:
         """Distance of points from it, along the normal where it is even, negative inside, shape (…,
-        3) to (…) [m]."""
+        3) to (…) [m].
+        """
         return -self.depth(points)
 
     def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
         """Heights on even grid lines at most this far apart: x, y and heights, shape (n,), (m,),
-        (n, m) [m]."""
+        (n, m) [m].
+        """
         x, y = (
             np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1)
             for a, b in self.heights.domain_m

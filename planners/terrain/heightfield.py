@@ -1,5 +1,6 @@
 """Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (Pan et al. §III-B,
-after W5)."""
+after W5).
+"""
 
 from __future__ import annotations
 
@@ -32,11 +33,13 @@ class HeightField:
         x_m, y_m: grid lines, shape (n,) and (m,), increasing [m].
         heights_m: h at (x_i, y_j), shape (n, m) [m].
         name: what the terrain is called in messages.
+
     Raises:
         InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an
             axis.
     Source:
         Pan et al. §III-B, after W5.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import HeightField
@@ -102,7 +105,8 @@ class HeightField:
     @property
     def spline(self) -> tuple[Array, tuple[Array, Array]]:
         """Control points, component first, shape (1, n + pads, m + pads) [m], and the knots along x
-        and y [m]."""
+        and y [m].
+        """
         along_x, along_y = self._bases
         return self._coefficients[None], (along_x.knots, along_y.knots)
 
@@ -148,7 +152,8 @@ class HeightField:
 
     def frame(self, xy: Array) -> Array:
         """R_WC, shape (…, 2) → (…, 3, 3): columns t₁ (over the world's x), t₂ = n × t₁ and the
-        normal n."""
+        normal n.
+        """
         slope, normal = self.gradient(xy), self.normal(xy)
         first = np.stack(
             [np.ones(slope.shape[:-1]), np.zeros(slope.shape[:-1]), slope[..., 0]], axis=-1
@@ -199,9 +204,10 @@ class HeightField:
     ) -> HeightField:
         """Make a height field on a grid of square cells whose middle is the origin.
 
-        heights_m: the height h at (x_i, y_j), shape (n, m) [m].
-        spacing_m: distance between neighbouring grid points along x and along y [m].
-        name: name of the terrain.
+        Arguments:
+            heights_m: the height h at (x_i, y_j), shape (n, m) [m].
+            spacing_m: distance between neighbouring grid points along x and along y [m].
+            name: name of the terrain.
         """
         try:
             heights = np.asarray(heights_m)
@@ -218,8 +224,10 @@ class HeightField:
         return cls(x_m, y_m, heights, name)
 
     def smoothed(self, sigma_m: float) -> HeightField:
-        """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the
-        grid is uneven."""
+        """The field under a Gaussian of this deviation; planes stay.
+
+        Raises InvalidInput where the grid is uneven.
+        """
         from scipy.ndimage import gaussian_filter1d
 
         heights: Array = self.heights_m
@@ -248,7 +256,10 @@ class HeightField:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array], name: str = "") -> HeightField:
-        """Read what ``to_arrays`` wrote. Raises InvalidInput."""
+        """Read what ``to_arrays`` wrote.
+
+        Raises InvalidInput.
+        """
         missing = [key for key in ("x_m", "y_m", "heights_m") if key not in arrays]
         if missing:
             raise InvalidInput(

@@ -1,5 +1,6 @@
 """Meaning of the numbers in a terrain file: kind, unit, axis up, place, extent, grid, holes. Asked,
-never guessed."""
+never guessed.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +48,7 @@ class ImportOptions:
         height_m: heights of black and white in a .png [m].
         holes: what has no height: "no-go" is no terrain, "fill" lies on a membrane over its border.
         most_triangles: a mesh with more is refused before it is read.
+
     Raises:
         InvalidInput: for a value out of range.
     """
@@ -85,7 +87,8 @@ class ImportOptions:
 
     def placed(self, points: Array) -> Array:
         """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then
-        offset."""
+        offset.
+        """
         turn = [UPS.index(axis) for axis in self.axes]
         with np.errstate(over="ignore"):  # what is too far away is refused by its readers
             return np.asarray(
@@ -95,7 +98,8 @@ class ImportOptions:
     @property
     def axes(self) -> str:
         """The file's axes that become x, y and z of the world: they change places in a circle,
-        which is no mirror."""
+        which is no mirror.
+        """
         return {"x": "yzx", "y": "zxy", "z": "xyz"}[self.up]
 
     @property

@@ -41,8 +41,11 @@ def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
     """A place in a solid whose triangles turn to the left as seen from its inside, shape (3,) [m];
     None without one.
 
-    corners: each given once, shape (V, 3) [m]. triangles: by corners' numbers, shape (T, 3).
     Surfaces that are open are not judged.
+
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
     """
     piece, suspects, closed = _pieces(corners, triangles)
     if not len(suspects):
@@ -120,14 +123,16 @@ def _balanced(
 
 def _volumes(corners: Array, triangles: NDArray[np.int_]) -> Array:
     """The share of each triangle in the volume that they enclose, by the divergence theorem, shape
-    (T,) [m³]."""
+    (T,) [m³].
+    """
     a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
     return np.asarray(np.vecdot(a, np.cross(b, c)) / 6.0)
 
 
 def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     """Winding number of closed triangles, shape (T, 3, 3), about points, shape (P, 3); 0 for points
-    not looked at."""
+    not looked at.
+    """
     turned, rays = surface @ RAY, points @ RAY
     flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)

@@ -1,5 +1,6 @@
 """Certainty of the surfaces of a map or a cloud, from the noise of its heights and from their
-number."""
+number.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +80,8 @@ def certainties(
 
 def _steps(labels: Labels, level: Array, count: int) -> Array:
     """Height of the step at the border of each surface: the median over its neighbours, inf where a
-    foot would not notice any, shape (count,) [m]."""
+    foot would not notice any, shape (count,) [m].
+    """
     steps = np.full(count, np.inf)
     ours, off = list[Labels](), list[Array]()
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):

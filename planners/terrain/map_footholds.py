@@ -59,7 +59,8 @@ POCKET = 1.0
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
     """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground;
-    walls, poles and bars are surfaces, too (``map_solids``)."""
+    walls, poles and bars are surfaces, too (``map_solids``).
+    """
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
         footholds = _planes_of(terrain, limits, friction)
@@ -93,7 +94,8 @@ def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
 
 def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
     """The footholds of the upper side of a map or a cloud, whose surfaces are those of the
-    footholds."""
+    footholds.
+    """
     cells, noise_m = _cells_of(terrain, limits)
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
@@ -179,7 +181,8 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
 
 def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
     """Raise InvalidInput for noise with which no square that may be looked at has a plane that feet
-    can use."""
+    can use.
+    """
     dense = max(float(np.mean(cells.moments[0][cells.known])), 1.0)
     side = max(LARGEST_M, 3.0 * cells.spacing_m)
     most = COARSE_SD_M * np.sqrt(dense) * side / cells.spacing_m
@@ -192,7 +195,8 @@ def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
 
 def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
     """Cells without a surface that go on straight to both sides along a line, and so are strips too
-    narrow to fit."""
+    narrow to fit.
+    """
     n, m = heights.shape
     padded = np.pad(np.where(left, heights, np.nan), 1, constant_values=np.nan)
     narrow = np.zeros((n, m), dtype=bool)
@@ -206,7 +210,8 @@ def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray
 
 def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, float]:
     """The samples of a map or of its cloud, and their noise: as it is told, else as they show it
-    [m]."""
+    [m].
+    """
     if terrain.points_m is None:
         cells = GroundCells.of_map(terrain)
         return cells, cells.noise_m() if limits.noise_m is None else limits.noise_m
@@ -226,7 +231,10 @@ def _outline(
 ) -> Any:
     """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way
     to foreign cells, which is straightened by as much; or what is so many cells outside of it.
-    wider: in cells."""
+
+    Arguments:
+        wider: in cells.
+    """
     shapely = shapely_module()
     lines = contour_generator(
         z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset"
@@ -296,13 +304,15 @@ def _surfaces(
 
 def _slack(count: Any) -> Any:
     """By how much the rms of so many heights may be above their deviation: three of its own
-    deviations."""
+    deviations.
+    """
     return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
 
 
 def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array]:
     """Means of the moments 1, x, y, xx, xy, yy, z, xz, yz, zz about each cell over its window;
-    beyond: nothing."""
+    beyond: nothing.
+    """
     z = np.where(known, heights, 0.0)
     i, j = np.indices(heights.shape, dtype=np.float64)
     weight = known.astype(np.float64)
@@ -354,7 +364,8 @@ def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Arr
 
 def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
     """Plane (a, b, c) of every surface with i and j in cells, shape (S, 3), rms, and the number of
-    heights."""
+    heights.
+    """
     i, j = np.nonzero(labels >= 0)
     number = labels[i, j]
     count = int(labels.max(initial=-1)) + 1
@@ -365,8 +376,11 @@ def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
 
 
 def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> Labels:
-    """Surfaces parted in two until each is a plane within ``most_rms``. smooth: heights by the
-    planes about cells."""
+    """Surfaces parted in two until each is a plane within ``most_rms``.
+
+    Arguments:
+        smooth: heights by the planes about cells.
+    """
     for _ in range(ROUNDS):
         planes, rms, count = _fitted(labels, heights)
         bent = rms > most_rms * _slack(count)
@@ -405,7 +419,8 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
     """Surfaces that take in cells at their borders which are on their planes, as far as the windows
-    reached."""
+    reached.
+    """
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
     planes = _fitted(labels, heights)[0]
     if not len(planes):

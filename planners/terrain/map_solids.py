@@ -53,10 +53,14 @@ REACH_M = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overhead:
-    """A cloud in two layers. ground_m: all points that hang over nothing, shape (K, 3) [m];
-    beside_m: those of them below and near what hangs over them, shape (K', 3) [m]; boxes_m: what
-    hangs over the ground, each box x, y and z from and to, shape (B, 6) [m]; share: of the cells
-    that have something over them."""
+    """A cloud in two layers.
+
+    Arguments:
+        ground_m: all points that hang over nothing, shape (K, 3) [m].
+        beside_m: those of them below and near what hangs over them, shape (K', 3) [m].
+        boxes_m: what hangs over the ground, each box x, y and z from and to, shape (B, 6) [m].
+        share: of the cells that have something over them.
+    """
 
     ground_m: Array
     beside_m: Array
@@ -118,7 +122,8 @@ class Overhead:
 
 def _as_beside(bottom: Array) -> Array:
     """Bottoms of cells, as low as those beside them where these are about as low: a cell shows few
-    points."""
+    points.
+    """
     beside = minimum_filter(bottom, size=3, mode="nearest")
     with np.errstate(invalid="ignore"):
         alike = np.isfinite(bottom) & (bottom - beside <= 1.5 * SAME_M)
@@ -144,7 +149,8 @@ def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
 
 def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np.bool_]:
     """Cells among those with something over the ground, of which all points are over the ground
-    beside them."""
+    beside them.
+    """
     unseen = np.zeros(under.shape, dtype=bool)
     for _ in range(ROUNDS):
         count, height = np.zeros(under.shape), np.zeros(under.shape)
@@ -190,7 +196,8 @@ def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
 
 def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     """Boxes over cells from a bottom to a top, −inf where there is none, each of cells that are
-    about alike, shape (B, 6)."""
+    about alike, shape (B, 6).
+    """
     bottom, top = _closed(bottom, top)
     boxes = np.zeros((0, 6))
     for alike in ALIKE_M:
@@ -219,7 +226,8 @@ def _closed(bottom: Array, top: Array) -> tuple[Array, Array]:
 
 def _rectangles(bottom: Array, top: Array, alike: float) -> Iterator[tuple[float, ...]]:
     """Rectangles of cells whose bottoms and tops are within ``alike``: as long as they can be along
-    one axis, then as wide; from and to in cells, then the lowest bottom and the highest top."""
+    one axis, then as wide; from and to in cells, then the lowest bottom and the highest top.
+    """
     left = np.isfinite(top)
     for i, j in np.argwhere(left).tolist():
         if not left[i, j]:

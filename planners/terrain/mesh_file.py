@@ -1,5 +1,6 @@
 """Mesh files (STL, OBJ, PLY, DAE, OFF, GLB) of terrains and of robots' links, read in bounds of
-size and time."""
+size and time.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +23,14 @@ def read_corners(
 ) -> Surface:
     """Corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers.
 
-    most_triangles: more are refused, before memory is asked for them; hint: what the message says
-    to do then. Raises InvalidInput for a file that is missing or damaged, that declares more than
-    it holds, whose triangles name corners that it does not have, and for one without triangles or
-    with corners that are not finite.
+    Arguments:
+        most_triangles: more are refused, before memory is asked for them.
+        hint: what the message says to do then.
+
+    Raises:
+        InvalidInput: for a file that is missing or damaged, that declares more than it holds, whose
+            triangles name corners that it does not have, and for one without triangles or with
+            corners that are not finite.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:

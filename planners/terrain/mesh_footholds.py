@@ -89,7 +89,8 @@ def _on_rungs(
     """The lines of rungs that are free, the margin away from their ends; refused gets what else
     there is of rungs.
 
-    first: number of the first rung as a surface.
+    Arguments:
+        first: number of the first rung as a surface.
     """
     lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
     under = [replace(line, polygon=around.uncovered(line, limits.clearance_m)) for line in lines]
@@ -126,8 +127,11 @@ def _on_rungs(
 
 def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[FlatPiece]:
     """Facets without what lies behind a foothold and looks the other way: of a sheet that a mesh
-    has from both sides one is its surface, or what stands on it would be inside. free: the
-    footholds, by their facet's number."""
+    has from both sides one is its surface, or what stands on it would be inside.
+
+    Arguments:
+        free: the footholds, by their facet's number.
+    """
     if not free:
         return facets
     shapely, numbers = shapely_module(), np.array(list(free))
@@ -172,8 +176,9 @@ def standing_pieces(
     """The convex pieces of what is free of a facet, the margin away from its border; refused gets
     what is lost.
 
-    margin_m: another margin than that of the limits [m]. strips: whether it is flat enough for
-    narrow ones.
+    Arguments:
+        margin_m: another margin than that of the limits [m].
+        strips: whether it is flat enough for narrow ones.
     """
     margin_m = limits.margin_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
@@ -196,7 +201,8 @@ def standing_pieces(
 
 def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool) -> list[Patch]:
     """The convex pieces of a part inside of the margin that are wide enough; of a strip, which has
-    none, those that are long enough: a foot fits on it, though there is little room beside it."""
+    none, those that are long enough: a foot fits on it, though there is little room beside it.
+    """
     wide_enough = list(part.patches(max(width_m, SMALLEST_M), friction))
     if wide_enough or not strips:
         return wide_enough
@@ -261,7 +267,8 @@ class _Around:
 
     def _near(self, facet: FlatPiece, above_m: float) -> NDArray[np.int_]:
         """Triangles whose boxes meet the facet moved up by as much as ``above_m``, its own left
-        out."""
+        out.
+        """
         corners = facet.plane.world(np.array(self._shapely.get_coordinates(facet.polygon)))
         corners = np.concatenate([corners, corners + above_m * facet.plane.normal])
         low, high = corners.min(axis=0) - ABOVE_M, corners.max(axis=0) + ABOVE_M
@@ -295,7 +302,8 @@ class _Around:
 
     def _shadows(self, facet: FlatPiece) -> Array:
         """Crossings of rays from the plane of a facet with edges above that are open, shape (K, 2,
-        2)."""
+        2).
+        """
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > ABOVE_M
         along = np.array([*LEAN, 1.0])
@@ -309,9 +317,12 @@ class _Around:
     ) -> NDArray[np.int_]:
         """Triangles that face up above each point less those that face down, shape (K,).
 
-        facet_of: number of the facet that each point is on; own: of each triangle, −1 for none. A
-        facet's own triangles are as far off its plane as flat things may be, and none of them is
+        A facet's own triangles are as far off its plane as flat things may be, and none of them is
         above it.
+
+        Arguments:
+            facet_of: number of the facet that each point is on.
+            own: of each triangle, −1 for none.
         """
         lean = np.zeros((3, 3))
         lean[2, :2] = LEAN
@@ -365,7 +376,8 @@ def _closed(triangles: Array) -> Array:
 
 def _slab(flat: Array, heights: Array, top: float) -> Array:
     """The part of a triangle between just above the plane and ``top``, in the plane's coordinates,
-    shape (U, 2)."""
+    shape (U, 2).
+    """
     points, levels = flat, heights
     for sign, level in ((-1.0, -ABOVE_M), (1.0, top)):
         if len(points) < 3:

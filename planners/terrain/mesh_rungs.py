@@ -43,7 +43,8 @@ class MeshRung:
 
     def line(self, corners_m: Array) -> FlatPiece:
         """Highest line of the rung as a strip, where triangles of it, with corners of shape (K, 3,
-        3), are below."""
+        3), are below.
+        """
         shapely, rung = shapely_module(), self.rung
         axes = np.stack([rung.axis, np.cross(rung.upright, rung.axis)], axis=1)
         plane = Plane(origin_m=rung.middle_m, normal=rung.upright, axes=axes)
@@ -59,7 +60,8 @@ class MeshRung:
 
     def areas(self, corners_m: Array, steepest_rad: float) -> tuple[float, float]:
         """The area of its triangles, with corners of shape (K, 3, 3), that are steeper than this,
-        and of the others."""
+        and of the others.
+        """
         doubles = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
         area = 0.5 * np.linalg.norm(doubles, axis=1)
         steep = 0.5 * doubles[:, 2] < np.cos(steepest_rad) * area - 1e-12
@@ -68,7 +70,8 @@ class MeshRung:
 
 def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[MeshRung]:
     """The round bars of a mesh whose axes are no steeper than this, and none of whose flat sides is
-    wider than that."""
+    wider than that.
+    """
     corners = mesh.spread_m
     doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(doubles, axis=1)
@@ -116,7 +119,8 @@ def _lean(rung: Rung, corners: Array, normals: Array) -> float:
 
 def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | None:
     """The rung of triangles, shapes (K, 3, 3) and (K, 3), with normals across an axis; None where
-    they are none."""
+    they are none.
+    """
     upright = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
     upright /= np.linalg.norm(upright)
     across = np.stack([np.cross(upright, axis), upright], axis=1)

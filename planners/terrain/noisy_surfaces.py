@@ -117,7 +117,8 @@ def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m
 
 def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     """Labels with single cells in the midst of a surface given to it: of noise far off, or of a
-    cloud's chance."""
+    cloud's chance.
+    """
     n, m = labels.shape
     fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
     planes, (x, y), mean = fitted(labels, cells)[0], cells.places, cells.heights
@@ -140,7 +141,8 @@ def _around(
 ) -> tuple[Labels, tuple[Labels, Labels]]:
     """The surfaces of the eight neighbours of cells, shape (8, K), −1 beyond the map, and which
     cells: those wanted, without those whose neighbours are all of their own surface where not
-    ``same``."""
+    ``same``.
+    """
     padded = np.pad(labels, 1, constant_values=-1)
     (n, m), row = labels.shape, labels.shape[1] + 2
     if not same:
@@ -214,7 +216,8 @@ def _continued(
     limits: FootholdLimits,
 ) -> tuple[Labels, Labels]:
     """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their
-    deviations."""
+    deviations.
+    """
     here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
     there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
     (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
@@ -252,7 +255,8 @@ def _misfits(
 
 def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     """Heights of cells as means over the cells of the same surface in a square, by its plane's
-    slope."""
+    slope.
+    """
     planes = fitted(labels, cells)[0]
     of = np.maximum(labels, 0)
     a, b, c = (planes[of, k] for k in range(3))
@@ -339,7 +343,8 @@ def _joined(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> Labels:
     """Neighbouring surfaces made one while one plane fits both as well as two, the most alike
-    first."""
+    first.
+    """
     pairs, sums = _touching(labels), sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     whose = np.arange(sums.shape[1])
     for _ in range(JOINED):
@@ -376,7 +381,8 @@ def _excess(
 ) -> float:
     """By how much means over blocks are off one plane of two surfaces beyond what noise may do,
     below 0 where they are not; the larger of that of both and that of the smaller one alone, in its
-    deviations."""
+    deviations.
+    """
     one, other = pair
     a, b, c = solved(sums[:, one] + sums[:, other])[0]
     members = np.concatenate([rows[one], rows[other]])
@@ -403,7 +409,8 @@ def _excess(
 def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     """Neighbouring surfaces made one while means over blocks are off one plane of both by no more
     than their noise, all together and those of the smaller one alone: noise parts a wide surface
-    here and there, and each part is biased."""
+    here and there, and each part is biased.
+    """
     side = max(round(JUDGED_M / cells.spacing_m), 1)
     wide, count = labels.shape[1] // side + 2, int(labels.max(initial=-1)) + 1
     pairs, whose, (i, j) = _touching(labels), np.arange(count), np.nonzero(labels >= 0)
@@ -432,7 +439,8 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
 
 def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """Cells at borders and without a surface, given to the one about them that height and
-    neighbours speak for."""
+    neighbours speak for.
+    """
     planes, rms, _ = fitted(labels, cells)
     if not len(planes):
         return labels

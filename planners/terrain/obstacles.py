@@ -34,7 +34,12 @@ leave out."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A convex body. name: for people; solid: where it is."""
+    """A convex body.
+
+    Arguments:
+        name: for people.
+        solid: where it is.
+    """
 
     name: str
     solid: Solid
@@ -42,8 +47,11 @@ class Obstacle:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedSurface:
-    """A surface around a body that is not convex. triangles_m: outward by the order of corners,
-    shape (T, 3, 3)."""
+    """A surface around a body that is not convex.
+
+    Arguments:
+        triangles_m: outward by the order of corners, shape (T, 3, 3).
+    """
 
     name: str
     triangles_m: Array
@@ -51,7 +59,8 @@ class ClosedSurface:
     def holds(self, points: Array) -> NDArray[np.bool_]:
         """Tell which points, shape (K, 3), are inside: by the winding number, the sum of the
         triangles' solid angles by 4π (Van Oosterom and Strackee, 1983; Jacobson et al., 2013).
-        Shape (K,)."""
+        Shape (K,).
+        """
         within = np.all(
             (points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))),
             axis=1,
@@ -68,7 +77,8 @@ class ClosedSurface:
 
     def depth(self, point: Array) -> float:
         """Depth of a point that is inside behind the plane of the facet nearest to it, at least
-        [m]."""
+        [m].
+        """
         a, b, c = np.moveaxis(self.triangles_m, 1, 0)
         normals = np.cross(b - a, c - a)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -78,8 +88,13 @@ class ClosedSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacles:
-    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too; ground:
-    heights that are solid below."""
+    """All of a terrain.
+
+    Arguments:
+        convex: bodies.
+        closed: surfaces whose inside is solid, too.
+        ground: heights that are solid below.
+    """
 
     convex: tuple[Obstacle, ...]
     closed: tuple[ClosedSurface, ...]
@@ -154,7 +169,8 @@ def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
 
 def _closes(patches: Sequence[Patch]) -> bool:
     """Tell whether patches may be the outside of something: area vectors add up to none, the volume
-    is positive."""
+    is positive.
+    """
     areas = np.array([_area(patch) * patch.normal for patch in patches])
     middles = np.array([patch.vertices_m.mean(axis=0) for patch in patches])
     volume = float(np.vecdot(areas, middles - middles[0]).sum())

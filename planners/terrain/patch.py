@@ -1,5 +1,6 @@
 """A patch: a flat convex piece of terrain on which one toe may stand, with its friction and its
-contact frame."""
+contact frame.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +34,13 @@ class Patch:
             (3,); not along n.
         friction: μ ≥ 0.
         certainty: how sure its plane and its edges are, where it was measured with noise.
+
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along
             the normal.
     Source:
         Lin et al. §II, Fig. 2, E1 and E10.
+
     Example:
         >>> import numpy as np
         >>> from stancekit import Patch
@@ -87,7 +90,9 @@ class Patch:
 
     def with_friction(self, friction: float) -> Patch:
         """Patch of the same surface with another friction; its geometry is not looked at again.
-        Raises InvalidInput."""
+
+        Raises InvalidInput.
+        """
         return self._with("friction", checked(friction, "friction", least=0.0))
 
     def with_certainty(self, certainty: Certainty | None) -> Patch:
@@ -95,8 +100,10 @@ class Patch:
         return self._with("certainty", certainty)
 
     def with_vertices(self, vertices_m: Array) -> Patch:
-        """Another polygon in the same plane; nothing else is looked at again. Raises
-        InvalidInput."""
+        """Another polygon in the same plane; nothing else is looked at again.
+
+        Raises InvalidInput.
+        """
         vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
         new = self._with("vertices_m", vertices)
@@ -137,7 +144,8 @@ def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
 
 def contact_frames(normals: Array, shear_references: Array) -> Array:
     """R_WC, columns n, y = z × n, z, for normals and shear references of shape (..., 3); shape
-    (..., 3, 3)."""
+    (..., 3, 3).
+    """
     z = shear_references - np.vecdot(shear_references, normals)[..., None] * normals
     z = z / np.sqrt(np.vecdot(z, z))[..., None]
     frames = np.empty((*normals.shape, 3))
@@ -148,7 +156,8 @@ def contact_frames(normals: Array, shear_references: Array) -> Array:
 def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
     """The first of K polygons, shape (K, U, 3), whose vertices are not in order around a flat
     convex polygon with an area in the plane of its frame, shape (K, 3, 3); and what is wrong with
-    it."""
+    it.
+    """
     local = np.matmul(vertices - vertices[:, :1], frames)
     height, y, z = local[..., 0], local[..., 1], local[..., 2]
     squares = (y[:, :, None] - y[:, None]) ** 2 + (z[:, :, None] - z[:, None]) ** 2
@@ -179,7 +188,8 @@ def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
 
 def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
     """Measures of each border, shape (K, U): area, least turn of a corner towards the inside, and
-    how often it goes round."""
+    how often it goes round.
+    """
     ahead = [*range(1, y.shape[1]), 0]
     dy, dz = y[:, ahead] - y, z[:, ahead] - z
     double = (

@@ -30,7 +30,8 @@ place."""
 
 def half_planes(polygon: Array) -> tuple[Array, Array]:
     """The half-planes that a convex polygon is the intersection of: normals, shape (U, 2), and
-    offsets, shape (U,)."""
+    offsets, shape (U,).
+    """
     edges = polygon[_following(polygon)] - polygon
     real = np.hypot(*edges.T) > 1e-12
     edges, starts = edges[real], polygon[real]
@@ -48,7 +49,8 @@ def signed_area(polygon: Array) -> float:
 
 def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
     """The part of a convex polygon inside all half-planes, shape (V, 2); (0, 2) where nothing with
-    an area is left."""
+    an area is left.
+    """
     if len(polygon):
         cuts = (polygon @ normals.T > offsets).any(
             axis=0
@@ -62,7 +64,8 @@ def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
 
 def shrunk(polygon: Array, margin_m: float) -> Array:
     """The points of a convex polygon at least ``margin_m`` inside its border, shape (V, 2), maybe
-    (0, 2)."""
+    (0, 2).
+    """
     normals, offsets = half_planes(polygon)
     return clipped(polygon, normals, offsets - margin_m)
 
@@ -93,7 +96,8 @@ def _following(polygon: Array) -> list[int]:
 
 def _below(polygon: Array, heights: Array) -> Array:
     """The part of a polygon where the heights of its corners, linear between them, are not
-    positive."""
+    positive.
+    """
     if heights.max() <= 0.0:
         return polygon
     corners, points, high = list[tuple[float, float]](), polygon.tolist(), heights.tolist()
@@ -115,7 +119,8 @@ def _below(polygon: Array, heights: Array) -> Array:
 
 def width(polygon: Array) -> float:
     """Least width of a convex polygon [m]: that across one of its edges; 0 where it has none of a
-    length."""
+    length.
+    """
     edges = polygon[_following(polygon)] - polygon
     lengths = np.hypot(edges[:, 0], edges[:, 1])
     normals = (
@@ -166,7 +171,8 @@ class Surface:
 
     def under(self, point_m: Array) -> float | None:
         """Height of the patch at a place (x, y) of the plan; None where it is not there, or upright
-        [m]."""
+        [m].
+        """
         normal = self.patch.normal
         if abs(normal[2]) < SMALLEST_M:
             return None
@@ -179,7 +185,8 @@ class Surface:
 
     def window(self, centre_m: Array, side_m: float) -> Patch | None:
         """The part inside the margin and a square about ``centre_m`` along the shear axes; None
-        where there is none."""
+        where there is none.
+        """
         piece = clipped(self.room, *self._square(centre_m, side_m))
         return self.patch.with_vertices(self._world(piece)) if len(piece) else None
 
@@ -207,8 +214,12 @@ def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None
     """A patch from its corners alone, shape (U, 3): the normal by their order (seen from the robot:
     to the left), the shear axis z up on walls and forward on ground.
 
-    towards_m: a point on the robot's side: the normal is turned towards it, whatever the order,
-    shape (3,). Raises InvalidInput for corners that are no convex planar polygon.
+    Arguments:
+        towards_m: a point on the robot's side: the normal is turned towards it, whatever the order,
+            shape (3,).
+
+    Raises:
+        InvalidInput: for corners that are no convex planar polygon.
     """
     vertices = np.asarray(vertices_m, dtype=np.float64)
     normal = _newell(vertices)
@@ -226,7 +237,8 @@ def shear_of(normal: Array) -> Array:
 
 def _newell(vertices: Array) -> Array:
     """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
-    then refuses."""
+    then refuses.
+    """
     about = vertices - vertices.mean(axis=0)
     total = sum(
         (cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3)

@@ -19,8 +19,10 @@ FLAT_M = 1e-6
 class Solid:
     """A convex body, mostly a thin prism behind a patch's surface.
 
-    corners: shape (K, 3) [m]. normals, offsets_m: its faces n·x = d, outwards, shape (F, 3), (F,).
-    triangles: of its surface, turned outwards, by index of the corners, shape (T, 3).
+    Arguments:
+        corners: shape (K, 3) [m].
+        normals, offsets_m: its faces n·x = d, outwards, shape (F, 3), (F,).
+        triangles: of its surface, turned outwards, by index of the corners, shape (T, 3).
     """
 
     corners: Array
@@ -78,7 +80,8 @@ class Solid:
 
     def distance(self, points: Array) -> Array:
         """Distance of points from the outside: never more than their distance, negative inside;
-        shape (…, 3) to (…) [m]."""
+        shape (…, 3) to (…) [m].
+        """
         return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=-1))
 
 
@@ -105,6 +108,7 @@ class Solids:
 
 def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
     """The border without doubled corners, then the same moved back along the normal, shape (2U, 3)
-    [m]."""
+    [m].
+    """
     apart = np.linalg.norm(border - np.roll(border, 1, axis=0), axis=1) > 1e-9
     return np.concatenate([border[apart], border[apart] - thickness_m * normal])

@@ -1,5 +1,6 @@
 """The upper side of triangles on a grid: which nodes lie under each triangle, and how high it is
-there."""
+there.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,11 @@ def raised(triangles: Array, x_m: Array, y_m: Array) -> Array:
     """The greatest height of triangles, shape (T, 3, 3) [m], over each node of a grid, −inf where
     there is none.
 
-    x_m, y_m: lines of the grid, shapes (X,) and (Y,), increasing. Returns shape (X, Y) [m].
+    Arguments:
+        x_m, y_m: lines of the grid, shapes (X,) and (Y,), increasing.
+
+    Returns:
+        Shape (X, Y) [m].
     """
     heights = np.full((len(x_m), len(y_m)), -np.inf)
     flat = triangles[..., :2]
@@ -58,8 +63,11 @@ def _raise(
     x_m: Array,
     y_m: Array,
 ) -> None:
-    """Raise the grid to some triangles where they lie higher. first, last: of their lines, shape
-    (T, 2)."""
+    """Raise the grid to some triangles where they lie higher.
+
+    Arguments:
+        first, last: of their lines, shape (T, 2).
+    """
     sizes = last - first
     counts = sizes.prod(axis=1)
     of = np.repeat(np.arange(len(triangles)), counts)

@@ -71,7 +71,8 @@ others by under 1 mm."""
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TerrainTask:
     """One walk: from and to a point, shape (2,) [m], and which feet stick, in the order LF, RF, LH,
-    RH."""
+    RH.
+    """
 
     start_xy_m: Array
     goal_xy_m: Array
@@ -108,8 +109,13 @@ def _out_of_the_pit() -> tuple[TerrainTask, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Formula:
-    """A terrain by its formula. shape: h of x and y, arrays of one shape [m]; spacing_m: of its
-    spline's knots; tasks: walks that it is known for, none if missing."""
+    """A terrain by its formula.
+
+    Arguments:
+        shape: h of x and y, arrays of one shape [m].
+        spacing_m: of its spline's knots.
+        tasks: walks that it is known for, none if missing.
+    """
 
     shape: Shape
     spacing_m: float = 0.05
@@ -140,7 +146,10 @@ TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
 
 
 def _formula(name: str) -> Formula | HeightField:
-    """Ground behind a name, a plain function as a formula. Raises InvalidInput."""
+    """Ground behind a name, a plain function as a formula.
+
+    Raises InvalidInput.
+    """
     formula = TERRAINS.get(name)
     return formula if isinstance(formula, Formula | HeightField) else Formula(shape=formula)
 
@@ -171,7 +180,8 @@ def reference_terrain(name: str) -> HeightField:
 def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
     """The walks of a terrain: Pan et al.'s benchmark (§V) on its own, 24 directions on ripple and
     cone, 15 targets on hill and pits, where both front feet stick; none on others. Raises
-    InvalidInput for another name."""
+    InvalidInput for another name.
+    """
     formula = _formula(name)
     return () if isinstance(formula, HeightField) else formula.tasks()
 
@@ -189,7 +199,10 @@ def named_terrain(
     """The heights of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw FAMILY:LEVEL:SEED as in
     ``rough:0.5:7`` or ``mine.py:rolling:0.5:7``, or a file of heights.
 
-    options, smooth_m: of files, see ``terrain_file.read_heights``. Raises InvalidInput.
+    Raises InvalidInput.
+
+    Arguments:
+        options, smooth_m: of files, see ``terrain_file.read_heights``.
     """
     if names_ground(name):
         if not drawn_name(name):
@@ -207,15 +220,18 @@ def named_terrain(
 
 def names_ground(name: str) -> bool:
     """Tell whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or
-    ``FILE.py:NAME``."""
+    ``FILE.py:NAME``.
+    """
     family = split_name(name)[0]
     is_file = family.endswith(".py") or ".py:" in family
     return name in TERRAINS.names() or is_file or (drawn_name(name) and not Path(name).exists())
 
 
 def named_ground(name: str) -> Terrain:
-    """A ground by its name, with the patches about the place where courses over it begin. Raises
-    InvalidInput."""
+    """A ground by its name, with the patches about the place where courses over it begin.
+
+    Raises InvalidInput.
+    """
     if drawn_name(name):
         return family_terrain(*read_draw(name, "terrain"))
     return of_heights(named_terrain(name), FRICTION, np.zeros(3), SCENE)
@@ -223,7 +239,8 @@ def named_ground(name: str) -> Terrain:
 
 def named_surface(name: str) -> TriangleMesh | ElevationMap:
     """Surface on which footholds of a named ground are looked for: its patches, or a map of its
-    heights. Raises InvalidInput."""
+    heights. Raises InvalidInput.
+    """
     if drawn_name(name):
         patches = drawn_surface(*read_draw(name, "terrain"))
         if patches is not None:
@@ -234,8 +251,10 @@ def named_surface(name: str) -> TriangleMesh | ElevationMap:
 if not TYPE_CHECKING:  # checkers read what is there today
 
     def __getattr__(name: str) -> object:
-        """``Formula`` under the name that plug-ins had for it. Raises AttributeError for any other
-        name."""
+        """``Formula`` under the name that plug-ins had for it.
+
+        Raises AttributeError for any other name.
+        """
         if name != "Terrain":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         warnings.warn(

@@ -35,8 +35,10 @@ def rounded(
 ) -> HeightField | None:
     """The highest surface over a rectangle, rounded beyond edges; None where no patch faces up.
 
-    low_m, high_m: corners of the rectangle, shape (2,), by the patches where they are missing [m].
-    name: of the field.
+    Arguments:
+        low_m, high_m: corners of the rectangle, shape (2,), by the patches where they are missing
+            [m].
+        name: of the field.
     """
     up = [patch for patch in patches if patch.normal[2] >= UPRIGHT]
     if not up:
@@ -60,7 +62,8 @@ def rounded(
 
 def _raise_to(heights: Array, x: Array, y: Array, patch: Patch, reach_m: float) -> bool:
     """Raise the grid to a patch and what falls off from it within a reach; whether it was raised at
-    the end of that."""
+    the end of that.
+    """
     corners = patch.vertices_m[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = reach_m + EDGE_M

@@ -28,7 +28,8 @@ SIDES = np.array([0.0, 0.6, 1.2, 1.8])
 
 def held_on_both_sides(friction: float, turn_rad: float) -> float:
     """The friction that holds on both sides of a rung's line, of which the surface turns by so much
-    to each side."""
+    to each side.
+    """
     return float(np.tan(max(np.arctan(friction) - turn_rad, 0.0)))
 
 
@@ -75,7 +76,8 @@ class Rung:
         """The strip that feet may stand on, from one place along the axis to another, counted from
         the middle.
 
-        friction: of the rung's surface; the strip has that of both sides.
+        Arguments:
+            friction: of the rung's surface; the strip has that of both sides.
         """
         return self._patch(
             0.0, self.half_width_m, low_m, high_m, held_on_both_sides(friction, self.turn_rad)
@@ -95,7 +97,8 @@ class Rung:
         self, angle: float, half_m: float, low_m: float, high_m: float, friction: float
     ) -> Patch:
         """A rectangle along the axis that touches the surface from within at its long borders, at
-        an angle about it."""
+        an angle about it.
+        """
         across = cross(self.upright, self.axis)
         normal = np.cos(angle) * self.upright + np.sin(angle) * across
         aside = cross(normal, self.axis)

@@ -36,7 +36,8 @@ def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
 
 def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
     """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10
-    cm."""
+    cm.
+    """
     turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
     edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
     steps = (
@@ -61,7 +62,8 @@ def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
 
 def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
     """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are
-    smaller."""
+    smaller.
+    """
     pitch, depth = 0.7, 0.4 * difficulty
     lattice = pitch * np.arange(-7, 8)
     centres = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), axis=-1).reshape(-1, 2)

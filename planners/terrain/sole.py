@@ -55,8 +55,11 @@ def sole_region(patch: Patch, offsets_m: Array) -> Patch:
     """Region in which the centre of a sole may be that is on a patch with all of its points: a
     piece of the patch's plane.
 
-    offsets_m: of the points, shape (K, 3). Raises InvalidInput where there is no room, and for a
-    patch that is bent.
+    Arguments:
+        offsets_m: of the points, shape (K, 3).
+
+    Raises:
+        InvalidInput: where there is no room, and for a patch that is bent.
     """
     axes, origin = patch.frame[:, 1:], patch.centre_m
     off = float(np.abs((patch.vertices_m - origin) @ patch.normal).max())

@@ -1,5 +1,6 @@
 """A terrain: its patches, where toes may stand on them, and its heights. Patches and heights show
-one surface."""
+one surface.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +64,8 @@ class Terrain:
     @cached_property
     def heights(self) -> HeightField | None:
         """The surface for walks, its edges rounded (``rounding``); None where nothing faces up, as
-        between walls."""
+        between walls.
+        """
         if self.laid is not None:
             return self.laid()
         from .rounding import rounded

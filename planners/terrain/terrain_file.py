@@ -1,5 +1,6 @@
 """The one reader of terrain files: meshes, grids and point clouds, for postures, courses, walks and
-environments."""
+environments.
+"""
 
 from __future__ import annotations
 
@@ -96,8 +97,10 @@ def read_heights(
 
 
 def _kind(path: Path, wanted: Kind | None) -> Kind:
-    """Kind of terrain that a file holds, as given or by its name where that leaves no doubt. Raises
-    InvalidInput."""
+    """Kind of terrain that a file holds, as given or by its name where that leaves no doubt.
+
+    Raises InvalidInput.
+    """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(
@@ -119,7 +122,8 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
 
 def _check_held(field: HeightField, tolerance_m: float) -> None:
     """Raise InvalidInput where the spline between grid points is far above or below all that are
-    about."""
+    about.
+    """
     h = field.heights_m
     corners = np.stack([h[:-1, :-1], h[1:, :-1], h[:-1, 1:], h[1:, 1:]])
     x, y = (0.5 * (line[1:] + line[:-1]) for line in (field.x_m, field.y_m))

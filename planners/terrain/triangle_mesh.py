@@ -31,9 +31,11 @@ MOST_COVERED = 2e8
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TriangleMesh:
     """Corners, shape (V, 3) [m], and triangles by their numbers, shape (T, 3), each with an area.
-    name: for messages.
 
     Seen from where the terrain may be stood on, a triangle's corners turn to the left.
+
+    Arguments:
+        name: for messages.
     """
 
     corners_m: Array
@@ -102,8 +104,11 @@ class TriangleMesh:
         return np.asarray(self.corners_m[self.triangles])
 
     def check_size(self, unit_m: float) -> None:
-        """Raise InvalidInput for a mesh that nobody walks on; unit_m: what its file's unit was
-        taken for."""
+        """Raise InvalidInput for a mesh that nobody walks on.
+
+        Arguments:
+            unit_m: what its file's unit was taken for.
+        """
         size = float(np.ptp(self.corners_m, axis=0).max())
         if size > LARGEST_M:
             raise InvalidInput(
@@ -193,7 +198,8 @@ def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
 
 def _check_cover(triangles: Array, spacing: float, name: str) -> None:
     """Raise InvalidInput for triangles that lie over one another so often that reading them takes
-    minutes."""
+    minutes.
+    """
     spans = np.ptp(triangles[:, :, :2], axis=1) / spacing + 1.0
     covered = float(np.prod(spans, axis=1).sum())
     if covered > MOST_COVERED:

@@ -34,13 +34,17 @@ NO_ANGLES = "the plan has no joint angles that the motion could go through"
 class BodyReport:
     """Report on links that go through something.
 
-    postures: how many were judged; hit: how many of them a link is too deep in something in. worst:
-    the deepest overlap; place: of it, for people, and frame, its key frame or progress between two.
-    missing: what has no shape and was not judged. drawn_so: pairs of links that are inside each
-    other in every posture, and are left out. astray: of a foot that cannot follow its path; empty
-    where all do. short_m: what is missing to bodies that are clear: of the depth in the terrain
-    what is more than touch, of the distance between links what is less than ``ROOM_M``, and how far
-    a foot is off its path.
+    Arguments:
+        postures: how many were judged.
+        hit: how many of them a link is too deep in something in.
+        worst: the deepest overlap; place: of it, for people, and frame, its key frame or progress
+            between two.
+        missing: what has no shape and was not judged.
+        drawn_so: pairs of links that are inside each other in every posture, and are left out.
+        astray: of a foot that cannot follow its path; empty where all do.
+        short_m: what is missing to bodies that are clear: of the depth in the terrain what is more
+            than touch, of the distance between links what is less than ``ROOM_M``, and how far a
+            foot is off its path.
     """
 
     postures: int
@@ -92,8 +96,9 @@ def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
     """As few samples of a motion as are not farther apart than ``APART_M`` and ``TURN_RAD``, with
     the first and the last.
 
-    points_m: feet and body's origin at every sample, shape (K, P, 3) [m]. angles_rad: of the
-    joints, shape (K, J).
+    Arguments:
+        points_m: feet and body's origin at every sample, shape (K, P, 3) [m].
+        angles_rad: of the joints, shape (K, J).
     """
     from ..motion.joints import TURN_RAD  # slow to import
     from ..motion.path import APART_M
@@ -167,8 +172,12 @@ def check_bodies(
     and, where limbs carry between them, ``motion``, of the path through them where they are the
     plan's own.
 
-    deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not checked.
-    Raises InvalidInput without coal.
+    Arguments:
+        deadline: when to stop (``time.perf_counter()``); what was not looked at by then is not
+            checked.
+
+    Raises:
+        InvalidInput: without coal.
     """
     from ..motion.joints import STRAY_M, JointPath, key_postures, path_bodies  # slow to import
     from ..motion.path import PlanPath

@@ -98,8 +98,10 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
 
 
 def _posture_problem(certificate: Certificate) -> Problem:
-    """The posture problem that a certificate is of. Raises InvalidInput for one of anything
-    else."""
+    """The posture problem that a certificate is of.
+
+    Raises InvalidInput for one of anything else.
+    """
     problem = certificate.refuted
     if not (isinstance(problem, Problem) and problem.is_posture):
         raise InvalidInput(

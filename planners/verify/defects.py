@@ -1,5 +1,6 @@
 """Defects that keep a posture or a plan from being one at all: arrays that lack, of other shapes,
-or of no numbers."""
+or of no numbers.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Why is there no posture, or no plan? What a certificate says of the reason: the smallest change
-that would help."""
+that would help.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +43,13 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
     of a posture problem, the cheapest growth first, those of a course's weakest leaf, the one that
     changes least first, or friction and reach of a leap.
 
-    tolerance: as for ``check_certificate``; a leap has none. A certificate that is not accepted
-    explains nothing: no relaxations, and the message says why. Raises InvalidInput for one that
-    does not know its problem.
+    A certificate that is not accepted explains nothing: no relaxations, and the message says why.
+
+    Arguments:
+        tolerance: as for ``check_certificate``; a leap has none.
+
+    Raises:
+        InvalidInput: for one that does not know its problem.
     """
     subject = certificate.refuted
     if isinstance(subject, Leap):
@@ -213,7 +218,8 @@ def _limits(
     course: Problem, numbers: Numbers, leaf: Leaves, value: float
 ) -> tuple[list[Relaxation], str]:
     """Values of each limit that would lift one leaf's proof, all else as it is; and where the proof
-    pulls most."""
+    pulls most.
+    """
     names, who, m = (
         course.robot.limb_names,
         numbers.schedule,
@@ -247,7 +253,8 @@ def _lengths(
     course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float
 ) -> list[Relaxation]:
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the
-    proof."""
+    proof.
+    """
     unit_m, steps = course.length_scale_m, course.steps
     gripped, reach = (
         m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]),
@@ -325,7 +332,8 @@ def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float
 
 def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
     """Least friction on top, for all candidates in these candidates, that lifts a leaf's proof; inf
-    where none does."""
+    where none does.
+    """
 
     def proves(grip: float) -> bool:
         values, _ = least_lagrangians(

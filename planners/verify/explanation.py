@@ -12,9 +12,13 @@ class Relaxation:
     """The least value of one parameter, the others as they are, at which a certificate stops
     refuting its problem.
 
-    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf
-    beyond the caps. leg: empty for parameters of the body, and of a course, whose parameters say
-    where themselves. now, needed: in ``unit`` (SI; 1 for friction).
+    It is necessary, not sufficient: below ``needed`` the problem stays infeasible.
+
+    Arguments:
+        needed: inf beyond the caps.
+        leg: empty for parameters of the body, and of a course, whose parameters say where
+            themselves.
+        now, needed: in ``unit`` (SI; 1 for friction).
     """
 
     parameter: str
@@ -38,6 +42,7 @@ class Explanation:
         message: the first of them in one line.
     Source:
         Lagrangian bounds of E1-E11.
+
     Example:
         >>> import stancekit
         >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])

@@ -31,14 +31,17 @@ FURTHER: Registry[Callable[[Plan], Group]] = Registry(
 @cache
 def _of_packages() -> tuple[str, ...]:
     """The names of entry points; which packages are installed does not change while a process
-    runs."""
+    runs.
+    """
     registered = FURTHER.registered()
     return tuple(name for name in FURTHER.names() if name not in registered)
 
 
 def further_groups(plan: Plan) -> tuple[Group, ...]:
-    """The further groups of a plan. Raises InvalidInput for a function that returns something
-    else."""
+    """The further groups of a plan.
+
+    Raises InvalidInput for a function that returns something else.
+    """
     groups = []
     for name in dict.fromkeys((*_of_packages(), *FURTHER.registered())):
         with foreign(f"verifier group {name}"):

@@ -1,5 +1,6 @@
 """Geometry that the verifier works out for itself: contact frames, distances from patches, cuts of
-polygons."""
+polygons.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +46,11 @@ def exact_and_linear(rotation: Array, vectors: Array) -> tuple[Array, Array]:
 def contact_frames(normals: Array, references: Array) -> Array:
     """R_WC of every contact, columns n, y = z × n, z with z the shear reference in the patch (E3).
 
-    normals, references: unit normals and shear references, shape (..., 3). Returns shape (..., 3,
-    3).
+    Arguments:
+        normals, references: unit normals and shear references, shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 3).
     """
     n = normals
     z = references - np.vecdot(references, n)[..., None] * n
@@ -59,9 +63,13 @@ def contact_frames(normals: Array, references: Array) -> Array:
 def patch_distances(polygons: list[Array], toes: Array) -> Array:
     """Distance of every toe from the convex hull of its patch's vertices (E1).
 
-    polygons: one a toe, shape (U, 3) [m] each; toes: shape (K, 3) [m]. Returns shape (K,) [m]. A
-    flat convex polygon is the fan of its triangles. The corners of a rounded file span a thin body,
-    and where a toe is off the fan of such, its distance is that from the body's nearest point.
+    Returns shape (K,) [m]. A flat convex polygon is the fan of its triangles. The corners of a
+    rounded file span a thin body, and where a toe is off the fan of such, its distance is that from
+    the body's nearest point.
+
+    Arguments:
+        polygons: one a toe, shape (U, 3) [m] each.
+        toes: shape (K, 3) [m].
     """
     counts = [len(polygon) for polygon in polygons]
     if max(counts) == 3:
@@ -126,7 +134,8 @@ def hull_distance(vertices: Array, point: Array) -> float:
 
 def _bent(corners: Array) -> NDArray[np.bool_]:
     """Tell which polygons, shape (G, U, 3), are not flat and convex to the last digits, shape
-    (G,)."""
+    (G,).
+    """
     from_mean = corners - corners.mean(axis=1, keepdims=True)
     edges = np.roll(from_mean, -1, axis=1) - from_mean
     size = np.abs(from_mean).max(axis=(1, 2))
@@ -140,8 +149,12 @@ def _bent(corners: Array) -> NDArray[np.bool_]:
 def cut(polygon: Array, first: float, second: float) -> tuple[Array, Array]:
     """Cut a convex polygon along the chord between two border coordinates (see ``Certificate``).
 
-    polygon: corners in order, shape (U, 3). first < second: k + s is the point s of the way from
-    corner k to the next. Returns both parts, the one between the two points first.
+    Arguments:
+        polygon: corners in order, shape (U, 3). first < second: k + s is the point s of the way
+            from corner k to the next.
+
+    Returns:
+        Both parts, the one between the two points first.
     """
 
     def point(coordinate: float) -> Array:

@@ -1,5 +1,6 @@
 """Are the footholds of a plan pieces of its terrain? A candidate that hangs in the air carries
-nobody."""
+nobody.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +25,12 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
     """Distance of every toe from terrain that is as rough as its patch and faces as it does, beyond
     ``THICK_M``.
 
-    patches: the one that each toe chose; toes: shape (P, 3) [m]. Returns shape (P,) [m], inf where
-    there is none.
+    Arguments:
+        patches: the one that each toe chose.
+        toes: shape (P, 3) [m].
+
+    Returns:
+        Shape (P,) [m], inf where there is none.
     """
     if not terrain:
         return np.full(len(toes), np.inf)

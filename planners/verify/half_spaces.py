@@ -59,8 +59,11 @@ def beyond(ball: Array, rotation: Array, legs: Array, rows: tuple[Array, Array] 
     """By how much K toes are out of reach [m], shape (K,): of the ball, or of (a + Θ × a)·(p_w − c)
     ≤ b.
 
-    ball: out of it. rotation: Θ; legs: p_w − c; shape (K, 3) each. rows: of each, as ``reach_rows``
-    has them.
+    Arguments:
+        ball: out of it.
+        rotation: Θ.
+        legs: p_w − c; shape (K, 3) each.
+        rows: of each, as ``reach_rows`` has them.
     """
     if rows is None:
         return ball
@@ -73,9 +76,13 @@ def bowed(rotation: Array, legs: Array, rows: tuple[Array, Array]) -> Array:
     """The most that toes which stay are beyond their half-spaces on a straight way of the body [m],
     shape (K,).
 
-    rotation: Θ at either end, (2, 3); legs: p_w − c, (2, K, 3); rows: as ``reach_rows`` has them. A
-    row at the share t is (1 − t) g₀ + t g₁ − q t (1 − t) with q = (ΔΘ × a)·Δ(p_w − c), largest
+    A row at the share t is (1 − t) g₀ + t g₁ − q t (1 − t) with q = (ΔΘ × a)·Δ(p_w − c), largest
     between the ends where q is negative.
+
+    Arguments:
+        rotation: Θ at either end, (2, 3).
+        legs: p_w − c, (2, K, 3).
+        rows: as ``reach_rows`` has them.
     """
     normals, bounds = rows
     start, end = (
@@ -92,7 +99,11 @@ def bowed(rotation: Array, legs: Array, rows: tuple[Array, Array]) -> Array:
 
 
 def scaled_half_spaces(limbs: Sequence[Limbs], lengths: Array) -> dict[str, Array]:
-    """The half-spaces of reach of Q problems; lengths: their length scales."""
+    """The half-spaces of reach of Q problems.
+
+    Arguments:
+        lengths: their length scales.
+    """
     rows = [
         [limb.reach_rows for limb in each_limb if limb.reach_rows is not None]
         for each_limb in limbs
@@ -107,8 +118,12 @@ def scaled_half_spaces(limbs: Sequence[Limbs], lengths: Array) -> dict[str, Arra
 def relative_rows(robot: Robot, holds: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
     """Half-spaces a·(p_other − p_limb) ≤ b of feet, wherever the limb has just been put down.
 
-    holds: the foothold under each limb at each frame, (M, N). Returns of each row the footholds of
-    the limb and of the other, (L, 2), and a, (L, 3), and b, (L,) [m].
+    Arguments:
+        holds: the foothold under each limb at each frame, (M, N).
+
+    Returns:
+        Of each row the footholds of the limb and of the other, (L, 2), and a, (L, 3), and b, (L,)
+        [m].
     """
     names, feet, normals, bounds = robot.limb_names, [], [np.zeros((0, 3))], [np.zeros(0)]
     for before, after in pairwise(holds):
@@ -126,8 +141,11 @@ def relative_rows(robot: Robot, holds: NDArray[np.intp]) -> tuple[NDArray[np.int
 
 
 def relative_pulls(feet: NDArray[np.intp], normals: Array, sigma: Array, footholds: int) -> Array:
-    """Slope in every toe that multipliers σ of such half-spaces add, shape (L, P, 3); sigma: (L,
-    rows)."""
+    """Slope in every toe that multipliers σ of such half-spaces add, shape (L, P, 3).
+
+    Arguments:
+        sigma: (L, rows).
+    """
     signs = np.zeros((len(feet), footholds))
     signs[np.arange(len(feet)), feet[:, 1]] = 1.0
     signs[np.arange(len(feet)), feet[:, 0]] = -1.0
@@ -140,7 +158,10 @@ def half_space_pulls(
     """α = Σ σ a of every limb at every frame of L leaves, shape (L, M, N, 3); None where there are
     no half-spaces.
 
-    row_limb: whose each is, (H,); normals: (L, H, 3); sigma: (L, M, H).
+    Arguments:
+        row_limb: whose each is, (H,).
+        normals: (L, H, 3).
+        sigma: (L, M, H).
     """
     if not len(row_limb):
         return None
@@ -151,7 +172,9 @@ def half_space_pulls(
 def bending(pulls: Array, shoulders: Array, tilt: Array, reach: Array) -> Array:
     """Σ t(α) (ρ + t(s)) of L leaves, shape (W, L), at W tilts, (W, L), and reaches, (W, L, N).
 
-    pulls: α, (L, M, N, 3); shoulders: (L, N, 3).
+    Arguments:
+        pulls: α, (L, M, N, 3).
+        shoulders: (L, N, 3).
     """
     corners = np.array(
         [[1.0, y, z] for y in (1.0, -1.0) for z in (1.0, -1.0)]

@@ -37,17 +37,23 @@ Place = tuple[int, str]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointReport:
-    """Can the joints do what a plan asks for? M frames, S stances, N limbs, J joints.
+    """Can the joints do what a plan asks for?
 
-    angles: shape (M, J) [rad]. error_m: of every foot from its toe, shape (M, N). limit_rad: how
-    far the worst joint of a limb is beyond its limits; of angles found here, how far it would have
-    to be, shape (M, N). torque_nm: largest joint torque of a limb in a stance, shape (S, N);
-    excess_nm: how far one of its joints is over its limit, 0 where within. share: largest torque as
-    a share of its joint's limit, of joints whose limit counts. worst_…: where the largest is, as
-    (frame, limb's name). shift_m: how far the whole robot's centre of mass is from the body's
-    origin, which Lin et al. take for it, shape (M,) [m]; nothing is judged by it. unlimited: what
-    is wrong with torque limits that count for nothing, a line each: the file has none, or one that
-    no such joint has.
+    M frames, S stances, N limbs, J joints.
+
+    Arguments:
+        angles: shape (M, J) [rad].
+        error_m: of every foot from its toe, shape (M, N).
+        limit_rad: how far the worst joint of a limb is beyond its limits; of angles found here, how
+            far it would have to be, shape (M, N).
+        torque_nm: largest joint torque of a limb in a stance, shape (S, N).
+        excess_nm: how far one of its joints is over its limit, 0 where within.
+        share: largest torque as a share of its joint's limit, of joints whose limit counts.
+            worst_…: where the largest is, as (frame, limb's name).
+        shift_m: how far the whole robot's centre of mass is from the body's origin, which Lin et
+            al. take for it, shape (M,) [m]; nothing is judged by it.
+        unlimited: what is wrong with torque limits that count for nothing, a line each: the file
+            has none, or one that no such joint has.
     """
 
     angles: Array
@@ -67,7 +73,8 @@ class JointReport:
     @property
     def accepted(self) -> bool:
         """Every foot is where it should be, and no joint needs more than it has as far as that is
-        known."""
+        known.
+        """
         return not self.message
 
     @property
@@ -165,12 +172,16 @@ def joint_report(
     reached_m: float = REACHED_M,
     solver: Kinematics | None = None,
 ) -> JointReport:
-    """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
+    """Joints of every key frame, torques of every stance.
 
-    servo: drives the joints of drawn-up legs, in place of the robot's own. reached_m: a foot
-    farther than this from where it should be is out of reach. solver: of the plan's robot, in place
-    of one with this servo. A plan that says within which torque it was made is held to that, where
-    joints have more.
+    Raises InvalidInput without pinocchio.
+
+    A plan that says within which torque it was made is held to that, where joints have more.
+
+    Arguments:
+        servo: drives the joints of drawn-up legs, in place of the robot's own.
+        reached_m: a foot farther than this from where it should be is out of reach.
+        solver: of the plan's robot, in place of one with this servo.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
@@ -217,7 +228,8 @@ def joint_report(
 
 def torque_cap(plan: Plan) -> float:
     """Largest torque that the plan allows any joint, whatever it has [Nm]; inf where it says
-    nothing."""
+    nothing.
+    """
     limit = plan.provenance.get("torque_nm")
     return float(limit) if isinstance(limit, int | float) and limit > 0.0 else np.inf
 

@@ -66,9 +66,11 @@ class Numbers:
     """Numbers of Q problems with one schedule, as the bounds need them: M frames, N limbs, T
     candidates, B limbs that carry in a stance.
 
-    candidate: the foothold of each candidate, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least
-    progress of each step along ``ahead``, the direction of the nominal path (zero where that does
-    not move). Problems of one frame have no steps.
+    Arguments:
+        candidate: the foothold of each candidate, ascending.
+        steps: Δ_c, Δ_Θ, Δ_p.
+        progress: least progress of each step along ``ahead``, the direction of the nominal path
+            (zero where that does not move). Problems of one frame have no steps.
     """
 
     schedule: Schedule
@@ -108,10 +110,13 @@ class Numbers:
 class Leaves:
     """L leaves of trees over these problems.
 
-    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its
-    patch each candidate still has, −1 for none. Piece j has the vertices ``first[j]`` up to
-    ``first[j + 1]`` and a toe of its patch may be off all pieces by ``sag[j]``. multipliers: the
-    largest entry of each row ±1, or 0.
+    Arguments:
+        problem: whose leaf it is, ascending.
+        lower, upper: force boxes.
+        pieces: which piece of its patch each candidate still has, −1 for none. Piece j has the
+            vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be off all
+            pieces by ``sag[j]``.
+        multipliers: the largest entry of each row ±1, or 0.
     """
 
     problem: Index  # (L,)
@@ -175,8 +180,11 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
 
 
 def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArray[np.bool_]]:
-    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each candidate, shape
-    (L, T)."""
+    """``least_lagrangians`` of leaves that are few enough.
+
+    Arguments:
+        sizes: vertices of each candidate, shape (L, T).
+    """
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
     gripped = m.gripped(who, numbers.row_normals[q])
@@ -344,7 +352,9 @@ def body_pulls(
 ) -> tuple[Array, Array]:
     """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
 
-    problem: of each leaf; pulls: r + α of every limb at every frame, (L, M, N, 3).
+    Arguments:
+        problem: of each leaf.
+        pulls: r + α of every limb at every frame, (L, M, N, 3).
     """
     who = numbers.schedule
     pull = -pulls.sum(axis=2)
@@ -371,8 +381,11 @@ def body_pulls(
 
 
 def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
-    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3); pulls:
-    as ``body_pulls``."""
+    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3).
+
+    Arguments:
+        pulls: as ``body_pulls``.
+    """
     leaves = len(pulls)
     toes = np.add.reduceat(
         pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1

@@ -42,7 +42,8 @@ GUARD = 1e-7
 
 def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
     """Replay a certificate's tree and bound every leaf; never raises for a bad certificate of a
-    leap."""
+    leap.
+    """
     leap = _leap(certificate)
     try:
         leaves = _replayed(leap, certificate)
@@ -64,7 +65,8 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
 
 class Refuter:
     """Proofs that multipliers give about single choices of a leap's candidates, worked out anew
-    without a solver."""
+    without a solver.
+    """
 
     def __init__(self, leap: Leap) -> None:
         self._leap, self._timings = leap, dict[int, _Bounds]()
@@ -74,9 +76,11 @@ class Refuter:
         """The bound that a row of multipliers has for each choice of a timing; above ``GUARD`` it
         refutes the choice.
 
-        choices: a candidate per foothold, shape (K, P). Returns shape (K,); −inf where there is no
-        such timing, no such candidate, or a number that is not finite. Multipliers are taken in
-        units of the largest.
+        Returns shape (K,); −inf where there is no such timing, no such candidate, or a number that
+        is not finite. Multipliers are taken in units of the largest.
+
+        Arguments:
+            choices: a candidate per foothold, shape (K, P).
         """
         nothing = np.full(len(choices), -np.inf)
         options = np.array([len(foothold.candidates) for foothold in self._leap.footholds])
@@ -167,7 +171,10 @@ def explain_leap(certificate: Certificate) -> Explanation:
 
 
 def _leap(certificate: Certificate) -> Leap:
-    """The leap that a certificate is of. Raises InvalidInput for one of anything else."""
+    """The leap that a certificate is of.
+
+    Raises InvalidInput for one of anything else.
+    """
     leap = certificate.refuted
     if not isinstance(leap, Leap):
         raise InvalidInput(
@@ -233,7 +240,8 @@ class _Stand:
 @dataclass(frozen=True, eq=False)
 class _Parts:
     """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at
-    rest, |r| by limb."""
+    rest, |r| by limb.
+    """
 
     bounds: _Bounds
     constant: float
@@ -243,7 +251,11 @@ class _Parts:
     pulls: Array
 
     def least(self, opened: list[list[int]], but: int = -1) -> float:
-        """The least value of the sum over open candidates; but: a foothold that is left out."""
+        """The least value of the sum over open candidates.
+
+        Arguments:
+            but: a foothold that is left out.
+        """
         total = self.constant
         for j, option in enumerate(opened):
             if j != but:
@@ -252,7 +264,8 @@ class _Parts:
 
     def grip_needed(self, opened: list[list[int]], j: int) -> float:
         """The least friction of foothold ``j`` at which the leaf fails, inf where none up to
-        ``MOST_GRIP`` does."""
+        ``MOST_GRIP`` does.
+        """
         rest = self.least(opened, but=j)
 
         def holds(grip: float) -> bool:
@@ -269,7 +282,8 @@ class _Parts:
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
         """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs
-        nothing."""
+        nothing.
+        """
         return self.least(opened) / self.pulls[i] if self.pulls[i] > 0.0 else math.inf
 
 
@@ -291,7 +305,10 @@ class _Bounds:
         self.sizes = (3 * standing, spaces, standing, 3, 3, 3 * len(at_rest), 3 * len(at_rest))
 
     def parts(self, row: Array) -> _Parts:
-        """Weights of multipliers. Raises _Refused for a row of another length."""
+        """Weights of multipliers.
+
+        Raises _Refused for a row of another length.
+        """
         if len(row) != sum(self.sizes):
             raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
         parts = np.split(row, np.cumsum(self.sizes)[:-1])
@@ -354,8 +371,11 @@ class _Bounds:
         return _Parts(self, float(constant), toes, slopes, levers, pulls)
 
     def candidate(self, parts: _Parts, j: int, r: int, grip: float | None = None) -> float:
-        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it; grip: another
-        friction."""
+        """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it.
+
+        Arguments:
+            grip: another friction.
+        """
         foothold, patch = self.leap.footholds[j], self.leap.footholds[j].candidates[r]
         friction = patch.friction if grip is None else grip
         corners = patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]

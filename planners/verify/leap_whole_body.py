@@ -94,7 +94,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 
     def dips(self) -> tuple[Array, Array]:
         """Depth of every foot in the air below the plane of the surface that it left, and of the
-        one that it comes to, each over its half of the flight, shape (K, N) each [m]."""
+        one that it comes to, each over its half of the flight, shape (K, N) each [m].
+        """
         body, plan = self.leap_body, self.leap_body.plan
         leap, holds = plan.problem, body.holds
         normals = np.array([leap.patch(j, plan.choice).normal for j in range(len(leap.footholds))])
@@ -175,7 +176,8 @@ def _group(
 
 def body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> tuple[Group, ...]:
     """The groups of a leap's whole body; none is checked where the robot's legs are not known, or
-    without pinocchio."""
+    without pinocchio.
+    """
     try:
         return tuple(LeapBodyMeasurements(LeapBody(plan)).groups(limits))
     except InvalidInput as error:

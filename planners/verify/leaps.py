@@ -142,7 +142,8 @@ class _Judge:
 
     def _integrate(self) -> None:
         """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1,
-        12) each."""
+        12) each.
+        """
         leap, plan = self.leap, self.plan
         start = leap.start
         state = np.concatenate(
@@ -170,7 +171,8 @@ class _Judge:
 
     def _rate(self, state: Array, pushes: Array, twists: Array, swung: Array) -> Array:
         """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's
-        origin; swung: Θ′ by legs that swing."""
+        origin; swung: Θ′ by legs that swing.
+        """
         x, y, z = state[:3].tolist()
         a, b, c = pushes.tolist()
         rate = np.empty(12)
@@ -186,8 +188,11 @@ class _Judge:
     def _note(
         self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0
     ) -> None:
-        """Keep the worst violation of a group. scale: what 1 of it is in SI; 0 for the group's
-        own."""
+        """Keep the worst violation of a group.
+
+        Arguments:
+            scale: what 1 of it is in SI; 0 for the group's own.
+        """
         value = float(np.max(by))
         unit, scale_of_group = UNITS[group]
         if not math.isfinite(value):
@@ -245,7 +250,8 @@ class _Judge:
 
     def _ramp(self, k: int, i: int) -> float:
         """Share of the largest force: less in the interval after the limb lands and in the one
-        before it lifts."""
+        before it lifts.
+        """
         stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
         lands = k > 0 and not stands[k - 1]
         lifts = k + 1 < len(stands) and not stands[k + 1]
@@ -260,7 +266,8 @@ class _Judge:
 
     def _limb(self, k: int, i: int) -> None:
         """Reach, height, length, speed and power of a limb that stands, at all instants of an
-        interval."""
+        interval.
+        """
         leap, path = self.leap, self.paths[k]
         limb = leap.robot.limbs[i]
         leg = leap.leg(limb)
@@ -308,7 +315,8 @@ class _Judge:
 
 def _rotations(vectors: Array) -> Array:
     """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3,
-    3)."""
+    3).
+    """
     angles = np.linalg.norm(vectors, axis=1)
     x, y, z = (vectors / np.maximum(angles, 1e-12)[:, None]).T
     zero = np.zeros_like(x)

@@ -98,7 +98,8 @@ class _Contacts:
     @property
     def balance(self) -> Array:
         """The map from forces to their sum and their moment about the centre of mass, shape (6, 3
-        n)."""
+        n).
+        """
         moments = cross(self.arms_m[:, None], self.frames.transpose(0, 2, 1)).transpose(0, 2, 1)
         return np.concatenate([np.hstack(list(self.frames)), np.hstack(list(moments))])
 
@@ -176,7 +177,8 @@ PUSH = np.array([[1.0, 0.0], [0.0, 1.0], *np.zeros((4, 2))])
 
 def _shift(borne: Array) -> Array:
     """A centre of mass that is t elsewhere takes t × b of the moments, b the sum of the forces;
-    shape (6, 2)."""
+    shape (6, 2).
+    """
     x, y, z = borne[:3]
     return np.array([*np.zeros((3, 2)), [0.0, -z], [z, 0.0], [-y, x]])
 
@@ -186,8 +188,10 @@ def stance_margins(
 ) -> tuple[StanceMargin, ...]:
     """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
-    pushes_alone: measure the pushes, and leave the rest at nan. yields_m: how far the body gives
-    way under a push as large as its weight [m]; 0 for one that stays where it is.
+    Arguments:
+        pushes_alone: measure the pushes, and leave the rest at nan.
+        yields_m: how far the body gives way under a push as large as its weight [m]; 0 for one that
+            stays where it is.
     """
     programs: dict[int, _Program] = {}
     margins = []
@@ -226,7 +230,8 @@ def support_region(plan: Plan, stance: Stance) -> Array:
 
 def verdict_yields_m(plan: Plan) -> float:
     """Distance that the verdict lets a plan's body give way under a push as large as its weight
-    [m]."""
+    [m].
+    """
     return YIELDS * float(np.mean([limb.reach_m for limb in plan.problem.robot.limbs]))
 
 
@@ -270,7 +275,8 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
 
 def borne_share(plan: Plan, shares: Sequence[float]) -> float:
     """The largest of some shares of the weight, the largest first, that a push may have which every
-    stance of a plan bears, the body where it is; 0 for none."""
+    stance of a plan bears, the body where it is; 0 for none.
+    """
     programs: dict[int, _Program] = {}
     left = list(shares)
     for stance in plan.problem.stances:
@@ -389,7 +395,8 @@ def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = m
 
 def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
     """The distance of the nearest side of the hull of the points, and the direction that it faces
-    [rad]."""
+    [rad].
+    """
     points = [(float(x), float(y)) for _, (x, y) in sorted(found, key=lambda each: each[0])]
     nearest, facing = math.inf, 0.0
     for (x, y), (then_x, then_y) in zip(points, [*points[1:], points[0]], strict=True):
@@ -403,8 +410,9 @@ def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
 def _friction_left(program: _Program, at: _Contacts, enough: float = math.inf) -> float:
     """The largest share of the friction without which there are still forces, from below.
 
-    enough: a share that need not be known any better; where there are forces without it, it is what
-    is returned.
+    Arguments:
+        enough: a share that need not be known any better; where there are forces without it, it is
+            what is returned.
     """
     held = np.zeros((6, 2))
 

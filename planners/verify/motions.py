@@ -70,13 +70,16 @@ UNITS = {
 class MotionLimits:
     """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
-    joints: beyond a limit [rad]. joint_speed, torque: shares of what the robot's file gives.
-    contact_gap_m, penetration_m: of a foot that stands, of any foot. slip_m: of a standing foot
-    since it came down, of its point of contact, rolling left out, or of its centre: whichever moved
-    less. balance: what no forces in the cones give, mean over ``WINDOW_S``; forces: the same of the
-    forces of the table, which may be those of a body at rest. cone, swing_force: of the table's
-    forces, outside of cones, and on feet that do not stand. bodies_m: of a link in another or in
-    the terrain.
+    Arguments:
+        joints: beyond a limit [rad].
+        joint_speed, torque: shares of what the robot's file gives.
+        contact_gap_m, penetration_m: of a foot that stands, of any foot.
+        slip_m: of a standing foot since it came down, of its point of contact, rolling left out, or
+            of its centre: whichever moved less.
+        balance: what no forces in the cones give, mean over ``WINDOW_S``.
+        forces: the same of the forces of the table, which may be those of a body at rest.
+        cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
+        bodies_m: of a link in another or in the terrain.
     """
 
     joints: float = 1e-3
@@ -108,6 +111,7 @@ def check_motion(
         terrain: patches, or heights.
         limits: what is accepted.
         gravity_m_s2: that acts.
+
     Raises:
         InvalidInput: for joints or limbs that are not the robot's, a robot whose legs are not
             known, no pinocchio.
@@ -165,8 +169,10 @@ class _Worst:
 
 
 def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
-    """The table with joints and limbs in the robot's order. Raises InvalidInput for others than the
-    robot's."""
+    """The table with joints and limbs in the robot's order.
+
+    Raises InvalidInput for others than the robot's.
+    """
     from dataclasses import replace
 
     limbs = kinematics.robot.limb_names
@@ -295,19 +301,22 @@ class _Measured:
 
     def balance(self) -> _Worst:
         """Part of the force and moment that the motion needs and that no forces within the cones
-        give, (T − 2,)."""
+        give, (T − 2,).
+        """
         return _Worst.of(self._windowed(self._lacks), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
-        2,)."""
+        2,).
+        """
         table_forces = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
         return _Worst.of(self._windowed(self._residual(table_forces, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
         """Distance of the table's forces from their cones, the nearer one where a foot touches two
-        surfaces, (T, N)."""
+        surfaces, (T, N).
+        """
         forces, outside = self.known["forces_n"], np.full(self.stands.shape, np.inf)
         for gap, normals, friction in (self.surface, self._beside):
             along = np.sum(forces * normals, axis=-1)
@@ -353,7 +362,8 @@ class _Measured:
     @cached_property
     def feet(self) -> tuple[Array, Array]:
         """Centres of the feet and how they are turned, in the world, shape (T, N, 3), (T, N, 3,
-        3)."""
+        3).
+        """
         rotation, origin = self.table.rotation, self.known["origin_m"]
         legs = self.kinematics.model.legs
         angles = [self.angles[:, self.kinematics.joints_of(i)] for i in range(len(legs))]
@@ -377,7 +387,8 @@ class _Measured:
     @cached_property
     def surface(self) -> tuple[Array, Array, Array]:
         """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3),
-        (T, N)."""
+        (T, N).
+        """
         centres = self.feet[0]
         radii = np.broadcast_to(self.kinematics.radii_m, centres.shape[:2])
         gap, normal, friction = nearest(self.terrain, centres.reshape(-1, 3), radii.ravel())
@@ -390,7 +401,8 @@ class _Measured:
     @cached_property
     def _beside(self) -> tuple[Array, Array, Array]:
         """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too; the
-        gap is infinite without one."""
+        gap is infinite without one.
+        """
         centres = self.feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)
         flat, radii = (
@@ -430,7 +442,8 @@ class _Measured:
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
         """Centre of mass, shape (T, 3), and the force and moment about it that the motion needs,
-        shape (T − 2, 6)."""
+        shape (T − 2, 6).
+        """
         pin, kinematics = pinocchio(), self.kinematics
         known, data = kinematics.known, kinematics.known.createData()
         joint = known.joints[base_joint(known)]
@@ -470,7 +483,8 @@ class _Measured:
     @cached_property
     def _lacks(self) -> Array:
         """Remainder of each row by itself: a program per row finds the forces that come nearest,
-        (T − 2,)."""
+        (T − 2,).
+        """
         from scipy.optimize import nnls
 
         parts = []
@@ -558,7 +572,8 @@ def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Arr
 
 def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
     """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,)
-    each."""
+    each.
+    """
     corners = patch.vertices_m
     edges = np.roll(corners, -1, axis=0) - corners
     turn = np.sign(np.cross(edges[0], edges[1]) @ patch.normal) or 1.0

@@ -66,7 +66,8 @@ class MovingBodyMeasurements:
 
     def off_toes(self) -> Series:
         """Distance of every foot, as the URDF has it within the joints' limits, from where it
-        touches, (K, N) [m]."""
+        touches, (K, N) [m].
+        """
         radii, path = self.kinematics.radii_m, self.path
         wanted = path.toes_m + radii[:, None] * path.normals
         feet = np.array([self.kinematics.feet(angles) for angles in self.postures.angles])
@@ -77,7 +78,8 @@ class MovingBodyMeasurements:
 
     def speed(self) -> Series:
         """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
-        (K − 1, J)."""
+        (K − 1, J).
+        """
         most = self.kinematics.velocity_rad_s
         return Series(
             np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf),
@@ -99,7 +101,8 @@ class MovingBodyMeasurements:
     @cached_property
     def _states(self) -> tuple[Array, Array]:
         """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
-        − 1, nv)."""
+        − 1, nv).
+        """
         pin, origins = self._pin, self.postures.origin_m
         states = np.array(
             [self.kinematics.configuration(angles) for angles in self.postures.angles]
@@ -113,7 +116,8 @@ class MovingBodyMeasurements:
     def torques_nm(self) -> Array:
         """Torques of the joints at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ
         fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
-        the feet pressed by its forces; I of the rotors."""
+        the feet pressed by its forces; I of the rotors.
+        """
         pin, known, solver = self._pin, self._known, self.kinematics
         states, between = self._states
         velocity, rising = (
@@ -174,14 +178,16 @@ class MovingBodyMeasurements:
 
     def bodies(self, obstacles: Obstacles) -> BodyReport:
         """Judge links against each other and against obstacles, all the way. Raises InvalidInput
-        without coal."""
+        without coal.
+        """
         from ..robot.bodies import Bodies
 
         return bodies_report(Bodies(self.kinematics, obstacles), *self.spaced(), between=True)
 
     def spaced(self) -> tuple[Array, WholeBody]:
         """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
-        [s], and they."""
+        [s], and they.
+        """
         points = np.concatenate([self.path.toes_m, self.postures.origin_m[:, None]], axis=1)
         rows = spaced(points, self.postures.angles)
         return self.times_s[rows], self.posture(rows)

@@ -36,8 +36,11 @@ class Multipliers:
         return cls(**parts)
 
     def gripped(self, who: Schedule, normals: Array) -> Array | None:
-        """Part of r that half-spaces of reach add, shape (L, M, N, 3), or None; normals: of each
-        leaf's, (L, H, 3)."""
+        """Part of r that half-spaces of reach add, shape (L, M, N, 3), or None.
+
+        Arguments:
+            normals: of each leaf's, (L, H, 3).
+        """
         return half_space_pulls(who.row_limb, normals, self.reach_rows, self.reach.shape[2])
 
 

@@ -56,13 +56,17 @@ def check_plan(
 ) -> Report[Plan]:
     """Check every constraint of the problem at the plan; never raises for a bad plan.
 
-    tolerance: largest violation allowed in any group, with lengths in the problem's length scale,
-    forces in its force scale, moments in their product and angles in rad. joints: judge joints,
-    torques and bodies, at key frames and on the way between them, too; of a posture contacts alone
-    are judged. between: recompute points between the frames; without them, what convexity proves of
-    the way is taken as proved. margins: measure what every stance bears beyond its weight; of a
-    course that asks for a push they always are. deadline: of the whole body, when to stop
-    (``time.perf_counter()``); what was not looked at by then is not checked.
+    Arguments:
+        tolerance: largest violation allowed in any group, with lengths in the problem's length
+            scale, forces in its force scale, moments in their product and angles in rad.
+        joints: judge joints, torques and bodies, at key frames and on the way between them, too; of
+            a posture contacts alone are judged.
+        between: recompute points between the frames; without them, what convexity proves of the way
+            is taken as proved.
+        margins: measure what every stance bears beyond its weight; of a course that asks for a push
+            they always are.
+        deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
+            by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
@@ -107,7 +111,8 @@ class _Sweep:
 
     def _on_soles(self, regions: list[Patch]) -> None:
         """Forces are those at the points of soles, and these where yaw and centre put them, near to
-        what is claimed."""
+        what is claimed.
+        """
         plan, soles = self._plan, {limb.name: limb.sole_m for limb in self._course.robot.limbs}
         assert plan.points_m is not None
         assert plan.point_forces_n is not None
@@ -206,7 +211,8 @@ class _Sweep:
         rows: tuple[Index, Index],
     ) -> Stances:
         """Points ``share`` of the way from each frame to the next, from the forces in one row to
-        those in another."""
+        those in another.
+        """
         course, plan, t = self._course, self._plan, share[:, None]
         following = np.minimum(frame + 1, course.frames - 1)
         foothold = self._who.holds[frame[owner], limb]
@@ -250,7 +256,8 @@ class _Sweep:
 
     def _wrench(self, frame: Index, share: Array) -> Array | None:
         """Wrench on the body ``share`` of the way from each frame to the next; its moment is about
-        the body there."""
+        the body there.
+        """
         wrench = self._course.wrench
         if wrench is None:
             return None
@@ -313,7 +320,8 @@ class _Sweep:
 
     def _idle(self) -> None:
         """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and
-        does not push."""
+        does not push.
+        """
         course, plan, who = self._course, self._plan, self._who
         stood = [
             (p, foothold.toe_m)
@@ -388,7 +396,8 @@ class _Sweep:
 
     def _note(self, group: str, values: Array, frame: Index, limb: Index | None = None) -> None:
         """Note the worst of some violations in SI; what is 0 or less is none, what is no number
-        is."""
+        is.
+        """
         if not len(values):
             return
         at = int(values.argmax())
@@ -409,7 +418,8 @@ class _Sweep:
 
     def _linearisation(self) -> tuple[float, float]:
         """Error with which I + [Θ]× places a shoulder, and distance of a toe out of reach with
-        exp([Θ]×) [m]."""
+        exp([Θ]×) [m].
+        """
         exact, linear = exact_and_linear(self._plan.rotation_rad[:, None], self._shoulders)
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
         beyond = float((length(to_toe) - self._reach).max())

@@ -33,9 +33,11 @@ PARTS = {
 def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
     """The report on the plan of a posture problem that has no defect.
 
-    tolerance: as of ``check_plan``, with lengths in the length scale, forces in the force scale,
-    moments in their product and angles in rad. The two balances are judged by the Euclidean norm of
-    what is left over.
+    The two balances are judged by the Euclidean norm of what is left over.
+
+    Arguments:
+        tolerance: as of ``check_plan``, with lengths in the length scale, forces in the force
+            scale, moments in their product and angles in rad.
     """
     problem = posture.problem
     with np.errstate(all="ignore"):
@@ -61,8 +63,12 @@ def check_postures(postures: Sequence[Plan], *, without: Collection[str] = ()) -
     """The ``worst`` of ``check_plan`` for many plans of posture problems at once, shape (B,); inf
     for what is none.
 
-    Problems may have any number of contacts. without: groups that are left out, e.g. the moment
-    balance for points of P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
+    Problems may have any number of contacts.
+
+    Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
+
+    Arguments:
+        without: groups that are left out, e.g. the moment balance for points of P̄.
     """
     worst = np.full(len(postures), np.inf)
     rows = [k for k, posture in enumerate(postures) if not plan_defect(posture)[0]]

@@ -1,5 +1,6 @@
 """Feet that are soles, as the verifier works them out: where their points are, and how far off they
-are."""
+are.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: A
     """The farthest of: the centre from where it may be, a point from the patch, a point from where
     it is claimed [m].
 
-    claimed: shape (K, 3) or longer; what comes after the points is the centre.
+    Arguments:
+        claimed: shape (K, 3) or longer; what comes after the points is the centre.
     """
     points = np.concatenate(
         [toe + offsets, np.repeat(toe[None], len(claimed) - len(offsets), axis=0)]
@@ -53,7 +55,8 @@ def counts_of(limbs: tuple[Limb, ...] | tuple[Contact, ...]) -> tuple[int, ...]:
 
 def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
     """Fault of forces at points, shape (..., N, K, 3), of feet with forces (..., N, 3); empty if
-    nothing."""
+    nothing.
+    """
     with np.errstate(all="ignore"):  # absurd magnitudes are no sum, either
         most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
         off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))

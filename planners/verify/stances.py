@@ -1,5 +1,6 @@
 """The numbers of any number of stances as arrays, and the sweep that measures every group of
-constraints over all."""
+constraints over all.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +59,8 @@ class Schedule:
     @cached_arrays
     def moves(self) -> Index:
         """(foothold before, foothold after) of every toe that moves, in order of frame, then limb;
-        shape (K, 2)."""
+        shape (K, 2).
+        """
         changed = self.holds[1:] != self.holds[:-1]
         return np.stack([self.holds[:-1][changed], self.holds[1:][changed]], axis=1)
 
@@ -99,8 +101,12 @@ class Schedule:
     @staticmethod
     @lru_cache(maxsize=64)
     def of_posture(rows: tuple[int, ...], points: tuple[int, ...] = ()) -> Schedule:
-        """Schedule of a posture. rows: how many half-spaces of reach each contact has; points: of
-        its foot, () for 1."""
+        """Schedule of a posture.
+
+        Arguments:
+            rows: how many half-spaces of reach each contact has.
+            points: of its foot, () for 1.
+        """
         limbs = np.arange(len(rows))
         stance_contact, point = expanded(limbs, points)
         zeros = np.zeros(len(stance_contact), dtype=np.intp)
@@ -145,7 +151,8 @@ class Schedule:
 def expanded(limb: Index, counts: tuple[int, ...]) -> tuple[Index, Index]:
     """A row for every point of the foot of each of some limbs: which of them, and which point.
 
-    counts: how many points each limb's foot has, () for one.
+    Arguments:
+        counts: how many points each limb's foot has, () for one.
     """
     if not counts:
         return np.arange(len(limb)), np.zeros(len(limb), dtype=np.intp)
@@ -159,9 +166,11 @@ class Stances:
     """S body poses with K contacts in all, those of one pose side by side, in the world frame and
     SI units.
 
-    owner: the pose of each contact, ascending, every pose has one or more. length_m, force_n: what
-    violations are measured in. force_min_n, force_max_n: bounds in the contact frames R_WC.
-    off_patch_m: how far each toe is from its patch, see ``geometry.patch_distances``.
+    Arguments:
+        owner: the pose of each contact, ascending, every pose has one or more.
+        length_m, force_n: what violations are measured in.
+        force_min_n, force_max_n: bounds in the contact frames R_WC.
+        off_patch_m: how far each toe is from its patch, see ``geometry.patch_distances``.
     """
 
     owner: Index  # (K,)
@@ -280,7 +289,8 @@ class Stances:
 
 def wrenches(problems: Sequence[Problem]) -> Array | None:
     """Wrenches on the bodies of posture problems beside their weight, shape (B, 6); None where none
-    has anything."""
+    has anything.
+    """
     if all(problem.wrench is None for problem in problems):
         return None
     return np.array(
@@ -290,7 +300,8 @@ def wrenches(problems: Sequence[Problem]) -> Array | None:
 
 def _claims(posture: Plan) -> list[tuple[Array, Array] | None]:
     """Claimed places of the points of every foot, and the forces at them; None of a posture on
-    point feet."""
+    point feet.
+    """
     if posture.points_m is None or posture.point_forces_n is None:
         return [None] * len(posture.toes_m)
     return list(zip(posture.points_m, posture.point_forces_n[0], strict=True))
@@ -333,7 +344,8 @@ def worst_of(at: Stances, found: dict[str, Array] | None = None) -> Array:
     """The largest violation of every stance, non-dimensional, shape (S,); inf where the numbers
     overflow.
 
-    found: its ``violations``, where they are known already.
+    Arguments:
+        found: its ``violations``, where they are known already.
     """
     starts = np.searchsorted(at.owner, np.arange(len(at.com_m)))
     worst = np.zeros(len(at.com_m))

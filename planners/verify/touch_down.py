@@ -27,7 +27,8 @@ SEED = 46
 
 def ground_group(plan: Plan) -> Group | None:
     """The share of grounds on which some toe misses its foothold; None where no patch says how sure
-    it is."""
+    it is.
+    """
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
     sure = [(p, patch.certainty) for p, patch in enumerate(patches) if patch.certainty is not None]

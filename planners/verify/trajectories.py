@@ -37,8 +37,9 @@ def check_trajectory(
     """Check everything between the knots that a robot would have to live with; never raises for a
     bad trajectory.
 
-    body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the
-    time.
+    Arguments:
+        body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of
+            the time.
     """
     with np.errstate(all="ignore"):
         defect = defect_of(trajectory, limits.step_s)
@@ -61,7 +62,8 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
     """The report of ``check_trajectory`` with the robot's own body, from one without: the other
     groups stay.
 
-    report: with ``body=False``, for the same limits.
+    Arguments:
+        report: with ``body=False``, for the same limits.
     """
     if report.defect:
         return report
@@ -90,8 +92,11 @@ def _measured(
 
 
 def _groups(rows: Rows, unasked: dict[str, str]) -> tuple[Group, ...]:
-    """The worst of every group that was measured, in the order of ``GROUPS``; unasked: why some are
-    not checked."""
+    """The worst of every group that was measured, in the order of ``GROUPS``.
+
+    Arguments:
+        unasked: why some are not checked.
+    """
     groups = []
     for group, unit in GROUPS.items():
         if group not in rows:

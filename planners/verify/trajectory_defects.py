@@ -14,7 +14,8 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
     """Defect that keeps a trajectory from being one at all, so that nothing can be measured; empty
     when nothing does.
 
-    step_s: the coarsest grid that is believed [s].
+    Arguments:
+        step_s: the coarsest grid that is believed [s].
     """
     count, feet = trajectory.samples, len(trajectory.robot.feet)
     if count < 4:  # the acceleration at either end is on a line through two

@@ -65,20 +65,30 @@ class WalkLimits:
     m·g·stand height.
 
     The two balances are judged by their root mean square over all samples, and by a wide limit on
-    the single sample. cone: how far the tangential force may exceed ν times the normal one; 1e-3
-    m·g on a foot that carries half the weight is an error of .002 in ν, which nobody knows that
-    well, and ten times the optimiser's own tolerance. continuity_m: ‖x₋ − 2x + x₊‖ of torso and
-    feet; 5 mm at 5 ms is 200 m/s², a jump and no swing. slip_m: distance of a standing foot from
-    where it came down. trunk_m: depth of the trunk's box in the terrain. impulse_s, impulse_rate:
-    what a window may gather, and what more for each second of it [m·g·s, m·g]. traction: of what
-    cones cannot give; traction_impulse_s: of the same over the whole walk [m·g·s]. traction_way_m,
-    traction_turn_rad: how far it gets by that, and how far it turns by moments that feet cannot
-    give. angular_residual, rest_acceleration: in units of g a stand height, and of g. least_…: what
-    a phase has at least. joints_m: distance of a foot from its toe, with all joints within their
-    limits. joint_speed, torque: shares of what the robot's file gives a joint; the rest is what a
-    controller corrects by. legs_moment: as moment_balance, of the whole robot, whose legs weigh
-    something. bodies_m: of one link in another, or in the ground; of the latter what is within 1 mm
-    counts as 0. ``docs/verifier.md`` says of each why it is what it is.
+    the single sample.
+
+    Arguments:
+        cone: how far the tangential force may exceed ν times the normal one; 1e-3 m·g on a foot
+            that carries half the weight is an error of .002 in ν, which nobody knows that well, and
+            ten times the optimiser's own tolerance.
+        continuity_m: ‖x₋ − 2x + x₊‖ of torso and feet; 5 mm at 5 ms is 200 m/s², a jump and no
+            swing.
+        slip_m: distance of a standing foot from where it came down.
+        trunk_m: depth of the trunk's box in the terrain.
+        impulse_s, impulse_rate: what a window may gather, and what more for each second of it
+            [m·g·s, m·g].
+        traction: of what cones cannot give.
+        traction_impulse_s: of the same over the whole walk [m·g·s].
+        traction_way_m, traction_turn_rad: how far it gets by that, and how far it turns by moments
+            that feet cannot give.
+        angular_residual, rest_acceleration: in units of g a stand height, and of g. least_…: what a
+            phase has at least.
+        joints_m: distance of a foot from its toe, with all joints within their limits.
+        joint_speed, torque: shares of what the robot's file gives a joint; the rest is what a
+            controller corrects by.
+        legs_moment: as moment_balance, of the whole robot, whose legs weigh something.
+        bodies_m: of one link in another, or in the ground; of the latter what is within 1 mm counts
+            as 0. ``docs/verifier.md`` says of each why it is what it is.
     """
 
     step_s: float = STEP_S

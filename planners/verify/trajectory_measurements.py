@@ -52,7 +52,8 @@ class TrajectoryMeasurements:
     @cached_property
     def spin(self) -> Array:
         """Rotation vector from each sample to the next over its time, in the torso's axes, shape (K
-        − 1, 3) [rad/s]."""
+        − 1, 3) [rad/s].
+        """
         rotation = self.trajectory.rotation
         turn = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
         sine = 0.5 * np.stack(
@@ -98,12 +99,14 @@ class TrajectoryMeasurements:
     @cached_property
     def ground(self) -> tuple[Array, Array]:
         """Distance along the normal, shape (K, E) [m], and normal, (K, E, 3), of the surface at
-        every foot."""
+        every foot.
+        """
         return self.above(self.trajectory.feet_m)
 
     def above(self, points: Array) -> tuple[Array, Array]:
         """Distance from the surface along its normal, negative below, shape (…) [m], and upward
-        normals, (…, 3)."""
+        normals, (…, 3).
+        """
         xy, terrain = points[..., :2], self.trajectory.terrain
         steps = FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
         slope = [
@@ -117,7 +120,8 @@ class TrajectoryMeasurements:
     @cached_property
     def _shares(self) -> tuple[Array, Array]:
         """Normal and tangential size of every contact force at the true normal, each of shape (K,
-        E) [N]."""
+        E) [N].
+        """
         return _split(self.trajectory.forces_n, self.ground[1])
 
     def beyond_cone(self, forces_n: Array, normals: Array, suction_n: Array) -> Array:
@@ -135,12 +139,14 @@ class TrajectoryMeasurements:
 
     def cone(self) -> Series:
         """Distance of forces of standing feet that are not adhesive outside their cones (W5)
-        [N]."""
+        [N].
+        """
         return self._outside(self._gripping)
 
     def suction(self) -> Series:
         """Distance of forces of standing adhesive feet outside cones that begin at the suction's
-        pull [N]."""
+        pull [N].
+        """
         return self._outside(
             self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n)
         )
@@ -287,12 +293,15 @@ class TrajectoryMeasurements:
     # figures
 
     def figures(self, cone: float) -> dict[str, float]:
-        """Measurements that nothing is judged by. cone: what counts as outside, in units of m·g.
+        """Measurements that nothing is judged by.
 
         Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that
         holds every standing foot that presses with more than .01 m·g; footing_friction: the least ν
         that would hold every standing foot on the ground within OFF_M of its place; outside_cone:
         share of the standing samples.
+
+        Arguments:
+            cone: what counts as outside, in units of m·g.
         """
         normal, tangential = self._shares
         pressing = self._gripping & (normal > 0.01 * self.weight_n)
@@ -316,7 +325,8 @@ class TrajectoryMeasurements:
     def footing_friction(self) -> float:
         """The steepest slope, as a gradient, of the ground where feet that have a friction cone
         come down, and at four places OFF_M beside it: the least ν with which a foot that is so far
-        off its place does not slip."""
+        off its place does not slip.
+        """
         about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
         places = (self.trajectory.feet_m[_began(self._gripping)][:, None] + about).reshape(-1, 3)
         low, high = np.transpose(self.trajectory.terrain.domain_m)

@@ -34,12 +34,14 @@ class MomentumMeasurements:
 
     def impulse(self, rate_n: float) -> Series:
         """‖∫ (m (a − g) − Σ f) dt‖ over every window, less ``rate_n`` a second of it, shape (1, 1)
-        [N s]."""
+        [N s].
+        """
         return self._windows(self._measured.force_residual(), rate_n)
 
     def angular_impulse(self, rate_nm: float) -> Series:
         """‖∫ (dL/dt − Σ (p_i − p) × f_i) dt‖ over every window, less ``rate_nm`` a second of it [N
-        m s]."""
+        m s].
+        """
         return self._windows(self._measured.moment_residual(), rate_nm)
 
     def _windows(self, residual: Series, rate: float) -> Series:
@@ -86,7 +88,8 @@ class MomentumMeasurements:
 
     def traction(self) -> Series:
         """Force that the motion needs and that the standing feet's cones cannot give, shape (K − 2,
-        1) [N]."""
+        1) [N].
+        """
         return Series(self._lacking[:, None], ("torso",), self.times_s[1:-1])
 
     def traction_impulse(self) -> Series:
@@ -97,7 +100,8 @@ class MomentumMeasurements:
 
     def traction_way(self) -> Series:
         """Distance that the centre of mass gets by it, up to each sample, as if all of it pushed
-        one way [m]."""
+        one way [m].
+        """
         speed = self.traction_impulse().values / self.trajectory.robot.mass_kg
         return Series(np.cumsum(speed, axis=0) * self.step_s, ("torso",), self.times_s[1:-1])
 
@@ -128,7 +132,8 @@ class MomentumMeasurements:
 
     def angular_residual(self) -> Series:
         """Angular acceleration that the moments of the feet do not explain, shape (K − 2, 1)
-        [rad/s²]."""
+        [rad/s²].
+        """
         rotation, missing = self.trajectory.rotation[1:-1], self._measured.moment_residual().values
         moment = np.einsum("kji,kj->ki", rotation, missing)
         rate = np.linalg.solve(self._measured.robot.inertia_kgm2, moment.T).T
@@ -139,7 +144,8 @@ class MomentumMeasurements:
 
     def heading(self) -> Series:
         """Angle of the torso's x axis, seen from above, off the headings asked for at both ends,
-        (2, 1) [rad]."""
+        (2, 1) [rad].
+        """
         headings = (self.trajectory.heading_rad, self.trajectory.heading_end_rad)
         axes = self.trajectory.rotation[[0, -1], :, 0]
         off = [
@@ -151,7 +157,8 @@ class MomentumMeasurements:
 
     def rest(self) -> Series:
         """Speed of torso and feet, turning at the stand height, at the ends asked to be at rest
-        [m/s]."""
+        [m/s].
+        """
         points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)
         speed = np.linalg.norm(points[self._ends(1)] - points[self._ends(0)], axis=-1) / self.step_s
         turning = (
@@ -163,14 +170,16 @@ class MomentumMeasurements:
 
     def rest_acceleration(self) -> Series:
         """Acceleration of the torso at the ends asked to be at rest, on a line through the next two
-        samples [m/s²]."""
+        samples [m/s²].
+        """
         felt = self._measured.acceleration
         felt = np.linalg.norm(2.0 * felt[self._ends(0, 2)] - felt[self._ends(1, 2)], axis=1)
         return Series(felt[:, None], ("torso",), self.times_s[self._ends(0)])
 
     def _ends(self, step: int, shorter: int = 0) -> list[int]:
         """The first samples, the last ones, or none: as the task asks; ``step`` inwards of a series
-        so much shorter."""
+        so much shorter.
+        """
         last = self.trajectory.samples - 1 - shorter
         starts, stops = self.trajectory.still
         return [step] * starts + [last - step] * stops

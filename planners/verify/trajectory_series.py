@@ -17,7 +17,8 @@ series."""
 @dataclass(frozen=True, eq=False)
 class Series:
     """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,)
-    [s]."""
+    [s].
+    """
 
     values: Array
     names: tuple[str, ...]
@@ -25,7 +26,8 @@ class Series:
 
     def worst(self) -> tuple[float, str, float]:
         """The largest value, at least 0, its column's name and its time; (0, "", NaN) of
-        nothing."""
+        nothing.
+        """
         if not self.values.size:
             return 0.0, "", math.nan
         row, column = divmod(int(self.values.argmax()), len(self.names))

@@ -26,8 +26,11 @@ refused anyway."""
 
 @dataclass(frozen=True, slots=True)
 class FootPhase:
-    """Samples first … last of one foot's stance or swing. whole: it begins and ends within the
-    trajectory."""
+    """Samples first … last of one foot's stance or swing.
+
+    Arguments:
+        whole: it begins and ends within the trajectory.
+    """
 
     foot: int
     first: int
@@ -37,7 +40,8 @@ class FootPhase:
 
 class StepMeasurements:
     """Measurements of the steps of one trajectory; all series are shape (K, E) unless they say
-    otherwise."""
+    otherwise.
+    """
 
     def __init__(self, measured: TrajectoryMeasurements) -> None:
         self.trajectory, self.feet = measured.trajectory, measured.feet
@@ -50,7 +54,8 @@ class StepMeasurements:
 
     def foot_velocity(self) -> Series:
         """Speed of a foot between two samples at both of which it stands, shape (K − 1, E)
-        [m/s]."""
+        [m/s].
+        """
         return self._speed(self.trajectory.contact[:-1] & self.trajectory.contact[1:])
 
     def touch_speed(self) -> Series:
@@ -59,7 +64,8 @@ class StepMeasurements:
 
     def stance_time(self, least_s: float) -> Series:
         """By how much a stance is too short, from its first sample to the first one after it
-        [s]."""
+        [s].
+        """
         return self._marked(
             (stance, least_s - (stance.last - stance.first + 1) * self.step_s)
             for stance in _phases(self.trajectory.contact)
@@ -68,7 +74,8 @@ class StepMeasurements:
 
     def swing_time(self, least_s: float) -> Series:
         """By how much a swing is too short, between the samples at which the foot stands before and
-        after it [s]; of one that the trajectory's ends cut off nobody knows."""
+        after it [s]; of one that the trajectory's ends cut off nobody knows.
+        """
         whole = (swing for swing in self._swings if swing.whole)
         return self._marked(
             (swing, least_s - (swing.last - swing.first + 2) * self.step_s) for swing in whole
@@ -89,19 +96,22 @@ class StepMeasurements:
 
     def clearance(self, least_m: float) -> Series:
         """By how much a foot comes too near the ground, along the normal, in the middle half of its
-        swing [m]."""
+        swing [m].
+        """
         return self._marked(
             (swing, least_m - float(self._middle(swing).min())) for swing in self._swings
         )
 
     def drag(self, near_m: float) -> Series:
         """Way of a foot in a swing while it is nearer to the ground than ``near_m``, along the
-        normal [m]."""
+        normal [m].
+        """
         return self._marked((swing, self._dragged(swing, near_m)) for swing in self._swings)
 
     def penetration_between(self) -> Series:
         """Depth of swinging feet between samples, every centimetre along cubics through the samples
-        [m]."""
+        [m].
+        """
         pieces = self._pieces()
         worst = np.zeros(len(self.feet)), np.zeros(len(self.feet))
         for number in range(len(self.feet)):
@@ -119,7 +129,8 @@ class StepMeasurements:
 
     def _between(self, number: int, pieces: int) -> tuple[Array, Array]:
         """Points of one foot between samples of which neither stands, shape (P, 3) [m], and their
-        times (P,) [s]."""
+        times (P,) [s].
+        """
         flies = ~self.trajectory.contact[:, number]
         at = np.flatnonzero(flies[1:-2] & flies[2:-1] & flies[:-3] & flies[3:]) + 1
         shares = np.arange(1, pieces) / pieces
@@ -140,7 +151,8 @@ class StepMeasurements:
 
     def _middle(self, swing: FootPhase) -> Array:
         """Heights in the middle half; of a swing that is cut off all but a quarter beside the end
-        at which it lands."""
+        at which it lands.
+        """
         heights = self._heights(swing)
         quarter = len(heights) // 4
         begins, ends = swing.first > 0, swing.last < len(self._height_m) - 1
@@ -163,7 +175,8 @@ class StepMeasurements:
 
 def _phases(holds: Flags) -> Iterator[FootPhase]:
     """Runs of samples at which it holds, foot by foot; those that an end of the trajectory cuts off
-    are not whole."""
+    are not whole.
+    """
     for foot in range(holds.shape[1]):
         changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
         for first, end in pairwise(changes):

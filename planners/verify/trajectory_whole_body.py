@@ -27,9 +27,12 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Ro
     """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
     names.
 
-    limits: what is allowed of each. Returns series with their limits, all empty for a robot of
-    boxes or without pinocchio, and reasons in words: a file without speed or torque limits, meshes
-    that are not there, no coal.
+    Arguments:
+        limits: what is allowed of each.
+
+    Returns:
+        Series with their limits, all empty for a robot of boxes or without pinocchio, and reasons
+        in words: a file without speed or torque limits, meshes that are not there, no coal.
     """
     try:
         body = WholeBodyMeasurements(measured)
@@ -81,7 +84,8 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
 
     def overlap(self) -> tuple[Series, tuple[str, ...]]:
         """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which
-        links; and what has no shape. Raises InvalidInput without coal."""
+        links; and what has no shape. Raises InvalidInput without coal.
+        """
         from ..terrain.obstacles import Obstacles
 
         report = self.bodies(Obstacles.under(self.trajectory.terrain))

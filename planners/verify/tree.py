@@ -1,5 +1,6 @@
 """The leaves of a certificate's tree: grown from the problem's own patches and force boxes, so that
-they cover it."""
+they cover it.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ class Forest:
     @staticmethod
     def of_course(course: Problem) -> Forest:
         """A course: a candidate is a candidate patch of a foothold, a toe that already stands a
-        patch of one point."""
+        patch of one point.
+        """
         length, limbs = course.length_scale_m, course.robot.limbs
         who = Schedule.of_course(course)
         patches = [patch for foothold in course.footholds for patch in foothold.candidates]
@@ -170,8 +172,12 @@ class Forest:
         """The leaves of a tree over one of the problems: patches and force boxes are cut again as
         the nodes say.
 
-        problem: its number. Raises InvalidInput, with the node, for a tree of another shape, and
-        for one that does not cover the problem.
+        Arguments:
+            problem: its number.
+
+        Raises:
+            InvalidInput: with the node, for a tree of another shape, and for one that does not
+                cover the problem.
         """
         tree, rows = certificate.tree, certificate.multipliers
         count = self._count
@@ -293,7 +299,10 @@ class Forest:
         return [(pieces, above, upper), (pieces, lower, below)]
 
     def _candidate(self, foothold: float, candidate: float, where: str) -> int:
-        """The number, among all candidates, of one of a foothold's. Raises InvalidInput."""
+        """The number, among all candidates, of one of a foothold's.
+
+        Raises InvalidInput.
+        """
         begins = self.numbers.first_candidate
         p = _index(foothold, len(begins), f"{where}: foothold")
         counts = np.diff(np.append(begins, len(self.numbers.candidate)))

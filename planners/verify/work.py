@@ -1,5 +1,6 @@
 """The least work of a force in a box and a friction cone: where every bound on a leaf of a
-certificate comes from."""
+certificate comes from.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +20,13 @@ def least_works(
     """Proved lower bounds on min {a·f : lower ≤ f ≤ upper, ‖(f_y, f_z)‖ ≤ μ f_n} for each of V
     rows, shape (V,), and the same with every inequality widened by ``slack``.
 
-    a, lower, upper: shape (V, 3), in the contact frame; friction: shape (V,). By duality every κ in
-    the plane gives the bound min {(a_n − μ‖κ‖) f_n + (a_t − κ)·f_t : f in the box}, a concave
-    function of κ. Its maximum lies at 0, on a line κ_y = a_y or κ_z = a_z, or on the circle μ‖κ‖ =
-    a_n: where two of these meet or where it is stationary on one. All such points are tried and
-    none is trusted: rounding and degenerate boxes can only lower the result.
+    Arguments:
+        a, lower, upper: shape (V, 3), in the contact frame.
+        friction: shape (V,). By duality every κ in the plane gives the bound min {(a_n − μ‖κ‖) f_n
+            + (a_t − κ)·f_t : f in the box}, a concave function of κ. Its maximum lies at 0, on a
+            line κ_y = a_y or κ_z = a_z, or on the circle μ‖κ‖ = a_n: where two of these meet or
+            where it is stationary on one. All such points are tried and none is trusted: rounding
+            and degenerate boxes can only lower the result.
     """
     an, ay, az = np.ascontiguousarray(
         a.T
@@ -67,7 +70,8 @@ def least_works(
 
 def misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
     """Tell where no force is within ``SLACK`` of both force box, shape (V, 3) each, and friction
-    cone; shape (V,)."""
+    cone; shape (V,).
+    """
     shear = np.maximum(np.maximum(lower[:, 1:], -upper[:, 1:]), 0.0)
     nearest = np.sqrt((shear * shear).sum(axis=1))
     most = friction * (upper[:, 0] + SLACK) + SLACK  # largest shear

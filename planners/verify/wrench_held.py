@@ -43,8 +43,9 @@ REFUSED = (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostP
 class WrenchHeld:
     """The stance that holds the least of its wrench.
 
-    stance: number of the stance. share: the largest multiple of the wrench that it might hold,
-    below 1.
+    Arguments:
+        stance: number of the stance.
+        share: the largest multiple of the wrench that it might hold, below 1.
     """
 
     stance: int
@@ -113,7 +114,8 @@ class _Lift:
 
     def might_hold(self, share: float) -> bool:
         """Tell whether the lift has a point with this multiple of the wrench, or the solver does
-        not know."""
+        not know.
+        """
         x, y, z = borne = np.array([0.0, 0.0, self._numbers.weight[0]]) - share * self._wrench[:3]
         turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # c × b
         blocks = [*self._entries, (np.arange(3, 6)[:, None], self._com, -turn)]

@@ -1,2 +1,3 @@
 """Warped space (Pan et al. §IV): spline maps that flatten a terrain, and how they push frames
-forward."""
+forward.
+"""

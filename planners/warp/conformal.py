@@ -63,6 +63,7 @@ class MapFit:
             cost.
     Source:
         Pan et al. §IV.
+
     Example:
         >>> import stancekit
         >>> stancekit.warp("hill", cells=(8, 8, 3)).report.cells
@@ -85,9 +86,11 @@ def flatten(
             cost time in proportion.
         height_m: thickness of the band above the terrain [m], about five times the robot's rest
             height.
+
     Returns:
         The map from the band [m] to the world [m]; it fits this terrain alone
         (``SplineMap.check_fits``).
+
     Raises:
         InvalidInput: for a bad grid.
         PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
@@ -107,12 +110,16 @@ def fit_map(
 ) -> MapFit:
     """Make a map of a terrain (W6): x̄ and ȳ span its domain, z̄ spans 0 to ``height_m`` [m].
 
-    method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global
-    (Algorithm W1) or gauss-newton (with barrier and line search), as published and without a snap,
-    or Algorithm W1 accelerated. Whatever comes of these three is returned: the report says min det
-    J and the match. More cells let the map bend more sharply and cost time in proportion. Raises
-    InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can
-    hold.
+    Arguments:
+        method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global
+            (Algorithm W1) or gauss-newton (with barrier and line search), as published and without
+            a snap, or Algorithm W1 accelerated. Whatever comes of these three is returned: the
+            report says min det J and the match. More cells let the map bend more sharply and cost
+            time in proportion.
+
+    Raises:
+        InvalidInput: for a bad grid, and PlanningFailed for a terrain that is finer than the snap
+            can hold.
     """
     began = process_time()
     grid = QuadratureGrid.of_band(
@@ -163,7 +170,8 @@ def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: floa
 
 def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightField, float]]:
     """Fields that the tri-cubic map is matched to, with their smoothing: the terrain, or what its
-    cells can follow."""
+    cells can follow.
+    """
     cell = max(axis.cell_m for axis in grid.axes[:2])
     for share in SMOOTHINGS:
         if share and not field.even:

@@ -28,10 +28,12 @@ from .spline_map import SplineMap
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WarpedPose:
-    """A body in warped space: com_bar_m, shape (3,) [m], z̄ over the ground; yaw_rad: its heading
-    there.
+    """A body in warped space: com_bar_m, shape (3,) [m], z̄ over the ground.
 
     What is given about the body, in axes that are level and along it, is pushed forward with it.
+
+    Arguments:
+        yaw_rad: its heading there.
     """
 
     warp: SplineMap
@@ -74,7 +76,8 @@ class WarpedPose:
 
     def problem(self, problem: Problem) -> Problem:
         """A posture problem about the body, in the world about φ of the body's place; the body is
-        turned with it."""
+        turned with it.
+        """
         rotation, home = self.rotation, self.com_m
         contacts = tuple(
             replace(
@@ -90,7 +93,8 @@ class WarpedPose:
     def envelope(self, envelope: Envelope, length_m: float) -> Envelope:
         """The box about what φ makes of a box over [p, f]; forces are in contact frames and stay.
 
-        length_m: the length scale of p.
+        Arguments:
+            length_m: the length scale of p.
         """
         low, high = envelope.position
         corners = np.array(list(product((0.0, 0.5, 1.0), repeat=3)))
@@ -112,9 +116,13 @@ class WarpedPose:
 class KeyFrames:
     """Key frames of a plan on level ground, pushed forward.
 
-    limbs: names; com_m: shape (M, 3) [m]; rotation: R_WB, shape (M, 3, 3); toes_m: shape (M, N, 3)
-    [m]; problems: the posture problems of the plan's stances on tangent patches no larger than the
-    toe needs, about the pushed bodies.
+    Arguments:
+        limbs: names.
+        com_m: shape (M, 3) [m].
+        rotation: R_WB, shape (M, 3, 3).
+        toes_m: shape (M, N, 3) [m].
+        problems: the posture problems of the plan's stances on tangent patches no larger than the
+            toe needs, about the pushed bodies.
     """
 
     limbs: tuple[str, ...]
@@ -125,7 +133,8 @@ class KeyFrames:
 
     def com_at(self, shares: Array) -> Array:
         """The body's place after shares of the way, straight between key frames, shape (K,) → (K,
-        3) [m]."""
+        3) [m].
+        """
         at = np.asarray(shares) * (len(self.com_m) - 1)
         return np.stack(
             [np.interp(at, np.arange(len(self.com_m)), self.com_m[:, k]) for k in range(3)], axis=1
@@ -138,8 +147,11 @@ def pushed_plan(
     """Push a plan on level ground z = 0 forward, its first body over (x̄, ȳ) = start_xy_m, its x
     along yaw_rad.
 
-    toe_m: half the width of the tangent patch under a toe. Raises InvalidInput for a plan whose
-    toes are not on level ground.
+    Arguments:
+        toe_m: half the width of the tangent patch under a toe.
+
+    Raises:
+        InvalidInput: for a plan whose toes are not on level ground.
     """
     if np.abs(plan.toes_m[:, 2]).max(initial=0.0) > 1e-6:
         raise InvalidInput("plan: expected toes on level ground z = 0, got one at another height")
@@ -183,7 +195,8 @@ def _moved(patch: Patch, by: Array) -> Patch:
 
 def _surface_frame(jacobian: Array, rotation: Array) -> Array:
     """The rotation nearest to ``rotation`` whose third column is the true normal, along J e_x × J
-    e_y."""
+    e_y.
+    """
     normal = np.cross(jacobian[:, 0], jacobian[:, 1])
     normal = normal / np.linalg.norm(normal)
     upright = Rotation.from_quat(

@@ -26,8 +26,10 @@ class Evaluation:
     """The energy at control points: its parts, E_map = conformal + barrier [m³], match (with its
     weight), and more.
 
-    gradient: shape (3, nx, ny, nz), or of size 0 where a barrier is infinite. least_det: min det J
-    over the quadrature. miss_m: greatest |φ_z − h(φ_xy)| over the ground's quadrature points [m].
+    Arguments:
+        gradient: shape (3, nx, ny, nz), or of size 0 where a barrier is infinite.
+        least_det: min det J over the quadrature.
+        miss_m: greatest |φ_z − h(φ_xy)| over the ground's quadrature points [m].
     """
 
     conformal: float
@@ -45,8 +47,12 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapEnergy:
-    """E_map + weight·E_match over a grid (W6). barrier: μ, 0 for none; scale: which similarity ρ
-    measures against."""
+    """E_map + weight·E_match over a grid (W6).
+
+    Arguments:
+        barrier: μ, 0 for none.
+        scale: which similarity ρ measures against.
+    """
 
     grid: QuadratureGrid
     field: HeightField
@@ -64,7 +70,8 @@ class MapEnergy:
 
     def at(self, psi: Array) -> Evaluation:
         """Energy and its exact gradient, that of UVᵀ|Σ|^(1/3) and of h(φ_xy) included; ψ of shape
-        (3, nx, ny, nz)."""
+        (3, nx, ny, nz).
+        """
         jacobian = self.grid.gradient(psi)
         cof = cofactor(jacobian)
         det = determinant(jacobian, cof)
@@ -103,7 +110,8 @@ class MapEnergy:
 
     def miss(self, psi: Array) -> tuple[Array, Array]:
         """φ_z − h(φ_xy) at the ground's quadrature points, shape (X, Y) [m], and ∇h there, shape
-        (X, Y, 2)."""
+        (X, Y, 2).
+        """
         ground = self.grid.floor(psi)
         height, slope = self.field.height_and_gradient(np.moveaxis(ground[:2], 0, -1))
         return ground[2] - height, slope
@@ -132,7 +140,8 @@ def _published(jacobian: Array, cof: Array, det: Array) -> tuple[Array, Array]:
 
 def shear(grid: QuadratureGrid, field: HeightField) -> Array:
     """Control points of (x̄, ȳ, z̄ + h) with h fitted in the grid's own splines, shape (3, nx, ny,
-    nz): det J = 1."""
+    nz): det J = 1.
+    """
     x, y, _ = grid.axes
     height = field.height(np.stack(np.meshgrid(x.at, y.at, indexing="ij"), axis=-1))
     along_x = np.linalg.solve(x.mass, x.value.T @ (x.weight[:, None] * height))

@@ -95,7 +95,8 @@ def _normal_matrix(energy: MapEnergy, psi: Array) -> Callable[[Array], Array]:
 
 def point_blocks(jacobian: Array, barrier: float) -> Array:
     """Gauss-Newton matrices of ρ at Jacobians, shape (3, 3, N) → (9, 9, N), rows by component and
-    derivative."""
+    derivative.
+    """
     cof = cofactor(jacobian)
     det = determinant(jacobian, cof)
     sign = np.where(det < 0.0, -1.0, 1.0)
@@ -139,7 +140,8 @@ def _conjugate_gradients(
     tolerance: float = 0.03,
 ) -> tuple[Array, int]:
     """A step that solves the normal equations to ``tolerance`` by the preconditioner's norm, and
-    how many products."""
+    how many products.
+    """
     solution, left = np.zeros_like(right), right
     near = precondition(left)
     way, size = near, float(np.sum(left * near))

@@ -66,7 +66,8 @@ def descend(
 
 def _shrink(now: Evaluation, found: Evaluation, slope: float) -> float:
     """By how much to shorten a step: to the parabola's minimum where there is one, within [.1,
-    .5]."""
+    .5].
+    """
     if not np.isfinite(found.total):
         return 0.5
     return float(np.clip(-0.5 * slope / (found.total - now.total - slope), 0.1, 0.5))

@@ -1,5 +1,6 @@
 """Finding the point that a map sends somewhere: Newton's method from the nearest of known
-images."""
+images.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ NEWTON_STEPS = 30
 
 def surface(bases: Sequence[CubicBasis], control: Array, at: Array) -> tuple[Array, Array, Array]:
     """A bicubic surface with control points (k, n, m) at points (N, 2): value and both derivatives,
-    (N, k) each."""
+    (N, k) each.
+    """
     (i, (x, dx)), (j, (y, dy)) = (
         basis.weights(np.ascontiguousarray(at[:, a]), 1) for a, basis in enumerate(bases)
     )
@@ -39,8 +41,12 @@ def inverted(
     """Newton's method for function(x) = goal, (N, k), from the start, (M, k), whose image is the
     nearest.
 
-    function: values and Jacobians at points, (N, k) → (N, k), (N, k, k). A step that does not help
-    is halved. Raises PlanningFailed for a goal that it does not reach.
+    Arguments:
+        function: values and Jacobians at points, (N, k) → (N, k), (N, k, k). A step that does not
+            help is halved.
+
+    Raises:
+        PlanningFailed: for a goal that it does not reach.
     """
     from scipy.spatial import cKDTree
 

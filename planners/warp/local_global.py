@@ -29,7 +29,8 @@ Solve = Callable[[Array], Array]
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descent:
     """Result of a method: control points, the energy's parts by iteration, CPU seconds by
-    iteration, and a word."""
+    iteration, and a word.
+    """
 
     psi: Array
     history: list[Evaluation]
@@ -57,8 +58,9 @@ def accelerated(
     """Algorithm W1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson
     acceleration.
 
-    memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the
-    energy is dropped.
+    Arguments:
+        memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the
+            energy is dropped.
     """
     began = process_time()
     solve = SeparableSolver(energy.grid, energy.match_weight).solve
@@ -134,14 +136,14 @@ def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
             axis.pinned if k == component and k < 2 else np.eye(len(axis.identity))
             for k, axis in enumerate(grid.axes)
         ]
-        kept = sparse.csr_array(sparse.kron(sparse.kron(keep[0], keep[1]), keep[2]))
+        free = sparse.csr_array(sparse.kron(sparse.kron(keep[0], keep[1]), keep[2]))
         low = z.stiffness + (grip * hold if component == 2 else 0.0)
         whole = (
             sparse.kron(sparse.kron(x.stiffness, y.mass), z.mass)
             + sparse.kron(sparse.kron(x.mass, y.stiffness), z.mass)
             + sparse.kron(sparse.kron(x.mass, y.mass), low)
         )
-        factors.append((kept, splu(sparse.csc_matrix(kept.T @ whole @ kept))))
+        factors.append((free, splu(sparse.csc_matrix(free.T @ whole @ free))))
 
     def solve(right: Array) -> Array:
         return np.stack(

@@ -20,7 +20,8 @@ from ..terrain.bspline import CubicBasis
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
     """One axis of the grid: uniform cells from ``low`` to ``high`` [m], ``points`` Gauss points in
-    each."""
+    each.
+    """
 
     low: float
     high: float
@@ -89,7 +90,8 @@ class Axis:
     @cached_property
     def pinned(self) -> Array:
         """The functions that are 0 at both ends, as columns over all functions, shape (n, n −
-        2)."""
+        2).
+        """
         inner = np.eye(len(self.identity))[:, 1:-1]
         low, high = self.ends
         inner[0] = -low[1:-1] / low[0]
@@ -101,8 +103,11 @@ class Axis:
     ) -> tuple[Array, Array]:
         """λ, shape (k,), and E, shape (n, k), with Eᵀ M E = I and Eᵀ (K + grip·b bᵀ) E = diag λ.
 
-        M and K are the axis's mass and stiffness, b the functions at its low end; pinned: all modes
-        are 0 at both ends; ridge: added to M's diagonal, in cells.
+        M and K are the axis's mass and stiffness, b the functions at its low end.
+
+        Arguments:
+            pinned: all modes are 0 at both ends.
+            ridge: added to M's diagonal, in cells.
         """
         mass = self.mass + ridge * self.cell_m * np.eye(len(self.identity))
         stiffness = self.stiffness + grip * np.outer(self.ends[0], self.ends[0])
@@ -182,10 +187,12 @@ class SeparableSolver:
     """Least squares of gradients, argmin ∫‖∇u − S‖² + grip ∫_ground u_z², by fast diagonalisation.
 
     The component of u that is normal to a side wall stays 0 on it; the rest is free. No
-    factorisation: a solve is a product with the modes of each axis there and back. ridge: what
-    holds back the functions at the corners, which hardly reach into the band: next to nothing
-    decides on them, and the map would go on wildly beyond its corners. It changes the way to where
-    a gradient is zero, not the place.
+    factorisation: a solve is a product with the modes of each axis there and back.
+
+    Arguments:
+        ridge: what holds back the functions at the corners, which hardly reach into the band: next
+            to nothing decides on them, and the map would go on wildly beyond its corners. It
+            changes the way to where a gradient is zero, not the place.
     """
 
     def __init__(self, grid: QuadratureGrid, grip: float, ridge: float = 0.0) -> None:

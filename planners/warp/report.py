@@ -1,5 +1,6 @@
 """Report on a map: conformal error (Pan et al. Fig. 4), injectivity, match, convergence (Fig.
-5)."""
+5).
+"""
 
 from __future__ import annotations
 
@@ -24,13 +25,18 @@ TORSO_M = 0.5
 class MapReport:
     """Quality and cost of one map.
 
-    ground_error, torso_error: 1 − σ_min/σ_max of J, shape (81, 81), at z̄ = 0 and z̄ = .5 m on a
-    regular grid. least_det: min det J over 6 lines a cell; least_det_at_m: where, shape (3,).
-    match_m: greatest and root-mean-square
-    |φ_z − h(φ_xy)| at z̄ = 0 between all nodes [m]; unsnapped_m: the same before the snap. energy: rows of total,
-    conformal, barrier, match, min det J at the quadrature points, a row an iteration, shape (K, 5);
-    seconds: CPU time until then, shape (K,) [s]. cpu_s: all of it, with snap and checks. message:
-    what had to be done otherwise.
+    Arguments:
+        ground_error, torso_error: 1 − σ_min/σ_max of J, shape (81, 81), at z̄ = 0 and z̄ = .5 m on
+            a regular grid.
+        least_det: min det J over 6 lines a cell.
+        least_det_at_m: where, shape (3,).
+        match_m: greatest and root-mean-square |φ_z − h(φ_xy)| at z̄ = 0 between all nodes [m].
+        unsnapped_m: the same before the snap.
+        energy: rows of total, conformal, barrier, match, min det J at the quadrature points, a row
+            an iteration, shape (K, 5).
+        seconds: CPU time until then, shape (K,) [s].
+        cpu_s: all of it, with snap and checks.
+        message: what had to be done otherwise.
     """
 
     method: str
@@ -83,7 +89,8 @@ def spread(values: Array) -> dict[str, float]:
 
 def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = GROUND_LINES) -> Array:
     """1 − σ_min/σ_max of J on a regular grid at z̄ = height, shape (lines, lines): 0 where φ keeps
-    angles."""
+    angles.
+    """
     x, y = (np.linspace(low, high, lines) for low, high in warp.domain_m)
     _, jacobian = warp.on_grid(x, y, np.array([height_m]))
     sigma = singular_values(jacobian[..., 0])
@@ -92,7 +99,8 @@ def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = GROUND_
 
 def least_determinant(warp: SplineMap) -> tuple[float, Array]:
     """min det J on FINER lines a cell, twice as many near the ground, and where it is, shape (3,)
-    [m]."""
+    [m].
+    """
     lines = [
         np.linspace(low, high, FINER * n + 1)
         for (low, high), n in zip(warp.domain_m, warp.cells[:2], strict=True)
@@ -113,7 +121,8 @@ def least_determinant(warp: SplineMap) -> tuple[float, Array]:
 
 def match_error(warp: SplineMap, field: HeightField) -> tuple[float, float]:
     """Greatest and root-mean-square |φ_z − h(φ_xy)| at z̄ = 0, on lines twice as dense as the
-    terrain's [m]."""
+    terrain's [m].
+    """
     lines = []
     for (low, high), cells, nodes in zip(
         warp.domain_m, warp.cells[:2], field.heights_m.shape, strict=True

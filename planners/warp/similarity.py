@@ -82,7 +82,8 @@ def nearest_similarity(jacobian: Array) -> Array:
 
 def published_similarity(jacobian: Array) -> Array:
     """U Vᵀ |Σ|^(1/3), the target of Algorithm W1 as printed, by SVD (Pan et al., before W6), shape
-    (3, 3, N…)."""
+    (3, 3, N…).
+    """
     u, sigma, vt = np.linalg.svd(np.moveaxis(jacobian.reshape(3, 3, -1), -1, 0))
     target = (u @ vt) * np.cbrt(sigma.prod(axis=1))[:, None, None]
     return np.ascontiguousarray(np.moveaxis(target, 0, -1)).reshape(jacobian.shape)

@@ -41,10 +41,15 @@ TEXTS = ("name", "terrain_digest")
 class SplineMap:
     """φ: x̄ ↦ x, both in metres; C² everywhere, and the ground z̄ = 0 becomes the terrain.
 
-    domain_m: x̄ and ȳ span these [m]; height_m: z̄ spans 0 to this [m]. control_m: ψ, shape (3, nx,
-    ny, nz) [m], component first, cells + 3 along an axis. snap: δ over the world's x and y; it
-    fades out from z̄ = 0 to fade_m. None is a plain tri-cubic map, as published. terrain_digest:
-    what it was made for. Raises InvalidInput.
+    Raises InvalidInput.
+
+    Arguments:
+        domain_m: x̄ and ȳ span these [m].
+        height_m: z̄ spans 0 to this [m].
+        control_m: ψ, shape (3, nx, ny, nz) [m], component first, cells + 3 along an axis.
+        snap: δ over the world's x and y; it fades out from z̄ = 0 to fade_m. None is a plain
+            tri-cubic map, as published.
+        terrain_digest: what it was made for.
     """
 
     domain_m: tuple[tuple[float, float], tuple[float, float]]
@@ -103,7 +108,8 @@ class SplineMap:
     @property
     def spline(self) -> tuple[Array, tuple[Array, ...]]:
         """Control points of s, the map without its snap, component first, shape (3, …) [m], and the
-        knots along each axis [m]; straight continuation included."""
+        knots along each axis [m]; straight continuation included.
+        """
         return self._padded, tuple(basis.knots for basis in self._bases)
 
     def points(self, x_bar: Array) -> Array:
@@ -156,7 +162,8 @@ class SplineMap:
 
     def on_grid(self, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
         """φ, shape (3, X, Y, Z) [m], and J, shape (3, 3, X, Y, Z), on a regular grid of x̄, ȳ and
-        z̄ [m]."""
+        z̄ [m].
+        """
         lines = (x, y, z)
         point = self._on(lines, (0, 0, 0))
         jacobian = np.stack(
@@ -180,8 +187,10 @@ class SplineMap:
         return np.array(control)
 
     def inverse(self, points: Array) -> Array:
-        """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m]. Raises PlanningFailed for a point that
-        φ does not reach."""
+        """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m].
+
+        Raises PlanningFailed for a point that φ does not reach.
+        """
         points = np.asarray(points, dtype=np.float64)
         spans = (*self.domain_m, (0.0, self.height_m))
         lines = [
@@ -252,7 +261,10 @@ class SplineMap:
 
     @classmethod
     def from_file(cls, path: str | Path) -> SplineMap:
-        """Read what ``to_file`` wrote. Raises InvalidInput."""
+        """Read what ``to_file`` wrote.
+
+        Raises InvalidInput.
+        """
         data = read_archive(path)
         try:
             return cls.from_arrays(data)
@@ -261,7 +273,10 @@ class SplineMap:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> SplineMap:
-        """Read what ``to_arrays`` gave. Raises InvalidInput."""
+        """Read what ``to_arrays`` gave.
+
+        Raises InvalidInput.
+        """
         data = dict(arrays)
         if str(data.pop("format", "")) != FORMAT:
             raise InvalidInput(f"expected format {FORMAT}")
@@ -278,7 +293,8 @@ class SplineMap:
 
 def fading(z_bar: Array, fade_m: float) -> tuple[Array, Array]:
     """Share of the snap that is left at a height, 1 at the ground and 0 from fade_m on, C², and its
-    derivative [1/m]."""
+    derivative [1/m].
+    """
     u = np.clip(np.asarray(z_bar) / fade_m, 0.0, 1.0)
     return np.asarray(1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))), -30.0 * (
         u * (1.0 - u)
@@ -297,7 +313,8 @@ def terrain_digest(field: HeightField) -> str:
 
 def _continued(control: Array, inner: Array, sites: Array) -> Array:
     """Control points at ``inner``, shape (n, …), and on both sides, at ``sites``, those of a
-    straight continuation."""
+    straight continuation.
+    """
     before, after = sites[sites < inner[0] - 1e-9], sites[sites > inner[-1] + 1e-9]
 
     def beyond(at: Array, end: int, next_to: int) -> Array:

@@ -39,10 +39,12 @@ PLANNED = 0.95
 class BodyFeedback:
     """Gains of the pull of a body to its place; all in units of its own mass and inertia.
 
-    position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback.
-    cone_share: of μ that forces may use, more where the plan does. least_share: of the weight that
-    a foot which stands presses with, at least. step_s: feet in the air step aside by what the
-    body's velocity error makes in this time; for walks it is set by how high the robot stands.
+    Arguments:
+        position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback.
+        cone_share: of μ that forces may use, more where the plan does.
+        least_share: of the weight that a foot which stands presses with, at least.
+        step_s: feet in the air step aside by what the body's velocity error makes in this time; for
+            walks it is set by how high the robot stands.
     """
 
     position_s2: float = 80.0
@@ -65,7 +67,8 @@ class BodyFeedback:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyPose:
     """Pose of the base: origin, shape (3,) [m], R_WB, shape (3, 3), velocity, linear and angular in
-    the world, (6,)."""
+    the world, (6,).
+    """
 
     origin_m: Array
     rotation: Array
@@ -73,8 +76,11 @@ class BodyPose:
 
 
 class BodyController:
-    """Forces of the feet for one robot. inertia_kgm2: of the whole robot in the base's frame, shape
-    (3, 3)."""
+    """Forces of the feet for one robot.
+
+    Arguments:
+        inertia_kgm2: of the whole robot in the base's frame, shape (3, 3).
+    """
 
     def __init__(
         self, mass_kg: float, inertia_kgm2: Array, weight_n: float, feedback: BodyFeedback
@@ -103,7 +109,8 @@ class BodyController:
 
     def planned(self, sample: Samples, stands: NDArray[np.bool_]) -> Array:
         """``forces`` of a body that is where it should be, over feet that are; they stay while what
-        is planned does."""
+        is planned does.
+        """
         parts = (
             sample.forces_n,
             sample.wrench,
@@ -129,8 +136,9 @@ class BodyController:
     ) -> Array:
         """Forces of all feet, those of the plan and the wrench together, shape (N, 3) [N].
 
-        arms_m: feet from the centre of mass, shape (N, 3), world frame. stands: who touches; others
-        get what is planned.
+        Arguments:
+            arms_m: feet from the centre of mass, shape (N, 3), world frame.
+            stands: who touches; others get what is planned.
         """
         if not stands.any():
             return planned_n
@@ -185,7 +193,8 @@ class BodyController:
 
     def _inside(self, force: Array, friction: Array) -> Array:
         """Project forces into the cones, and onto the least force, which a solver leaves by its
-        tolerance; forces: in their frames."""
+        tolerance; forces: in their frames.
+        """
         along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
         share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
         forces_inside = np.empty_like(force)
@@ -195,8 +204,14 @@ class BodyController:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Asked:
-    """arms: maps forces to their sum and moment, (6, 3n); wanted: of these, (6,); planned: (n, 3);
-    friction: (n,)."""
+    """What the feet are asked to do for the body.
+
+    Arguments:
+        arms: maps forces to their sum and moment, (6, 3n).
+        wanted: of these, (6,).
+        planned: (n, 3).
+        friction: (n,).
+    """
 
     arms: Array
     wanted: Array

@@ -58,7 +58,9 @@ OTHERWISE = (
 class ClosedLoop:
     """One course walked by one policy on the runner's world.
 
-    course: as far as it is known. policy: None for the two-stage planner over the lift.
+    Arguments:
+        course: as far as it is known.
+        policy: None for the two-stage planner over the lift.
     """
 
     def __init__(
@@ -87,11 +89,14 @@ class ClosedLoop:
     def run(
         self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None
     ) -> LoopReport:
-        """Walk. terrain: what the world really has, where that is not the course's. first: a plan
-        of the whole course to begin with, where there is one already.
+        """Walk.
 
         Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in
         the report.
+
+        Arguments:
+            terrain: what the world really has, where that is not the course's.
+            first: a plan of the whole course to begin with, where there is one already.
         """
         begin, runner = time.perf_counter(), self.runner
         prepared = self._ready(None) if first is None else runner.prepare(first)
@@ -137,7 +142,8 @@ class ClosedLoop:
 
     def _stretch(self, prepared: Prepared[PlanMotion]) -> bool:
         """One plan to its end, or to where it is left for another, which is made; whether it was
-        the last."""
+        the last.
+        """
         runner = self.runner
         record, begun = Record(), self._frame
         self._watch()
@@ -171,7 +177,8 @@ class ClosedLoop:
     @property
     def _steps_left(self) -> int:
         """Number of feet that are still to be put down; key frames that were put in for the body
-        alone take none away."""
+        alone take none away.
+        """
         return sum(foothold.frame > self._frame for foothold in self._planning.course.footholds)
 
     def _watch(self) -> None:
@@ -185,7 +192,8 @@ class ClosedLoop:
         """Shares of the plan's friction that there may be, the lower end first, with what this
         record says of it.
 
-        part: of the plan's friction that the record's targets count on.
+        Arguments:
+            part: of the plan's friction that the record's targets count on.
         """
         if self.settings.learn_friction:
             self._friction.add(record, part * self._planning.planned_share)
@@ -199,7 +207,8 @@ class ClosedLoop:
         self, prepared: Prepared[PlanMotion], record: Record, begun: int
     ) -> tuple[Target, State]:
         """The step that came down on nothing is taken back, and its place is forgotten; where that
-        leads to."""
+        leads to.
+        """
         runner, plan = self.runner, prepared.motion.plan
         target, state = record.pairs[-1]
         places = list[tuple[Patch, NDArray[np.float64]]]()
@@ -220,7 +229,8 @@ class ClosedLoop:
         self, before: Prepared[PlanMotion], target: Target, state: State
     ) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it
-        should."""
+        should.
+        """
         index, plan = round(float(target.sample.frame)), before.motion.plan
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         held = [plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[index]]
@@ -266,9 +276,11 @@ class ClosedLoop:
     def _ready(
         self, standing: Standing | None, resumption: Resumption | None = None
     ) -> Prepared[PlanMotion]:
-        """A plan from there, prepared. Where joints or bodies cannot do what contacts can: a bent
-        one, and where they cannot do that, either, one of the next key frames alone, as what cannot
-        be done is often far ahead."""
+        """A plan from there, prepared.
+
+        Where joints or bodies cannot do what contacts can: a bent one, and where they cannot do
+        that, either, one of the next key frames alone, as what cannot be done is often far ahead.
+        """
         runner, course = self.runner, self._planning.course
 
         def made(limits: WholeBodyLimits | None, horizon: int) -> Prepared[PlanMotion]:
@@ -299,7 +311,8 @@ class ClosedLoop:
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide or came down on nothing, or all stand and the robot is astray; where anything
-        is done about it."""
+        is done about it.
+        """
         if not self.runner.world.capabilities.has_body_pose:
             return False
         if self._prepared.sees:

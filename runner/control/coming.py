@@ -1,5 +1,6 @@
 """Samples that a motion expects of the coming control periods: the same whatever is measured, and
-found for many at once."""
+found for many at once.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,11 @@ class Coming:
         self._asked = self._last = -1.0
 
     def at(self, time_s: float, pace: float = 1.0) -> Expected:
-        """Sample that is expected at a time [s]. pace: how fast the motion's time goes on."""
+        """Sample that is expected at a time [s].
+
+        Arguments:
+            pace: how fast the motion's time goes on.
+        """
         if time_s not in self._known:
             self._look_up(time_s, pace)
         self._asked = time_s

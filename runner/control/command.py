@@ -1,5 +1,6 @@
 """Commands to joint loops: one function for simulations and for what is real, so that both get the
-same stream."""
+same stream.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +22,11 @@ def command(
     """q + Kp⁻¹ (τ + Kd q̇ + J q̈), shape (J,) [rad]: a loop τ = Kp (q* − q) − Kd q̇ that is sent
     this gives τ at q.
 
-    A servo takes no torque: it gets it as an offset of its position. torques_nm: of loads and
-    links; the rotors' are added here. share: of Kp that the loops really have. A loop that yields
-    to nothing is sent q.
+    A servo takes no torque: it gets it as an offset of its position.
+
+    Arguments:
+        torques_nm: of loads and links; the rotors' are added here.
+        share: of Kp that the loops really have. A loop that yields to nothing is sent q.
     """
     if not drives.yields:
         return np.array(angles_rad)

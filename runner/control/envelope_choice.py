@@ -54,11 +54,13 @@ what is learned."""
 
 class Predictor(Protocol):
     """Whatever predicts as policies of stable-baselines3 do: every selector, every trained
-    agent."""
+    agent.
+    """
 
     def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
         """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more
-        envelopes, and a state, which is not looked at."""
+        envelopes, and a state, which is not looked at.
+        """
         ...
 
 
@@ -66,8 +68,9 @@ class SelectorPolicy:
     """The policy that asks a selector about every coming stance of its legs, and plans within what
     it chooses.
 
-    learned: of the selector's problem class: its legs, normals and scales count, its boxes do not.
-    planners: what it answered so far.
+    Arguments:
+        learned: of the selector's problem class: its legs, normals and scales count, its boxes do
+            not. planners: what it answered so far.
     """
 
     def __init__(
@@ -87,7 +90,8 @@ class SelectorPolicy:
 
     def check_fits(self, course: Problem) -> None:
         """Raise InvalidInput for a course of which no stance is by the selector's legs: it would
-        never be asked."""
+        never be asked.
+        """
         names = course.robot.limb_names
         if not any(
             {names[limb] for limb in stance.limbs} == set(self.learned.legs)
@@ -110,8 +114,11 @@ class SelectorPlanner:
     """The planner that asks a selector about every stance of its course, and plans within what it
     chooses.
 
-    learned: as for ``SelectorPolicy``. Raises InvalidInput for a course with a stance that is not
-    by its legs.
+    Arguments:
+        learned: as for ``SelectorPolicy``.
+
+    Raises:
+        InvalidInput: for a course with a stance that is not by its legs.
     """
 
     name = "two-stage"
@@ -124,7 +131,8 @@ class SelectorPlanner:
 
     def check_fits(self, course: Problem) -> None:
         """Raise InvalidInput for a course without a stance by legs and on patches that were learned
-        for."""
+        for.
+        """
         check_fits_one(course, self._learned)
 
     def solve(self, course: Problem) -> Answer[Plan]:
@@ -189,8 +197,11 @@ def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> Stance
 def seen(
     course: Problem, stance: Stance, legs: Sequence[str], mirror: bool
 ) -> dict[str, NDArray[np.float32]]:
-    """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image; legs:
-    in this order."""
+    """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image.
+
+    Arguments:
+        legs: in this order.
+    """
     choice = [
         int(np.argmax([patch.friction > 0.0 for patch in each.candidates]))
         for each in course.footholds
@@ -226,7 +237,8 @@ def seen(
 
 def _sides(learned: EnvelopeSet, course: Problem) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The legs that were learned for, and those opposite to them in the same order; none of a robot
-    without such."""
+    without such.
+    """
     try:
         return learned.legs, mirrored(learned, course.robot).legs
     except InvalidInput:
@@ -253,7 +265,8 @@ def about(patch: Patch, point_m: Array, radius_m: float) -> Array:
 
 def triangular(patch: Patch) -> Patch:
     """The largest triangle of a patch's corners: selectors learn from triangles, and observations
-    hold no more."""
+    hold no more.
+    """
     corners = patch.vertices_m
     _, across, up = patch.frame.T
     best, result = -1.0, (0, 1, 2)

@@ -1,5 +1,6 @@
 """State of the robot as the closed loop estimates it from measurements: where the robot stands, how
-far off that is."""
+far off that is.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +33,11 @@ def measured_com_m(kinematics: Kinematics, state: State) -> Array:
 def deviation_m(
     target: Target, state: State, kinematics: Kinematics, seeks: NDArray[np.bool_]
 ) -> float:
-    """Distance of the body, or of a foot that stands, from the plan [m]. seeks: feet that do not
-    yet, shape (N,)."""
+    """Distance of the body, or of a foot that stands, from the plan [m].
+
+    Arguments:
+        seeks: feet that do not yet, shape (N,).
+    """
     sample = target.sample
     body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
     stands = sample.stands & ~seeks
@@ -46,9 +50,11 @@ def estimate_standing(
 ) -> Standing | None:
     """Estimate how the robot stands; None where a foot left its patch.
 
-    patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond its
-    patch stands on what terrain there is in the same plane, or, where it is only a little beyond
-    all that, on the border: what a plan takes feet to be off by, joints would make them slide.
+    Arguments:
+        patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond
+            its patch stands on what terrain there is in the same plane, or, where it is only a
+            little beyond all that, on the border: what a plan takes feet to be off by, joints would
+            make them slide.
     """
     toes, under = list[Array](), list[Patch]()
     for foot, radius, patch in zip(state.feet_m, kinematics.radii_m, patches, strict=True):

@@ -54,13 +54,18 @@ pressed."""
 class ContactFeedback:
     """Settings of what feet that feel do.
 
-    touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy.
-    seek_m_s, seek_m: how fast a foot that should touch and does not is lowered, and how far.
-    press_hz: rate at which missing internal forces are summed, on steep surfaces only, 0 for never;
-    press_n, press_share: the most that is added for each foot, and as a share of what it should
-    press with: as much again is missing on ground that yields as legs do, twice as much where it is
-    half as stiff. waits: the motion waits for a foot that should touch. memory_s: of how stiff
-    joint loops were found to be (``LoopStiffness``), 0 to count on what they should be.
+    Arguments:
+        touch_n: a foot that presses this hard on its patch touches it, harder where sensors are
+            noisy.
+        seek_m_s, seek_m: how fast a foot that should touch and does not is lowered, and how far.
+        press_hz: rate at which missing internal forces are summed, on steep surfaces only, 0 for
+            never.
+        press_n, press_share: the most that is added for each foot, and as a share of what it should
+            press with: as much again is missing on ground that yields as legs do, twice as much
+            where it is half as stiff.
+        waits: the motion waits for a foot that should touch.
+        memory_s: of how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what
+            they should be.
     """
 
     touch_n: float = 1.5
@@ -81,10 +86,13 @@ class ContactFeedback:
 class FootPlacement:
     """Placement of the feet of one motion.
 
-    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for
-    never. touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
-    exact, shape (P,). touched: which feet have landed, shape (N,). moved_m: what is added to the
-    planned places of all feet, shape (N, 3); shift_m: to that of the body, shape (3,).
+    Arguments:
+        step_s: feet in the air step aside by what the body's velocity error makes in this time; 0
+            for never.
+        touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
+            exact, shape (P,). touched: which feet have landed, shape (N,). moved_m: what is added
+            to the planned places of all feet, shape (N, 3); shift_m: to that of the body, shape
+            (3,).
     """
 
     def __init__(
@@ -116,8 +124,9 @@ class FootPlacement:
         """Lower feet that should touch and do not; for which that were in the air just now to wait,
         shape (N,).
 
-        felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be:
-        they come first.
+        Arguments:
+            felt_n: along the normals, shape (N,).
+            late: legs whose joints are not where they should be: they come first.
         """
         self._listen(np.minimum(felt_n[~then.stands], 0.0))
         stands, lands, wanted = then.stands, ~now.stands, then.along_n
@@ -156,8 +165,9 @@ class FootPlacement:
     ) -> None:
         """Find ``touched`` and ``moved_m``, which goes smoothly to where it should be.
 
-        rolled_m: how far feet have rolled, shape (N, 3). seen: the robot, and where its body should
-        be; None where that is not measured.
+        Arguments:
+            rolled_m: how far feet have rolled, shape (N, 3).
+            seen: the robot, and where its body should be; None where that is not measured.
         """
         stands, goal = then.stands, np.zeros_like(self.moved_m)
         if seen is None:
@@ -203,7 +213,8 @@ class FootPlacement:
 
     def _stay(self, then: Samples, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
         """Feet that have landed early stop at once, although their path goes on: late, they would
-        push the ground."""
+        push the ground.
+        """
         self.moved_m = np.where(
             early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m
         )
@@ -214,7 +225,10 @@ class FootPlacement:
         should be, (N, 3) [m].
 
         All of it until they bear; of those that step aside with the body, in the air, half of what
-        is along their normals. carried: that way, shape (N, 3).
+        is along their normals.
+
+        Arguments:
+            carried: that way, shape (N, 3).
         """
         gone = np.minimum(np.maximum(felt / (BORNE * self._weight), 0.0), 1.0) - self._borne
         self._borne = np.where(self.touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
@@ -226,7 +240,8 @@ class FootPlacement:
 
     def _lean(self, then: Samples, landed: NDArray[np.bool_]) -> None:
         """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips
-        over them, the other way; one that goes with its feet never comes back."""
+        over them, the other way; one that goes with its feet never comes back.
+        """
         self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
         bear = np.where(self.touched & then.stands, then.forces_n[:, 2].clip(0.0), 0.0)
         if self._step_s > 0.0 and bear.any():

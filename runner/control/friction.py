@@ -52,7 +52,10 @@ TAIL = 0.05
 @dataclass(frozen=True, kw_only=True)
 class FrictionInterval:
     """Shares of the course's friction: the most likely, and the ends of 90 % of the likelihood.
-    slides, held: how many stances slid, and how many held, that it is estimated from."""
+
+    Arguments:
+        slides, held: how many stances slid, and how many held, that it is estimated from.
+    """
 
     share: float = 1.0
     low: float = 0.0
@@ -63,7 +66,8 @@ class FrictionInterval:
     @property
     def planned_on(self) -> float:
         """Share of friction to plan with: the lower end as soon as a foot slid, before that the
-        course's own friction."""
+        course's own friction.
+        """
         return self.low if self.slides else 1.0
 
     @property
@@ -82,7 +86,8 @@ class FrictionInterval:
 @dataclass(frozen=True, kw_only=True)
 class _Felt:
     """Evidence of one stance: its ratio, that of a slide or the largest that held, and its
-    noise."""
+    noise.
+    """
 
     slid: bool
     ratio: float
@@ -90,16 +95,22 @@ class _Felt:
 
 
 class FrictionEstimator:
-    """Sums up what feet feel over a run; ``interval`` is what it says just now. period_s: of
-    control."""
+    """Sums up what feet feel over a run; ``interval`` is what it says just now.
+
+    Arguments:
+        period_s: of control.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._felt = list[_Felt]()
 
     def add(self, record: Record, unit: float = 1.0) -> None:
-        """Add the next measurements. unit: the share of the course's friction that its targets
-        count on."""
+        """Add the next measurements.
+
+        Arguments:
+            unit: the share of the course's friction that its targets count on.
+        """
         if len(record.pairs) < 2:
             return
         for felt in _stances(record, self._period_s, unit):
@@ -110,7 +121,8 @@ class FrictionEstimator:
     @property
     def interval(self) -> FrictionInterval:
         """By all that was added, but for what a later slide contradicts: friction may have
-        changed."""
+        changed.
+        """
         slides = [felt for felt in self._felt if felt.slid][-NEWEST:]
         held = [felt.ratio for felt in self._felt if not felt.slid]
         likelihood = np.zeros(len(SHARES))
@@ -147,7 +159,8 @@ def estimated(record: Record, period_s: float) -> FrictionInterval:
 
 def _contradicted(old: _Felt, slide: _Felt) -> bool:
     """Tell whether there was more friction then than this slide, which came later, leaves room
-    for."""
+    for.
+    """
     return old.ratio - slide.ratio > CHANGED * float(np.hypot(old.noise, slide.noise))
 
 
@@ -179,7 +192,8 @@ def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
 
 def _runs(foothold: NDArray[np.int_], stood: int) -> Iterator[tuple[int, int]]:
     """First and last + 1 row of every stance; one that begins within the record has time to find
-    its place."""
+    its place.
+    """
     borders = [0, *(np.flatnonzero(np.diff(foothold)) + 1).tolist(), len(foothold)]
     for begin, end in pairwise(borders):
         first = begin + (stood if begin else 0)
@@ -189,7 +203,8 @@ def _runs(foothold: NDArray[np.int_], stood: int) -> Iterator[tuple[int, int]]:
 
 def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: float) -> _Felt | None:
     """Evidence of a stance, in blocks counted from its end; None where it bore nothing all the
-    time."""
+    time.
+    """
     block, held, slid = max(2, round(BLOCK_S / period_s)), 0.0, list[float]()
     for end in range(len(ratio), block - 1, -block):
         rows = slice(end - block, end)

@@ -29,8 +29,12 @@ SMOOTH_S = 0.03
 
 
 class LegOdometry:
-    """Odometry of one motion. first: what is sent first; the first body is where it should be.
-    felt: feet feel forces."""
+    """Odometry of one motion.
+
+    Arguments:
+        first: what is sent first; the first body is where it should be.
+        felt: feet feel forces.
+    """
 
     def __init__(
         self, kinematics: Kinematics, first: Target, rate_hz: float, *, felt: bool = False
@@ -42,8 +46,11 @@ class LegOdometry:
         self._velocity: Array | None = None
 
     def seen(self, target: Target, state: State) -> State:
-        """A state with the body's pose, velocity and feet by odometry. target: what this state came
-        of."""
+        """A state with the body's pose, velocity and feet by odometry.
+
+        Arguments:
+            target: what this state came of.
+        """
         feet, stood = self._kinematics.feet(state.angles_rad), target.sample.foothold
         if self._felt:
             stood = np.where(np.linalg.norm(state.forces_n, axis=1) > TOUCH_N, stood, -1)
@@ -93,7 +100,11 @@ def odometry_error_m(record: Record, kinematics: Kinematics) -> float:
 
 
 def _body(feet: Array, places: Array, rotation: Array) -> tuple[Array, Array]:
-    """The body whose feet, in its frame, come nearest to their places. rotation: the one before."""
+    """The body whose feet, in its frame, come nearest to their places.
+
+    Arguments:
+        rotation: the one before.
+    """
     middle, goal = feet.mean(axis=0), places.mean(axis=0)
     if len(feet) >= LEAST:
         rotation = Rotation.align_vectors(places - goal, feet - middle)[0].as_matrix()

@@ -32,6 +32,7 @@ class LoopReport:
         wall_s: by the clock [s].
     Source:
         None: planned against measured.
+
     Example:
         >>> import stancekit
         >>> report = stancekit.run("walls", policy="lift")  # doctest: +SKIP

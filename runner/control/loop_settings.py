@@ -11,11 +11,17 @@ from stancekit.planners.search.friction_margin import SHARES
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than
-    this from the plan has the rest planned anew, at the next moment when all feet stand; inf for
-    never. tries: so many plans in a row that come no farther, and it gives up. shares: of the
-    friction that is counted on, that are planned with. goal_m: how far from where its last plan has
-    it the centre of mass may end. learn_friction: estimate it from what feet feel."""
+    """Settings of a closed loop.
+
+    Arguments:
+        horizon: key frames a plan; 0 for all that are left.
+        replan_m: a body or a foot farther than this from the plan has the rest planned anew, at the
+            next moment when all feet stand; inf for never.
+        tries: so many plans in a row that come no farther, and it gives up.
+        shares: of the friction that is counted on, that are planned with.
+        goal_m: how far from where its last plan has it the centre of mass may end.
+        learn_friction: estimate it from what feet feel.
+    """
 
     horizon: int = 0
     replan_m: float = 0.012

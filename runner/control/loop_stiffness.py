@@ -34,8 +34,12 @@ class LoopStiffness:
         self.share = 1.0
 
     def see(self, state: State, torques_nm: Array, stand: NDArray[np.bool_]) -> None:
-        """One more period. torques_nm: what joints give by the forces that feet felt; stand: which
-        joints are of legs that stand, shape (J,) both."""
+        """One more period.
+
+        Arguments:
+            torques_nm: what joints give by the forces that feet felt.
+            stand: which joints are of legs that stand, shape (J,) both.
+        """
         if not self._asks:
             return
         yielded = np.where(

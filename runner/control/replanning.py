@@ -39,10 +39,15 @@ then."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """Observation of a policy. window: the coming key frames as a course, from where the robot
-    stands (``standing``, None at the beginning); state: measured last, None at the beginning.
-    friction_share: of the course's friction, the most likely by what feet felt so far. frame: of
-    the whole course."""
+    """Observation of a policy.
+
+    Arguments:
+        window: the coming key frames as a course, from where the robot stands (``standing``, None
+            at the beginning).
+        state: measured last, None at the beginning.
+        friction_share: of the course's friction, the most likely by what feet felt so far.
+        frame: of the whole course.
+    """
 
     window: Problem
     standing: Standing | None
@@ -57,9 +62,10 @@ Policy = Callable[[Observation], Planner]
 class Replanner:
     """Plans of one course, of its friction as feet felt it so far.
 
-    course: as it is known by now, with the key frames that were put in. plans: made; planned_share:
-    of the course's friction that the last one was made with; counted: that it counts on; plan_s:
-    time that all took.
+    Arguments:
+        course: as it is known by now, with the key frames that were put in. plans: made;
+            planned_share: of the course's friction that the last one was made with; counted: that
+            it counts on; plan_s: time that all took.
     """
 
     def __init__(
@@ -95,11 +101,16 @@ class Replanner:
     ) -> Accepted:
         """Observe, choose, plan, verify.
 
-        frame: of the course, at which the robot stands so, None at the beginning; its patches with
-        the course's own friction. slid: feet did, so that the body may first move to where there is
-        more reserve, before anybody lifts. limits: of joints and bodies, to which the plan is bent.
-        horizon: key frames, 0 for the settings'. Raises PlanningFailed where there is none,
-        InvalidInput where the verifier rejects it.
+        Arguments:
+            frame: of the course, at which the robot stands so, None at the beginning; its patches
+                with the course's own friction.
+            slid: feet did, so that the body may first move to where there is more reserve, before
+                anybody lifts.
+            limits: of joints and bodies, to which the plan is bent.
+            horizon: key frames, 0 for the settings'.
+
+        Raises:
+            PlanningFailed: where there is none, InvalidInput where the verifier rejects it.
         """
         begin = time.perf_counter()
         share, shares = self._shares()
@@ -143,7 +154,8 @@ class Replanner:
 
     def _shares(self) -> tuple[float, tuple[float, ...]]:
         """Most likely friction, as a share of the course's; and the shares of that which are
-        planned with, in their order."""
+        planned with, in their order.
+        """
         interval, shares = self._friction.interval, self._settings.shares
         share = interval.share if interval.slides else 1.0
         if (
@@ -161,7 +173,8 @@ class Replanner:
         answer: Callable[[Problem], Answer[Plan]],
     ) -> Answer[Plan]:
         """Prefer the outcome of another course, which takes this one's place, where it has a plan
-        that counts on less friction."""
+        that counts on less friction.
+        """
         other = answer(course)
         if _counts(other) >= _counts(outcome):
             return outcome
@@ -217,7 +230,8 @@ def _easier(course: Problem, frame: int) -> Iterator[tuple[str, Problem]]:
 
 def _counts(outcome: Answer[Plan]) -> float:
     """Share of its course's friction that a plan counts on; inf where there is none that joints and
-    bodies can do."""
+    bodies can do.
+    """
     if outcome.solution is None or outcome.status is Status.UNDECIDED:
         return np.inf
     return float(outcome.solution.provenance.get("friction_share", 1.0))

@@ -29,8 +29,11 @@ SLOWER = 2.0
 
 
 class Retreat:
-    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest. begin_s, end_s: of
-    that stretch."""
+    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest.
+
+    Arguments:
+        begin_s, end_s: of that stretch.
+    """
 
     def __init__(self, motion: PlanMotion, begin_s: float, end_s: float) -> None:
         self._motion, self._begin_s, self._end_s = motion, begin_s, end_s

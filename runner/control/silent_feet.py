@@ -25,7 +25,9 @@ SILENT_S = 0.3
 class SilentFeet:
     """Counts, for every foot, the time in which it should have pressed and felt nothing.
 
-    weight_n: of the robot; names: of its limbs.
+    Arguments:
+        weight_n: of the robot.
+        names: of its limbs.
     """
 
     def __init__(self, rate_hz: float, weight_n: float, names: Sequence[str]) -> None:
@@ -35,7 +37,8 @@ class SilentFeet:
 
     def found(self, target: Target, state: State) -> str:
         """Message about a silent foot, and since when it is known, in one line; empty where none
-        is. One more period."""
+        is. One more period.
+        """
         sample = target.sample
         wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n)

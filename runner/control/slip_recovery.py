@@ -81,10 +81,13 @@ class SlipDetector:
 class StandingMotion:
     """A ``Motion`` that goes nowhere: the body stays, feet in the air are put down.
 
-    now: whose feet stand, at which frame. com_m, rotation_rad: the measured body; feet_m: the
-    measured centres of the feet, shape (N, 3) [m]; toes_m, normals: where all feet shall stand.
-    forces_n: before and after feet in the air came down, shape (N, 3) [N] each; foothold: after
-    that.
+    Arguments:
+        now: whose feet stand, at which frame.
+        com_m, rotation_rad: the measured body.
+        feet_m: the measured centres of the feet, shape (N, 3) [m].
+        toes_m, normals: where all feet shall stand.
+        forces_n: before and after feet in the air came down, shape (N, 3) [N] each.
+        foothold: after that.
     """
 
     solids: tuple[Solid, ...] = ()
@@ -144,7 +147,11 @@ class StandingMotion:
 
 
 class SlipRecovery:
-    """Brings a robot whose feet slide to a stand on a runner's world. kinematics: of its robot."""
+    """Brings a robot whose feet slide to a stand on a runner's world.
+
+    Arguments:
+        kinematics: of its robot.
+    """
 
     def __init__(self, runner: Runner, kinematics: Kinematics) -> None:
         self._runner, self._kinematics = runner, kinematics
@@ -155,8 +162,12 @@ class SlipRecovery:
     ) -> tuple[Target, State, float]:
         """Recover and return the last target, the last state and the time that it took [s].
 
-        record: of the plan's motion so far. estimate: the shares by what was measured with forces
-        for such a share. Raises Stopped, HardwareFault.
+        Arguments:
+            record: of the plan's motion so far.
+            estimate: the shares by what was measured with forces for such a share.
+
+        Raises:
+            Stopped: HardwareFault.
         """
         target, state = record.pairs[-1]
         now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0
@@ -178,7 +189,8 @@ class SlipRecovery:
 
     def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> StandingMotion:
         """Standing where the robot is, with forces for the first share that has any, else those of
-        now."""
+        now.
+        """
         course, index = plan.problem, round(float(now.frame))
         holds = course.holds[index]
         patches = [course.patch(int(foothold), plan.choice) for foothold in holds]
@@ -216,7 +228,8 @@ class SlipRecovery:
 
     def _tracked(self, motion: StandingMotion, state: State) -> Tracked[StandingMotion]:
         """Ready to be followed from where the robot was measured, with the forces that its feet
-        feel now."""
+        feel now.
+        """
         robot, servo = self._kinematics.robot, self._kinematics.servo
         near = Continued(
             robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad

@@ -50,7 +50,8 @@ class EmptyStep:
 
     def found(self, target: Target, state: State) -> NDArray[np.bool_]:
         """Tell which feet came down on nothing, shape (N,), by the commands and measurements of
-        this period and before."""
+        this period and before.
+        """
         sample = target.sample
         foothold = sample.foothold
         if self._foothold is None:  # those that stand from the beginning stand on something
@@ -78,8 +79,11 @@ class EmptyStep:
 def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
     """The course with nothing around a toe that came down on nothing, at this frame or later.
 
-    place: what it should have stood on. Raises PlanningFailed where a foothold has no candidate
-    left.
+    Arguments:
+        place: what it should have stood on.
+
+    Raises:
+        PlanningFailed: where a foothold has no candidate left.
     """
 
     def cut(foothold: Foothold) -> Foothold:
@@ -103,7 +107,8 @@ def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
 
 def _around(patch: Patch, place: Patch, toe_m: Array) -> tuple[Patch, ...]:
     """The patch, or its pieces around the toe where it is of the same plane and covers some of what
-    is missing."""
+    is missing.
+    """
     surface = Surface(patch, 0.0)
     if not coplanar(patch, place) or surface.window(toe_m, 2.0 * MISSING_M) is None:
         return (patch,)
@@ -119,7 +124,8 @@ def coplanar(patch: Patch, other: Patch) -> bool:
 @dataclass(frozen=True, kw_only=True)
 class Offsets:
     """Distances of planes from where a course has them: for every plane a patch in it, and its
-    offset along n [m]."""
+    offset along n [m].
+    """
 
     planes: tuple[Patch, ...] = ()
     offsets_m: tuple[float, ...] = ()
@@ -161,7 +167,8 @@ def _shift(foothold: Foothold, moved: Callable[[Patch], Patch]) -> Array:
 def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> Offsets:
     """Find the planes of the patches under feet that bear: the mean of theirs.
 
-    patches: under all feet, as planned.
+    Arguments:
+        patches: under all feet, as planned.
     """
     planes, offsets = list[Patch](), list[list[float]]()
     for foot, force, radius, patch in zip(

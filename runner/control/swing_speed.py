@@ -25,9 +25,12 @@ LATE_RAD = 1e-6
 
 
 class SwingSpeed:
-    """Speed limit of the swinging legs of one motion. velocity_rad_s: greatest of the joints, shape
-    (J,). pace: how fast the motion's time goes, from 0 to 1. late: which legs are not yet where
-    they should be, shape (N,)."""
+    """Speed limit of the swinging legs of one motion.
+
+    Arguments:
+        velocity_rad_s: greatest of the joints, shape (J,). pace: how fast the motion's time goes,
+            from 0 to 1. late: which legs are not yet where they should be, shape (N,).
+    """
 
     def __init__(self, kinematics: Kinematics, velocity_rad_s: Array, period_s: float) -> None:
         self._kinematics, self._most, self._period_s = (
@@ -39,13 +42,16 @@ class SwingSpeed:
         self.pace, self.late = 1.0, np.zeros(len(kinematics.robot.limbs), dtype=bool)
 
     def led(self, before: Array, rates: Array, angles: Array, air: NDArray[np.bool_]) -> Array:
-        """The next angles on the way to these, shape (J,). before, rates: the last, with their
-        velocities; air: which legs are there, shape (N,).
+        """The next angles on the way to these, shape (J,).
 
         A leg that is where it should be goes with what it follows; one that is elsewhere comes
         there, braking in time, and neither turns faster, nor changes how fast it turns by more in a
         period, than ``RAMP_S`` lets it; at a limit of a joint, which it may be late to brake for,
         it stops.
+
+        Arguments:
+            before, rates: the last, with their velocities.
+            air: which legs are there, shape (N,).
         """
         period, slower = self._period_s, self._period_s / PAUSE_S
         if not air.any():  # nobody is led, so nobody is late

@@ -44,11 +44,15 @@ ASIDE_RAD = 0.2
 class Target:
     """Command for one control period, and its reasons; J joints, N limbs.
 
-    targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape
-    (3,); the centre of mass, which should be at sample.com_m, is shift_m away in the body.
-    angles_rad, torques_nm: planned, shape (J,). rolled_m: how far the feet should have rolled since
-    they were put down, shape (N, 3). error_m: of the inverse kinematics, shape (N,). loop_share: of
-    their stiffness, that joint loops were found to have.
+    Arguments:
+        targets_rad: shape (J,).
+        sample: what should be at its end.
+        origin_m: of the body's frame, shape (3,); the centre of mass, which should be at
+            sample.com_m, is shift_m away in the body.
+        angles_rad, torques_nm: planned, shape (J,).
+        rolled_m: how far the feet should have rolled since they were put down, shape (N, 3).
+        error_m: of the inverse kinematics, shape (N,).
+        loop_share: of their stiffness, that joint loops were found to have.
     """
 
     targets_rad: Array
@@ -63,7 +67,8 @@ class Target:
 
     def entry(self) -> dict[str, Any]:
         """Record that a log keeps of it beside the command: the planned body and forces, and what
-        every foot stands on."""
+        every foot stands on.
+        """
         sample = self.sample
         return {
             "origin_m": self.origin_m,
@@ -75,12 +80,14 @@ class Target:
 
 
 class Tracker:
-    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is
-    over.
+    """Follows one motion once.
 
-    wished: ``resolved`` of the same motion and kinematics, where it is known. drives: the loops
-    that are sent to, in place of those that the kinematics' servo stands for. touch_downs_m: as of
-    ``FootPlacement``.
+    ``start`` first, then ``next`` until it says that the motion is over.
+
+    Arguments:
+        wished: ``resolved`` of the same motion and kinematics, where it is known.
+        drives: the loops that are sent to, in place of those that the kinematics' servo stands for.
+        touch_downs_m: as of ``FootPlacement``.
     """
 
     def __init__(
@@ -147,7 +154,8 @@ class Tracker:
     def take_over(self, off_rad: Array, within_s: float) -> None:
         """Begin with targets that are so far off, shape (J,) [rad], as what was sent last by
         whatever else is off the first of them (bumpless transfer): less and less, and not at all
-        after so long. The feet that stand meanwhile are looked after as ever."""
+        after so long. The feet that stand meanwhile are looked after as ever.
+        """
         self._taken_over, self._within_s = np.array(off_rad), within_s
 
     @property
@@ -167,8 +175,9 @@ class Tracker:
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
         """The target of the next period; None at the end.
 
-        forces_n: felt by the feet just now, shape (N, 3) [N]. state: where a world measures the
-        body's pose.
+        Arguments:
+            forces_n: felt by the feet just now, shape (N, 3) [N].
+            state: where a world measures the body's pose.
         """
         self._found = None
         if state is not None and self._feels_body:
@@ -197,7 +206,8 @@ class Tracker:
     def _press(self, sample: Samples, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of
         the sum would move or turn the body as a whole, as when a foot that pressed against others
-        has lifted, fades out."""
+        has lifted, fades out.
+        """
         hangs, wanted = stands & (stands & sample.steep).any(), sample.forces_n
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
@@ -221,7 +231,8 @@ class Tracker:
 
     def _moving(self, arms: Array, stands: NDArray[np.bool_]) -> Array:
         """The projection of forces of all feet onto those that move or turn the body as a whole,
-        shape (3N, 3N); it stays while body and standing feet do."""
+        shape (3N, 3N); it stays while body and standing feet do.
+        """
         if (key := arms[stands].tobytes() + stands.tobytes()) != self._whole[0]:
             turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
             whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
@@ -262,7 +273,8 @@ class Tracker:
         self, sample: Samples, loads: tuple[Array, Array], origin: Array, rotation: Array
     ) -> Array:
         """Torques for the planned forces, those that are missing, and those that bring the body to
-        its place."""
+        its place.
+        """
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
         if self._found is None:
@@ -283,8 +295,11 @@ class Tracker:
         return self._kinematics.torques_of(self._found.loads, forces)
 
     def _roll(self, sample: Samples, turned: Array) -> None:
-        """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet,
-        (N, 3, 3)."""
+        """A sphere that rolls by a small turn ω moves by ω × r n.
+
+        Arguments:
+            turned: orientations of the feet, (N, 3, 3).
+        """
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
@@ -297,8 +312,11 @@ class Tracker:
         return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
-        """Angles, errors of the feet and the body's origin. wish: the posture that joints are drawn
-        to, shape (J,)."""
+        """Angles, errors of the feet and the body's origin.
+
+        Arguments:
+            wish: the posture that joints are drawn to, shape (J,).
+        """
         rotation = sample.rotation
         origin = sample.com_m - rotation @ self._shift
         feet = (sample.feet_m + self._rolled + self._feet.moved_m - origin) @ rotation

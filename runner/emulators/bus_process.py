@@ -1,5 +1,6 @@
 """An emulated servo bus in a process of its own, and whether this computer is fast enough for
-one."""
+one.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,10 @@ GOAL, POSITION = b"\x74\0\x04\0", b"\x84\0\x04\0"
 
 
 class BusProcess:
-    """A ``EmulatedBus`` in a child process; ``path`` is the port to open. A context manager."""
+    """A ``EmulatedBus`` in a child process; ``path`` is the port to open.
+
+    A context manager.
+    """
 
     def __init__(
         self, position_rad: Sequence[float] | None = None, *, count: int = 24, seed: int = 0
@@ -78,7 +82,7 @@ class BusProcess:
 class BusPace:
     """Pace of an emulated bus on this computer.
 
-    Attributes:
+    Arguments:
         time_share: emulated time over the computer's, 1 where it keeps up.
         usual_s: median wait for the answer to one period's packets [s].
         worst_s: longest wait for it [s].
@@ -98,7 +102,8 @@ class BusPace:
 
 def bus_pace(count: int = 24, seconds: float = 1.0) -> BusPace:
     """Measure whether this computer keeps up with an emulated bus of ``count`` servos at 50 Hz, in
-    ``seconds``."""
+    ``seconds``.
+    """
     ids = range(1, count + 1)
     goals = b"".join(bytes([i]) + (2048).to_bytes(4, "little") for i in ids)
     send = p2.packet(p2.BROADCAST, p2.SYNC_WRITE, GOAL + goals)

@@ -1,5 +1,6 @@
 """DYNAMIXEL Protocol 2.0 as servos speak it: packets, CRC and byte stuffing, written from the
-public manual."""
+public manual.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +74,12 @@ def fast_status(parts: list[tuple[int, int, bytes]]) -> bytes:
 
 @dataclass(frozen=True)
 class Request:
-    """Request that came over the wire; sound: its CRC is right. size: bytes on the wire."""
+    """Request that came over the wire.
+
+    Arguments:
+        sound: its CRC is right.
+        size: bytes on the wire.
+    """
 
     servo: int
     instruction: int

@@ -85,7 +85,9 @@ pressed; no e-stop; and one whose messages are of another type."""
 
 
 class RosBridge:
-    """A server; ``port`` is where. A context manager.
+    """A server; ``port`` is where.
+
+    A context manager.
 
     names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2.
     rate_hz: of the joint states. one_thread: read nothing from a client while its goal is on its
@@ -200,7 +202,8 @@ class RosBridge:
 
     def _hear(self, client: Client, text: str) -> None:
         """One message; a client's goals go on when its connection ends, as they do at a
-        rosbridge."""
+        rosbridge.
+        """
         while (wait_s := self._thaw_s - time.monotonic()) > 0.0:
             time.sleep(wait_s)
         if "silent" in self._faults:
@@ -244,7 +247,8 @@ class RosBridge:
 
     def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
         """A type that this ROS does not know, or that is not the topic's, is logged there, and
-        nobody is told."""
+        nobody is told.
+        """
         topic, kind = message["topic"], message.get("type", "")
         if (kind and not self._knows(kind)) or (topic == "/e_stop" and self._estop == "other type"):
             return
@@ -262,7 +266,8 @@ class RosBridge:
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
         """Hold back messages that come before the topic has its subscribers, as long as a rosbridge
-        keeps them."""
+        keeps them.
+        """
         since_s = time.monotonic() - client.advertised.setdefault(
             message["topic"], time.monotonic()
         )
@@ -310,7 +315,8 @@ class RosBridge:
 
     def _accept(self, client: Client, told: str, goal: dict[str, Any]) -> None:
         """Act on a goal of ROS 1, unless it was cancelled before: then it is acted on as well, and
-        for ever."""
+        for ever.
+        """
         with self._lock:
             del self._accepting[told]
             status = self._begin(client, told, goal)
@@ -392,7 +398,8 @@ class RosBridge:
 
     def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
         """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not
-        known here."""
+        known here.
+        """
         arguments = message.get("args", {})
         wrong = cancel_wrong(arguments)
         if wrong is not None:

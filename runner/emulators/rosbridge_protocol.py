@@ -65,7 +65,8 @@ FIELDS = {
 
 class Client:
     """One connection: what it listens to, and a thread that sends, so that a delay can be put
-    in."""
+    in.
+    """
 
     def __init__(self, socket: ServerConnection) -> None:
         self.socket, self.topics = socket, set[str]()

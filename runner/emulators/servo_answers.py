@@ -1,5 +1,6 @@
 """Status packets of emulated servos: who answers an instruction, with which bytes, and what lies or
-spoils them."""
+spoils them.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +21,15 @@ NOISE_BYTES = 64
 class ServoAnswers:
     """Answers of servos to instructions.
 
-    servos: the servos, whose tables are read and written. rng: draws who is hit and which bits
-    turn. fast: whether Fast Sync Read is answered at all. goal_rows, torque_rows: numbers of Sync
-    Writes with goals, and of those that switch a torque on; goals: ticks of each of them. silent,
-    twins, stale, jumping, lying: indices of servos that answer nothing, share their id with another
-    servo, repeat old measurements, measure too much by JUMP_RAD, and answer soundly with nonsense.
-    corrupt: number of status packets that get a turned bit. halved, noisy: whether answers are cut
-    off, and come after random bytes.
+    Arguments:
+        servos: the servos, whose tables are read and written.
+        rng: draws who is hit and which bits turn. fast: whether Fast Sync Read is answered at all.
+            goal_rows, torque_rows: numbers of Sync Writes with goals, and of those that switch a
+            torque on; goals: ticks of each of them. silent, twins, stale, jumping, lying: indices
+            of servos that answer nothing, share their id with another servo, repeat old
+            measurements, measure too much by JUMP_RAD, and answer soundly with nonsense. corrupt:
+            number of status packets that get a turned bit. halved, noisy: whether answers are cut
+            off, and come after random bytes.
     """
 
     def __init__(self, servos: Servos, rng: np.random.Generator) -> None:
@@ -121,7 +124,8 @@ class ServoAnswers:
 
     def _read(self, index: int, address: int, size: int) -> bytes:
         """Status packet with data; those of two servos with one id lie over each other, and a 0 bit
-        wins."""
+        wins.
+        """
         error, data = self._measured(index, address, size)
         first = self._sent(p2.status(self.servos.ids[index], error, data))
         if index not in self.twins:
@@ -150,7 +154,8 @@ class ServoAnswers:
         self, request: p2.Request, asked: dict[int, int], waits: dict[int, float]
     ) -> tuple[bytes, float]:
         """One status after the other; nothing after the first that is silent, for each waits for
-        the last."""
+        the last.
+        """
         parameters, parts, singles = (
             request.parameters,
             list[tuple[int, int, bytes]](),

@@ -96,9 +96,11 @@ class EmulatedTime:
 class EmulatedBus(threading.Thread):
     """Servos on a pseudo-terminal; ``path`` is the port to open.
 
-    position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's
-    baud rate. model, firmware, baud: of all servos. goal_packets_s, torque_packets_s: when a packet
-    with goals came, and one that switches torques on; goals: the ticks in it, servo by servo.
+    Arguments:
+        position_rad: of the shafts at first, from tick 2048.
+        wire: bytes take as long as at the port's baud rate.
+        model, firmware, baud: of all servos. goal_packets_s, torque_packets_s: when a packet with
+            goals came, and one that switches torques on; goals: the ticks in it, servo by servo.
     """
 
     def __init__(
@@ -146,8 +148,12 @@ class EmulatedBus(threading.Thread):
     def inject(self, fault: str, at_s: float = 0.0) -> None:
         """Let a fault happen in so many seconds.
 
-        fault: a name of ``FAULTS``, e.g. "power loss"; with the id of a servo, "silent servo 4";
-        with a time, "reboot in 2 s". Raises ValueError for an unknown one.
+        Arguments:
+            fault: a name of ``FAULTS``, e.g. "power loss"; with the id of a servo, "silent servo
+                4"; with a time, "reboot in 2 s".
+
+        Raises:
+            ValueError: for an unknown one.
         """
         words = FAULT.fullmatch(fault)
         if words is None:
@@ -344,7 +350,8 @@ class EmulatedBus(threading.Thread):
 
     def _write(self, data: bytes) -> None:
         """Hand bytes to the host, as many as it has room for: an adapter drops what nobody
-        reads."""
+        reads.
+        """
         if not data or self._pulled:
             return
         try:

@@ -79,8 +79,9 @@ GOALS = (100, 102, 104, 116)
 class Servos:
     """Some servos and the time that passes for them.
 
-    stops_rad: their mechanical stops, from tick 2048. model, firmware: numbers that all of them
-    answer with.
+    Arguments:
+        stops_rad: their mechanical stops, from tick 2048.
+        model, firmware: numbers that all of them answer with.
     """
 
     def __init__(
@@ -133,11 +134,16 @@ class Servos:
 
     def hear(self, index: int, now: float) -> None:
         """An instruction packet went by; said before time advances, or a late emulator would be
-        taken for silence."""
+        taken for silence.
+        """
         self.heard_s[index] = now
 
     def read(self, index: int, address: int, size: int, measured: bytes = b"") -> tuple[int, bytes]:
-        """Error and bytes. measured: bytes from Realtime Tick on in place of those measured now."""
+        """Error and bytes.
+
+        Arguments:
+            measured: bytes from Realtime Tick on in place of those measured now.
+        """
         if address + size > 256 or not size:
             return self.alert(index) | ACCESS, b""
         self._measure(index)

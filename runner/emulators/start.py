@@ -1,5 +1,6 @@
 """The joints of the robot that a plan is for, and where they are at its beginning: as an emulated
-robot stands."""
+robot stands.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Joints that follow a joint trajectory controller: second order, with a limit of speed, each
-stoppable by a fault."""
+stoppable by a fault.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +63,10 @@ class CommandedPath:
 
 @dataclass
 class Controller:
-    """A controller and its joints; ``advance`` moves them to a time. Not thread-safe."""
+    """A controller and its joints; ``advance`` moves them to a time.
+
+    Not thread-safe.
+    """
 
     names: Sequence[str]
     position: Array
@@ -101,7 +105,8 @@ class Controller:
         controller's, it does not run, or all points of a trajectory with a stamp are over. Without
         points it holds where it is, in ROS 1.
 
-        epoch_s: the robot's clock at ``now_s`` 0, by which the stamp counts.
+        Arguments:
+            epoch_s: the robot's clock at ``now_s`` 0, by which the stamp counts.
         """
         names, points = message["joint_names"], message["points"]
         if not self.on or sorted(names) != sorted(self.names):
@@ -129,8 +134,10 @@ class Controller:
         return True
 
     def begin(self, goal: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> Task | None:
-        """Take a goal; the one before is aborted. None if its joints are wrong, or it does not
-        run."""
+        """Take a goal; the one before is aborted.
+
+        None if its joints are wrong, or it does not run.
+        """
         if not self.load(goal["trajectory"], nanos, epoch_s):
             return None
         self.end("aborted", SUCCESSFUL)

@@ -93,6 +93,7 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
         to: the format's name.
         rate_hz: rows per second.
         source: where it is from, for people.
+
     Raises:
         InvalidInput: for a format of joints where they are not known, or where ``run`` would refuse
             the motion.
@@ -129,7 +130,8 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
 
 def beside(source: Path, to: str) -> Path:
     """The file of a format beside another file: its name with an ending that neither it nor its
-    samples have."""
+    samples have.
+    """
     suffix = FORMATS[to].suffixes[0]
     word = "motion" if to == "npz" else to
     return source.with_suffix(f".{word}{suffix}" if suffix in (".npz", ".json") else suffix)

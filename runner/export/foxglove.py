@@ -45,7 +45,10 @@ FRAME = "world"
 
 
 def write_mcap(moved: Moved, path: Path) -> None:
-    """Write the log. Raises InvalidInput without the package mcap."""
+    """Write the log.
+
+    Raises InvalidInput without the package mcap.
+    """
     try:
         from mcap.writer import Writer
     except ImportError:
@@ -83,7 +86,11 @@ def write_mcap(moved: Moved, path: Path) -> None:
 
 
 def joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> bytes:
-    """A sensor_msgs/JointState in CDR. rows: positions, velocities and efforts, shape (J,) each."""
+    """A sensor_msgs/JointState in CDR.
+
+    Arguments:
+        rows: positions, velocities and efforts, shape (J,) each.
+    """
     message = _Cdr()
     message.number("i", stamp_ns // NANO)
     message.number("I", stamp_ns % NANO)
@@ -217,7 +224,8 @@ def _xyz(numbers: Array) -> dict[str, float]:
 
 def layout_of(moved: Moved) -> str:
     """A layout of Foxglove: the scene, the angles of all joints, and the contacts, to be imported
-    there."""
+    there.
+    """
     paths = [
         {
             "value": f"/joint_states.position[{k}]",

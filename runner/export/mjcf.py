@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 def mjcf_of(moved: Moved) -> str:
-    """The file's text. Raises InvalidInput without MuJoCo, and for a robot that it cannot hold."""
+    """The file's text.
+
+    Raises InvalidInput without MuJoCo, and for a robot that it cannot hold.
+    """
     assert moved.robot is not None
     world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
     spec = world.scene(moved.terrain)
@@ -57,7 +60,8 @@ def _text(numbers: list[float]) -> str:
 
 def key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
     """Name of each row: by its number, and those at which a plan's key frame is reached by that,
-    too."""
+    too.
+    """
     names = [f"row {k}" for k in range(len(times_s))]
     for frame, time_s in enumerate(keys_s):
         names[int(np.abs(times_s - time_s).argmin())] += f", frame {frame}"
@@ -66,7 +70,8 @@ def key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
 
 def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
     """qpos and qvel of every row, shape (T, nq), (T, nv): turning velocities of the base are in its
-    own frame."""
+    own frame.
+    """
     known = table.known()
     if not {"angles_rad", "rates_rad_s", "origin_m"} <= set(known):
         raise InvalidInput("motion: expected joints and the body's place, got none")

@@ -23,7 +23,8 @@ class Moved:
     """A motion on its way out: its table, who moves, over what, and at which moments key frames are
     reached [s].
 
-    without: why there are no joints, empty where there are.
+    Arguments:
+        without: why there are no joints, empty where there are.
     """
 
     table: MotionTable

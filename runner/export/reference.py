@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 
 def reference_of(moved: Moved) -> dict[str, Any]:
-    """The arrays by name. Raises InvalidInput without MuJoCo."""
+    """The arrays by name.
+
+    Raises InvalidInput without MuJoCo.
+    """
     assert moved.robot is not None
     mujoco, table = mujoco_module(), moved.table
     world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)

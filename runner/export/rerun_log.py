@@ -1,5 +1,6 @@
 """A motion as a recording of Rerun (extra ``rerun``): body, feet, forces, a series per joint, over
-the time t."""
+the time t.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,10 @@ FORCE_M_PER_N = 1e-3
 
 
 def write_rerun(moved: Moved, path: Path) -> None:
-    """Write the recording. Raises InvalidInput without Rerun's package."""
+    """Write the recording.
+
+    Raises InvalidInput without Rerun's package.
+    """
     rr, table = _rerun(), moved.table
     known = table.known()
     recording = rr.RecordingStream("stancekit", recording_id=None)

@@ -1,5 +1,6 @@
 """Refusing motions that the named actuators cannot do: what they lack, at which joint, and which
-others would do."""
+others would do.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def check_at_rest(
     share: float,
 ) -> None:
     """Raise InvalidInput where torques at rest, at a motion's knots, tell that named actuators
-    cannot do it: that is known in a tenth of the time that the whole motion takes."""
+    cannot do it: that is known in a tenth of the time that the whole motion takes.
+    """
     if drives.assigned is None:
         return
     samples = [motion.at(float(time_s)) for time_s in motion.knots_s]
@@ -56,8 +58,10 @@ def check_actuators(
 ) -> None:
     """Raise InvalidInput where named actuators lack torque, or get hotter than they bear.
 
-    torques_nm: shape (T, J), so long apart. share: of the stall torque that may be used. clearly:
-    how many times a limit is to be exceeded.
+    Arguments:
+        torques_nm: shape (T, J), so long apart.
+        share: of the stall torque that may be used.
+        clearly: how many times a limit is to be exceeded.
     """
     if drives.assigned is None:
         return

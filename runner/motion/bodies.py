@@ -1,5 +1,6 @@
 """A plan's motion judged by bodies: what links go through on the way, postures as the runner has
-them."""
+them.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,12 @@ from ..control.tracker import Target
 
 
 def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics) -> BodyReport:
-    """Judge the postures of a plan's motion, ``APART_M`` apart. Raises InvalidInput without coal.
+    """Judge the postures of a plan's motion, ``APART_M`` apart.
 
-    targets: of the whole motion, as ``joint_profile`` has them.
+    Raises InvalidInput without coal.
+
+    Arguments:
+        targets: of the whole motion, as ``joint_profile`` has them.
     """
     bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), list(spaced(targets))
     frames = np.array([target.sample.frame for target in some])
@@ -48,7 +52,8 @@ def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
 
 def spaced(targets: Sequence[Target]) -> Iterator[Target]:
     """Thin out the targets of a motion: yield the first, the last, and as few in between as keep
-    neighbours within ``APART_M`` and ``TURN_RAD`` of each other."""
+    neighbours within ``APART_M`` and ``TURN_RAD`` of each other.
+    """
     points = [np.concatenate([target.sample.feet_m, target.origin_m[None]]) for target in targets]
     for row in rows_apart(np.array(points), np.array([target.angles_rad for target in targets])):
         yield targets[row]

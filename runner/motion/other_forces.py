@@ -40,9 +40,11 @@ class LoadTransfer(_OtherForces):
     """A motion that begins at rest, taken up by a robot that stands already.
 
     Its load moves evenly from the feet that carry it now to those that shall: both sets of forces
-    balance the same posture and are within cones, and so is everything between them. forces_n:
-    those of now, shape (N, 3) [N]. within_s: how long that takes [s], no longer than the motion is
-    at rest.
+    balance the same posture and are within cones, and so is everything between them.
+
+    Arguments:
+        forces_n: those of now, shape (N, 3) [N].
+        within_s: how long that takes [s], no longer than the motion is at rest.
     """
 
     def __init__(self, motion: Motion, forces_n: Array, within_s: float) -> None:

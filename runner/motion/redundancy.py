@@ -51,8 +51,11 @@ postures are chosen anew."""
 
 
 class RedundancyResolution:
-    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` times of
-    shape (…,) it is of shape (…, J) [rad]. path_rad: at the motion's knots, shape (T, J)."""
+    """Comfortable joint angles over a motion: what inverse kinematics is drawn to.
+
+    ``at`` times of shape (…,) it is of shape (…, J) [rad]. path_rad: at the motion's knots, shape
+    (T, J).
+    """
 
     def __init__(
         self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None
@@ -107,7 +110,8 @@ class RedundancyResolution:
 
 class Continued(Kinematics):
     """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``,
-    shape (J,)."""
+    shape (J,).
+    """
 
     def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -116,7 +120,8 @@ class Continued(Kinematics):
 
 def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
     """Resolve the postures that inverse kinematics is drawn to along a motion; half of the work
-    before a run, which trackers share."""
+    before a run, which trackers share.
+    """
     return RedundancyResolution(motion, kinematics, near_of(kinematics))
 
 
@@ -129,14 +134,16 @@ def _planned(
     motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None
 ) -> Array:
     """Postures of a plan that has joint angles, as the verifier judges them; from where the robot
-    is while it settles, shape (T, J)."""
+    is while it settles, shape (T, J).
+    """
     path = JointPath(motion.path, kinematics).postures(motion.moments(times)).angles
     return _from(near_rad, path, motion, times)
 
 
 def _from(near_rad: Array | None, path: Array, motion: Motion, times: Array) -> Array:
     """The path from where the robot is, if it is somewhere: what it is off by there fades while the
-    motion is at rest. A robot that stands has no other way to the beginning that moves no foot."""
+    motion is at rest. A robot that stands has no other way to the beginning that moves no foot.
+    """
     if near_rad is None:
         return path
     rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.duration_s
@@ -155,7 +162,8 @@ def _without_jumps(
     path: Array, samples: Sequence[Samples], solids: Sequence[Solid], kinematics: Kinematics
 ) -> Array:
     """The path with those swings chosen anew in which a limb jumps, from where it stands to where
-    it stands again."""
+    it stands again.
+    """
     smoothed, swings = np.array(path), set[tuple[int, int, int]]()
     stands = np.array([sample.foothold for sample in samples]) >= 0
     for knot, limb in _jumps(path):
@@ -184,7 +192,8 @@ def _smoothed(path: Array) -> Array:
 
 def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Array | None) -> Array:
     """Postures of a robot's own legs, each near the one before, the first near where it stands,
-    shape (T, J)."""
+    shape (T, J).
+    """
     angles = (
         np.concatenate([leg.stance_rad for leg in kinematics.model.legs])
         if near_rad is None
@@ -211,7 +220,11 @@ def _family(
     kinematics: Kinematics,
     limb: int,
 ) -> Table:
-    """The table of a limb. shifts: of the centre of mass in the body, shape (T, 3) [m]."""
+    """The table of a limb.
+
+    Arguments:
+        shifts: of the centre of mass in the body, shape (T, 3) [m].
+    """
     limb_of_it = kinematics.robot.limbs[limb]
     turns = np.array([rotation_of(sample.rotation_rad) for sample in samples])
     coms = np.array([sample.com_m for sample in samples])
@@ -240,8 +253,11 @@ def _comfortable(tables: Sequence[Table]) -> Array:
 
 
 def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Array:
-    """The cheapest path through a table, shape (T, 4). near, then: where it begins, and ends, if
-    that is given."""
+    """The cheapest path through a table, shape (T, 4).
+
+    Arguments:
+        near, then: where it begins, and ends, if that is given.
+    """
     families, costs = table
     family, cost = families[0], costs[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)

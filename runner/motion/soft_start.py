@@ -1,5 +1,6 @@
 """The soft start: from the pose that was measured to the first pose of the motion, slowly, with
-feet kept clear."""
+feet kept clear.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def soft_motion(
     start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: float
 ) -> Iterator[Array]:
     """Joint angles from start to goal, no joint faster than this, at rest at both ends, shape (J,)
-    each."""
+    each.
+    """
     change = np.asarray(goal_rad) - start_rad
     longest = float(np.abs(change).max())
     if longest <= STILL_RAD:
@@ -49,10 +51,13 @@ def soft_start(
 ) -> list[Array]:
     """The joint angles to go to, one after the other, the last ``first_rad``.
 
-    pose: position, shape (3,) [m], and rotation of the body, shape (3, 3). normals: of the surfaces
-    that the feet stand on, shape (N, 3). Goes straight where no foot enters a surface; else over a
-    pose whose feet are off by clearance_m. Raises InvalidInput with the limb's name where both
-    paths are blocked.
+    Arguments:
+        pose: position, shape (3,) [m], and rotation of the body, shape (3, 3).
+        normals: of the surfaces that the feet stand on, shape (N, 3). Goes straight where no foot
+            enters a surface; else over a pose whose feet are off by clearance_m.
+
+    Raises:
+        InvalidInput: with the limb's name where both paths are blocked.
     """
     depth, limb = _deepest(kinematics, solids, pose, [measured_rad, first_rad])
     if depth <= SLACK_M:

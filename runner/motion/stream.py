@@ -1,5 +1,6 @@
 """The motion that ``run`` streams, with its joints: timed by what they can do, the same for a world
-and for a film."""
+and for a film.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +86,11 @@ def joint_motion(
 def _at_rate(
     timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
 ) -> TimedMotion[M]:
-    """Convert a motion to this number of rows per second. balanced: as of ``joint_profile``."""
+    """Convert a motion to this number of rows per second.
+
+    Arguments:
+        balanced: as of ``joint_profile``.
+    """
     if rate_hz == RATE_HZ:
         return timed
     wished = timed.profile.wished
@@ -106,8 +111,11 @@ def unhurried_plan(
     """A plan's motion whose phases last as long as joints need, and the postures that joints are
     drawn to.
 
-    shared: forces are shared anew among the limbs of every stance, with a reserve of friction.
-    Raises InvalidInput where all limbs lift at once.
+    Arguments:
+        shared: forces are shared anew among the limbs of every stance, with a reserve of friction.
+
+    Raises:
+        InvalidInput: where all limbs lift at once.
     """
     forces_n = distribute_forces(plan, kinematics) if shared else None
     standing_n = standing_forces(plan, kinematics) if shared else None
@@ -127,8 +135,10 @@ def timed_plan(
     *,
     hung: bool = False,
 ) -> TimedMotion[PlanMotion]:
-    """A plan's motion slowed down to what joints can do. Raises InvalidInput as ``parametrize``
-    does."""
+    """A plan's motion slowed down to what joints can do.
+
+    Raises InvalidInput as ``parametrize`` does.
+    """
     return parametrize(
         motion.plan,
         kinematics,
@@ -152,8 +162,9 @@ def timed_gait(
     *,
     hung: bool = False,
 ) -> TimedMotion[GaitMotion]:
-    """A gait's motion as it is planned. Raises InvalidInput where joints cannot do it: it cannot be
-    slowed down.
+    """A gait's motion as it is planned.
+
+    Raises InvalidInput where joints cannot do it: it cannot be slowed down.
 
     What a robot's own joints can accelerate follows from their torques; servos are given a limit of
     their own.

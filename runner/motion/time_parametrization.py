@@ -49,10 +49,14 @@ LINEAR = ("velocity", "torque at speed")
 class JointProfile:
     """A motion as the joints have it, T times, J joints.
 
-    time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm:
-    shape (T, J); static_nm are torques at rest under the planned forces, dynamic_nm what
-    accelerations add. error_m: of inverse kinematics, shape (T, N). targets: what a tracker sends
-    where all goes as planned, T of them; wished: what it is drawn to.
+    Arguments:
+        time_s: shape (T,).
+        angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
+            static_nm are torques at rest under the planned forces, dynamic_nm what accelerations
+            add.
+        error_m: of inverse kinematics, shape (T, N).
+        targets: what a tracker sends where all goes as planned, T of them.
+        wished: what it is drawn to.
     """
 
     time_s: Array
@@ -73,9 +77,11 @@ M_co = TypeVar("M_co", bound=Motion, covariant=True)
 class TimedMotion(Generic[M_co]):
     """A motion that joints can do, and one itself: what is streamed where nothing disturbs it.
 
-    pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower, with the
-    joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit.
-    profile: of the motion, whose rows are what is streamed.
+    Arguments:
+        pace: of that asked for, 1 where it was slow enough.
+        bound_by: what made it slower, with the joint, empty at 1.
+        velocity, acceleration, torque: greatest use of the limits, 1 at the limit.
+        profile: of the motion, whose rows are what is streamed.
     """
 
     motion: M_co
@@ -131,8 +137,10 @@ def unhurried(
     """Factors by which phases are to last longer, or joints would be sent faster than they turn,
     shape (P,), 1 or more.
 
-    A phase begins and ends at rest, so that each can have a time of its own. velocity_rad_s:
-    limits, shape (J,).
+    A phase begins and ends at rest, so that each can have a time of its own.
+
+    Arguments:
+        velocity_rad_s: limits, shape (J,).
     """
     path, seconds = wished.path_rad, np.array([phase.seconds for phase in motion.phases])
     rates = (np.diff(path, axis=0) / np.repeat(seconds / KNOTS, KNOTS)[:, None]).reshape(
@@ -161,11 +169,16 @@ def parametrize(
 ) -> TimedMotion[PlanMotion]:
     """The plan's motion, slowed down until all limits hold.
 
-    share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand,
-    its feet carry nothing. drives: whose torques fall with speed, where they do. longer,
-    standing_n: as of ``PlanMotion``. wished: postures of this motion at any pace, where they are
-    known. Raises InvalidInput, with time, limb and joint, where a foot is out of reach, or a torque
-    at rest too large: no pace helps there.
+    Arguments:
+        share: of the limits of velocity and torque that may be used.
+        hung: the robot hangs in a stand, its feet carry nothing.
+        drives: whose torques fall with speed, where they do.
+        longer, standing_n: as of ``PlanMotion``.
+        wished: postures of this motion at any pace, where they are known.
+
+    Raises:
+        InvalidInput: with time, limb and joint, where a foot is out of reach, or a torque at rest
+            too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
@@ -206,10 +219,14 @@ def joint_profile(
     drives: Drives | None = None,
     wished: RedundancyResolution | None = None,
 ) -> JointProfile:
-    """Inverse kinematics along a whole motion, and what it takes. balanced: the motion's forces are
-    those that push the body as it moves, as a gait's are, and not those at rest. drives: whose
-    rotors are turned; the robot's own where none are given. wished: postures at the motion's knots,
-    where they are known."""
+    """Inverse kinematics along a whole motion, and what it takes.
+
+    Arguments:
+        balanced: the motion's forces are those that push the body as it moves, as a gait's are, and
+            not those at rest.
+        drives: whose rotors are turned; the robot's own where none are given.
+        wished: postures at the motion's knots, where they are known.
+    """
     wished, period_s = wished or resolved(motion, kinematics), 1.0 / rate_hz
     targets = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
     angles = np.array([target.angles_rad for target in targets])
@@ -268,13 +285,15 @@ def undisturbed(
 
 def expected(sample: Samples) -> Array:
     """Forces that feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little
-    they carry; of those in the air the tracker takes no notice."""
+    they carry; of those in the air the tracker takes no notice.
+    """
     return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
 
 
 class _Limbs:
     """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that
-    feet push."""
+    feet push.
+    """
 
     def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
         self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
@@ -282,8 +301,11 @@ class _Limbs:
     def torques(
         self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array
     ) -> Array:
-        """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by
-        feet that stand."""
+        """shape (J,) [Nm].
+
+        Arguments:
+            push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand.
+        """
         robot = self._kinematics.robot
         moving_nm = (
             self._kinematics.inertial_torques(angles, velocity, acceleration)

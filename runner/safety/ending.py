@@ -28,7 +28,8 @@ Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
 class _Unsettled(Protocol):
     """A device that knows what may still move the robot after ``hold``.
 
-    pending: what may still move it, in words; empty if nothing may.
+    Arguments:
+        pending: what may still move it, in words; empty if nothing may.
     """
 
     pending: str
@@ -36,8 +37,12 @@ class _Unsettled(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """left: the state in which the robot is; message: why it is another than was asked for, empty
-    where it is not. seconds: from the stop, or from the end of the motion, until then.
+    """How a motion or a stop ended.
+
+    Arguments:
+        left: the state in which the robot is.
+        message: why it is another than was asked for, empty where it is not.
+        seconds: from the stop, or from the end of the motion, until then.
     """
 
     left: Left
@@ -55,8 +60,9 @@ def end(
     """Bring the robot into the state that was asked for; it never raises for what goes wrong on the
     way.
 
-    home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed;
-    None where there is no path.
+    Arguments:
+        home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this
+            speed; None where there is no path.
     """
     stopped = world.latch.tripped
     begin = world.latch.time_s if stopped else time.monotonic()
@@ -117,7 +123,8 @@ def _relaxed(world: SafeWorld) -> tuple[Left, str]:
 
 def _done(verb: Callable[[], None]) -> str:
     """Have a device do it, once more where that is cut off (by a second Ctrl-C); what went wrong,
-    empty if nothing."""
+    empty if nothing.
+    """
     wrong = ""
     for _ in range(2):
         try:

@@ -21,14 +21,20 @@ JOIN_S = 1.0
 
 
 def file_source(path: Path) -> Source:
-    """Stop where this file is there. Its folder may be a network's, so that others can stop the
-    robot."""
+    """Stop where this file is there.
+
+    Its folder may be a network's, so that others can stop the robot.
+    """
     return lambda: f"stop file {path.name} is there" if os.path.lexists(path) else None
 
 
 def key_source(stream: int | None = None) -> Source:
-    """Stop at any key, and where the terminal is gone. stream: file descriptor of a terminal,
-    standard input's where None; where that is no terminal nothing is ever read."""
+    """Stop at any key, and where the terminal is gone.
+
+    Arguments:
+        stream: file descriptor of a terminal, standard input's where None; where that is no
+            terminal nothing is ever read.
+    """
     number = (
         sys.stdin.fileno()
         if stream is None and sys.stdin is not None and sys.stdin.isatty()
@@ -47,7 +53,9 @@ def reader_source(*streams: int) -> Source:
     """Stop where nobody reads any more what is written to one of these: a closed terminal, or the
     end of a pipe.
 
-    streams: file descriptors. Nothing is written, so that a stop does not wait for the next line.
+    Arguments:
+        streams: file descriptors. Nothing is written, so that a stop does not wait for the next
+            line.
     """
     watch = select.poll()
     for stream in streams:
@@ -103,7 +111,8 @@ def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) ->
 @contextmanager
 def watched(latch: StopLatch, period_s: float = 0.005) -> Iterator[None]:
     """Ask the latch's sources in a thread of its own, so that a loop that waits for a device delays
-    no stop."""
+    no stop.
+    """
     over = threading.Event()
 
     def ask() -> None:

@@ -74,11 +74,14 @@ does not follow."""
 class Limits:
     """Limits within which the guard lets commands through, and at which it stops.
 
-    margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest
-    velocity. step_rad: most that a target may change in one control period. path_rad, path_s: a
-    joint that is farther than this from what it was sent, for this long, stops the run. silent_s:
-    the longest time between two commands to something real; pauses of a simulation, or of a dry
-    run, harm nobody.
+    Arguments:
+        margin_rad: distance kept from the joints' limits.
+        velocity_share: of the joints' greatest velocity.
+        step_rad: most that a target may change in one control period.
+        path_rad, path_s: a joint that is farther than this from what it was sent, for this long,
+            stops the run.
+        silent_s: the longest time between two commands to something real; pauses of a simulation,
+            or of a dry run, harm nobody.
     """
 
     margin_rad: float = 0.0
@@ -97,13 +100,17 @@ class Limits:
 
 
 class SafeWorld:
-    """A world with a guard, itself a world. It owns the world, and closes it.
+    """A world with a guard, itself a world.
 
-    dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A
-    simulation is nothing real. latch: the world's. sources: asked before every command. sent,
-    clipped, refused: numbers of commands that went through, that were changed on the way, and that
-    came after the stop. armed: an arming came to its end, or none is needed. monitor: gets a beat
-    for every command.
+    It owns the world, and closes it.
+
+    Arguments:
+        dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A
+            simulation is nothing real. latch: the world's.
+        sources: asked before every command. sent, clipped, refused: numbers of commands that went
+            through, that were changed on the way, and that came after the stop. armed: an arming
+            came to its end, or none is needed.
+        monitor: gets a beat for every command.
     """
 
     def __init__(
@@ -159,7 +166,8 @@ class SafeWorld:
     @cached_property
     def drives(self) -> Drives:
         """The world's loops; where it does not say nobody knows what they yield to, and it is sent
-        angles alone."""
+        angles alone.
+        """
         if isinstance(self.world, _Driven):
             return self.world.drives
         result = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
@@ -168,8 +176,10 @@ class SafeWorld:
     def reset(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput,
-        HardwareFault."""
+        """As the world's; what is real is measured, and moves not.
+
+        Raises Stopped, InvalidInput, HardwareFault.
+        """
         self._ask()
         state = self.world.reset(terrain, angles_rad, position_m, rotation)
         self._check_measured(state)
@@ -180,7 +190,8 @@ class SafeWorld:
 
     def preload(self, targets_rad: Array) -> bool:
         """Let a simulation begin with its joints loaded, as if it had been sent this before;
-        whether it is one that can. What is real is sent its loads softly."""
+        whether it is one that can. What is real is sent its loads softly.
+        """
         if (
             self.kind == "hardware"
             or not isinstance(self.world, _Loadable)
@@ -192,14 +203,17 @@ class SafeWorld:
 
     def carry(self, wrench: Array) -> None:
         """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one
-        does already."""
+        does already.
+        """
         if self.kind == "simulation" and isinstance(self.world, _Bearing):
             self.world.carry(wrench)
 
     @property
     def last_rad(self) -> Array:
-        """Targets that were sent last, or measured where nothing was sent, shape (J,). Raises
-        InvalidInput before ``reset``."""
+        """Targets that were sent last, or measured where nothing was sent, shape (J,).
+
+        Raises InvalidInput before ``reset``.
+        """
         if self._last is None:
             raise InvalidInput("world: expected reset before anything else")
         return self._last
@@ -210,8 +224,9 @@ class SafeWorld:
         return self.world.evidence if isinstance(self.world, _Evident) else ""
 
     def arm(self) -> None:
-        """Let something real move: its torque is switched on at the pose where it is. Nothing to do
-        for others.
+        """Let something real move: its torque is switched on at the pose where it is.
+
+        Nothing to do for others.
 
         Raises Stopped, HardwareFault, after which no torque is on that was off before.
         """
@@ -224,11 +239,14 @@ class SafeWorld:
                 self.armed = self._to.armed
 
     def step(self, targets_rad: Array, lean_rad: Array | None = None) -> State:
-        """Send what of the targets is within limits. Raises Stopped after a stop, and with the
-        command that causes one; HardwareFault where the world does.
+        """Send what of the targets is within limits.
 
-        lean_rad: how much of the targets are loads, by which joints yield to them, shape (J,);
-        None: as much as before. In a dry run they yield to them as planned.
+        Raises Stopped after a stop, and with the command that causes one; HardwareFault where the
+        world does.
+
+        Arguments:
+            lean_rad: how much of the targets are loads, by which joints yield to them, shape (J,);
+                None: as much as before. In a dry run they yield to them as planned.
         """
         last = self.last_rad
         self._lean = self._lean if lean_rad is None else np.array(lean_rad, dtype=float)
@@ -294,7 +312,8 @@ class SafeWorld:
 
     def _ask(self) -> None:
         """Raise Stopped where somebody wants it; of a leap that is in the air, after it has
-        landed."""
+        landed.
+        """
         try:
             self.latch.check()
         except Stopped:
@@ -305,9 +324,11 @@ class SafeWorld:
         check_state(state, len(self.joints), len(self.robot.limbs), self.name)
 
     def _check_deviation(self, state: State) -> None:
-        """Stop where a joint does not go where it is sent. A period in which it seems to be there
-        makes up for half a one in which it is not, so that measurements of which every other one is
-        nonsense do not hide it."""
+        """Stop where a joint does not go where it is sent.
+
+        A period in which it seems to be there makes up for half a one in which it is not, so that
+        measurements of which every other one is nonsense do not hide it.
+        """
         away = np.abs(state.angles_rad - state.sent_rad + self._lean)
         self._away = np.where(
             away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0)
@@ -326,7 +347,8 @@ class SafeWorld:
 
     def _still(self, state: State) -> bool:
         """Tell whether joints were sent away from where they were measured first, and none has
-        moved."""
+        moved.
+        """
         if self._first is None or np.abs(state.angles_rad - self._first).max() > STILL_RAD:
             return False
         return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > SENT_RAD) > 1)
@@ -334,7 +356,8 @@ class SafeWorld:
 
 def capabilities_of(world: World) -> WorldCapabilities:
     """Capabilities that the world declares; for a simulation those of its servos, and that it feels
-    everything."""
+    everything.
+    """
     if isinstance(world, _Capable):
         return world.capabilities
     return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)
@@ -342,7 +365,8 @@ def capabilities_of(world: World) -> WorldCapabilities:
 
 def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:
     """The least and the greatest angle of every joint, and how far it may move in a period, shape
-    (J,) each."""
+    (J,) each.
+    """
     middle = 0.5 * (can.lower_rad + can.upper_rad)
     lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
     upper = np.maximum(can.upper_rad - limits.margin_rad, middle)

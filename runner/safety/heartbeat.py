@@ -45,11 +45,16 @@ BUS = "the servos are stopped by their own bus watchdogs, and hold"
 
 
 class HeartbeatMonitor:
-    """The host's side. A context manager: entered, the monitor is there, and connected.
+    """The host's side.
 
-    limit_s: the longest silence between two beats; the first begins the watch. setup: of a robot
-    behind a rosbridge, None for anything else. Raises InvalidInput where the monitor could not
-    connect.
+    A context manager: entered, the monitor is there, and connected.
+
+    Arguments:
+        limit_s: the longest silence between two beats; the first begins the watch.
+        setup: of a robot behind a rosbridge, None for anything else.
+
+    Raises:
+        InvalidInput: where the monitor could not connect.
     """
 
     def __init__(self, limit_s: float, setup: RosSetup | None = None) -> None:
@@ -122,8 +127,11 @@ class HeartbeatMonitor:
         self._end(kill=self._unresponsive or not self._say(CLOSE))
 
     def _end(self, *, kill: bool) -> None:
-        """Let it end. kill: at once, where it would take the end of the pipe for that of the
-        host."""
+        """Let it end.
+
+        Arguments:
+            kill: at once, where it would take the end of the pipe for that of the host.
+        """
         assert self._child is not None
         if kill:
             self._child.kill()
@@ -138,7 +146,8 @@ class HeartbeatMonitor:
 
     def _say(self, word: bytes) -> bool:
         """Send a word if there is room for it in the pipe; one that is full or broken makes
-        ``gone`` say so."""
+        ``gone`` say so.
+        """
         if self._child is None:
             return False
         with contextlib.suppress(BrokenPipeError):
@@ -152,10 +161,12 @@ class HeartbeatMonitor:
 
 
 def watch(stream: int, limit_s: float, answers: int) -> str:
-    """Read beats until they stop; why, empty after a farewell. stream, answers: file descriptors of
-    pipes.
+    """Read beats until they stop; why, empty after a farewell.
 
     Whatever is heard is answered, as long as there is room in the pipe.
+
+    Arguments:
+        stream, answers: file descriptors of pipes.
     """
     os.set_blocking(answers, False)
     beating = False
@@ -199,7 +210,8 @@ def main() -> int:
 
 def _cancelled(setup: RosSetup, link: RosLink) -> str:
     """Cancel all goals of a robot, over a new connection where the first is of no use; what to say
-    of that."""
+    of that.
+    """
     try:
         with contextlib.ExitStack() as stack:
             if link.trouble() is not None:

@@ -20,11 +20,14 @@ PATIENCE_S = 0.25
 
 
 class Stopped(StancekitError):
-    """The stop was tripped: nothing more is sent. The message says why."""
+    """The stop was tripped: nothing more is sent.
+
+    The message says why.
+    """
 
 
 class StopLatch:
-    """Once tripped it stays so; the first reason counts. For any thread, and for signal handlers.
+    """Once tripped it stays so; the first reason counts.
 
     clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of
     a machine share. sent_s: when the last write had returned, NaN before the first. after, after_s:
@@ -54,7 +57,8 @@ class StopLatch:
     @property
     def stops(self) -> bool:
         """Tell whether nothing may be sent any more: it was tripped, and no leap is to land
-        first."""
+        first.
+        """
         return bool(self._first) and not (self.lands and not self._at_once)
 
     @property
@@ -77,8 +81,10 @@ class StopLatch:
         self._sources += sources
 
     def poll(self) -> None:
-        """Ask the sources. One that fails trips it, too: a stop button that cannot be read is no
-        stop button."""
+        """Ask the sources.
+
+        One that fails trips it, too: a stop button that cannot be read is no stop button.
+        """
         if self._first or not self._sources:
             return
         if not self._asking.acquire(
@@ -106,7 +112,8 @@ class StopLatch:
     @contextmanager
     def sending(self) -> Iterator[None]:
         """Within, one write of something that moves the robot: let through, or refused with
-        Stopped."""
+        Stopped.
+        """
         self.poll()
         with self._sending:
             if self.stops:
@@ -119,7 +126,9 @@ class StopLatch:
                     self.after, self.after_s = self.after + 1, self.sent_s - self.time_s
 
     def settle(self) -> None:
-        """Wait until what is being sent has left. After ``trip`` and this nothing does. Not for
-        signal handlers."""
+        """Wait until what is being sent has left.
+
+        After ``trip`` and this nothing does. Not for signal handlers.
+        """
         with self._sending:
             pass

@@ -1,5 +1,6 @@
 """The emergency stop as a ROS topic of std_msgs/Bool, heard through a rosbridge whatever world the
-robot is in."""
+robot is in.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +20,19 @@ TIMEOUT_S = 3.0
 
 
 class StopTopic:
-    """A source of stops: call it. A context manager, connected while it is entered.
+    """A source of stops: call it.
 
-    address: HOST:PORT/TOPIC. True stops, false does not start again. A connection that is lost, and
-    a message that is no Bool, stop, too: a stop button that cannot be read is no stop button.
-    check: how it is known to work when it is entered; None does not ask. Raises InvalidInput for
-    what is no address, without roslibpy, and, when entered, where no rosbridge is, and for a topic
-    of which too little is known.
+    A context manager, connected while it is entered.
+
+    Arguments:
+        address: HOST:PORT/TOPIC. True stops, false does not start again. A connection that is lost,
+            and a message that is no Bool, stop, too: a stop button that cannot be read is no stop
+            button.
+        check: how it is known to work when it is entered; None does not ask.
+
+    Raises:
+        InvalidInput: for what is no address, without roslibpy, and, when entered, where no
+            rosbridge is, and for a topic of which too little is known.
     """
 
     def __init__(

@@ -19,14 +19,17 @@ from .latch import StopLatch
 
 
 class Watchdog:
-    """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick. A
-    context manager.
+    """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick.
+
+    A context manager.
 
     While it is entered, and from ``guard`` on, it does so where the process stood still for so
     long, kicked or not.
 
-    clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity
-    watches nothing. monitor: gets the same.
+    Arguments:
+        clock: in seconds, never set back; what the wall clock does is no matter. A limit of
+            infinity watches nothing.
+        monitor: gets the same.
     """
 
     def __init__(
@@ -45,7 +48,10 @@ class Watchdog:
         self._thread: threading.Thread | None = None
 
     def kick(self) -> None:
-        """The loop lives. One that comes too late trips the latch itself."""
+        """The loop lives.
+
+        One that comes too late trips the latch itself.
+        """
         self.look()
         self._last = self._clock()
         if self._monitor is not None:
@@ -63,7 +69,8 @@ class Watchdog:
 
     def look(self) -> None:
         """Trip the latch where the last kick, or the last sign of life of the process, is too long
-        ago."""
+        ago.
+        """
         for last, who in (
             (self._last, "the loop was silent"),
             (self._pulse, "the process stood still"),

@@ -1,5 +1,6 @@
 """A world in PyBullet (extra ``bullet``): the servo's position loop at every step, the patch's μ in
-its contacts."""
+its contacts.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ from .world import Ground, State, Terrain
 
 
 class BulletWorld(SimulatedWorld):
-    """One robot on one terrain in PyBullet. Raises InvalidInput where PyBullet is not installed.
+    """One robot on one terrain in PyBullet.
+
+    Raises InvalidInput where PyBullet is not installed.
 
     PyBullet's own position control is a rigid constraint that leaves contact forces to chance; here
     the joints are driven by torques τ = Kp (q* − q) − Kd q̇, as a servo does it. Friction
@@ -96,7 +99,8 @@ class BulletWorld(SimulatedWorld):
 
     def _bear(self) -> None:
         """Put what is carried on the body for one step: a force at the robot's centre of mass, and
-        a pair of forces, as PyBullet turns torques on a base into axes of its own."""
+        a pair of forces, as PyBullet turns torques on a base into axes of its own.
+        """
         bullet, client, (force, moment) = self._bullet, self._client, np.split(self._carried, 2)
         poses = [bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)[0]]
         if links := list(range(bullet.getNumJoints(self._robot, physicsClientId=client))):
@@ -127,7 +131,10 @@ class BulletWorld(SimulatedWorld):
             self._client = -1
 
     def _begin(self) -> None:
-        """An empty world. The order of contacts is fixed, or two runs differ."""
+        """An empty world.
+
+        The order of contacts is fixed, or two runs differ.
+        """
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
         bullet.setGravity(0.0, 0.0, -self.gravity_m_s2, physicsClientId=client)
@@ -186,8 +193,11 @@ class BulletWorld(SimulatedWorld):
 
     def _soften(self, counts: Array) -> None:
         """Have each foot's points in contact share ``SoftContact``, by PyBullet's own spring with a
-        damper, which is stepped implicitly. counts: how many as deep as the deepest they amount to,
-        shape (N,)."""
+        damper, which is stepped implicitly.
+
+        Arguments:
+            counts: how many as deep as the deepest they amount to, shape (N,).
+        """
         if self.contact is None:
             return
         damping = self.contact.damped(self.robot.mass_kg, len(self.robot.limbs))
@@ -257,7 +267,8 @@ class BulletWorld(SimulatedWorld):
 
     def _part_at_rest(self) -> None:
         """Links never collide where the model says so, and where they overlap as the robot stands:
-        drawn so."""
+        drawn so.
+        """
         bullet, client = self._bullet, self._client
         self._place_joints(np.concatenate([leg.stance_rad for leg in self.model.legs]))
         pairs = [(self._links[first], self._links[second]) for first, second in self.body.apart]
@@ -285,7 +296,8 @@ class BulletWorld(SimulatedWorld):
 
     def _contacts(self, forces: Array) -> float:
         """Add the forces of the terrain on feet to them; the force on anything else, and of links
-        on each other, is returned [N]."""
+        on each other, is returned [N].
+        """
         bump = 0.0
         touched: dict[int, list[tuple[float, Array]]] = {}
         for contact in self._bullet.getContactPoints(

@@ -18,9 +18,12 @@ from .drives import Drives
 class WorldCapabilities:
     """Limits and senses of a world; J joints.
 
-    joints: names, in the order of all arrays. rate_hz: of the targets. lower_rad, upper_rad,
-    velocity_rad_s, torque_nm: limits of the joints, shape (J,). has_body_pose, has_contact_forces:
-    whether it measures them; where it does not, a ``State`` repeats the assumed pose and has zeros.
+    Arguments:
+        joints: names, in the order of all arrays.
+        rate_hz: of the targets.
+        lower_rad, upper_rad, velocity_rad_s, torque_nm: limits of the joints, shape (J,).
+        has_body_pose, has_contact_forces: whether it measures them; where it does not, a ``State``
+            repeats the assumed pose and has zeros.
     """
 
     joints: tuple[str, ...]
@@ -34,8 +37,11 @@ class WorldCapabilities:
 
     @classmethod
     def of_servos(cls, robot: Robot, servo: Servo, rate_hz: float, *, senses: bool) -> Self:
-        """Capabilities of such servos at every joint. senses: the body's pose and contact forces
-        are measured."""
+        """Capabilities of such servos at every joint.
+
+        Arguments:
+            senses: the body's pose and contact forces are measured.
+        """
         joints, limbs = joint_names(robot), len(robot.limbs)
         return cls(
             joints=joints,
@@ -50,7 +56,11 @@ class WorldCapabilities:
 
     @classmethod
     def of_drives(cls, drives: Drives, rate_hz: float, *, senses: bool) -> Self:
-        """Capabilities of such drives. senses: the body's pose and contact forces are measured."""
+        """Capabilities of such drives.
+
+        Arguments:
+            senses: the body's pose and contact forces are measured.
+        """
         return cls(
             joints=drives.joints,
             rate_hz=rate_hz,

@@ -40,6 +40,7 @@ class SoftContact:
         stiffness_n_m: force of a foot per depth [N/m]; 5e3 is soft turf, 1e5 a wooden floor.
         damping_ns_m: force per speed of sinking [N s/m]; None for that of a robot which, standing
             on all its feet, sinks without swinging.
+
     Raises:
         InvalidInput: for a number that is out of range.
     """
@@ -103,9 +104,10 @@ def points(depths_m: Array, normals: Array) -> float:
 class SimulationSetup:
     """The set-up file of a simulation: what of the world is not as usual.
 
-    contact_stiffness_n_m: force of each foot per depth [N/m]; without it the ground is hard.
-    contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which sinks
-    without swinging.
+    Arguments:
+        contact_stiffness_n_m: force of each foot per depth [N/m]; without it the ground is hard.
+        contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which
+            sinks without swinging.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -116,7 +118,10 @@ class SimulationSetup:
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> SimulationSetup:
-        """Read a file, YAML or JSON. Raises InvalidInput with all that is wrong."""
+        """Read a file, YAML or JSON.
+
+        Raises InvalidInput with all that is wrong.
+        """
         data = read_yaml(path)
         if data.get("format") != FORMAT:
             raise InvalidInput(

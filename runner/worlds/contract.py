@@ -1,5 +1,6 @@
 """Contract of every world: a driver of one's own is asked before anything moves, and after every
-step."""
+step.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +20,13 @@ from ..safety.latch import StopLatch
 from .capabilities import WorldCapabilities
 from .world import State, WorldKind
 
-VERBS = ("reset", "step", "close")
+METHODS = ("reset", "step", "close")
 
 
 def check_world(world: Any) -> None:
     """Raise InvalidInput, in one line, for an object that is no ``World``: what it lacks, or has of
-    another kind."""
+    another kind.
+    """
     name = checked_name(getattr(world, "name", None), "world: name")
     types = {"latch": StopLatch, "robot": Robot, "servo": Servo}
     for attribute, type_ in types.items():
@@ -51,14 +53,15 @@ def check_world(world: Any) -> None:
         )
     if can is not None and can.joints != joints:
         raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others'")
-    for verb in VERBS:
-        if not callable(getattr(world, verb, None)):
-            raise InvalidInput(f"world {name}: expected the verb {verb}, got none")
+    for method in METHODS:
+        if not callable(getattr(world, method, None)):
+            raise InvalidInput(f"world {name}: expected the method {method}, got none")
 
 
 def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
     """Raise HardwareFault for measurements that are no ``State`` of so many joints and limbs, or no
-    finite numbers."""
+    finite numbers.
+    """
     if not isinstance(state, State):
         raise HardwareFault(f"world {name}: expected a State, got {shown(state)}")
     shapes = _shapes(joints, limbs)
@@ -98,7 +101,8 @@ def _shapes(joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
 
 def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
     """Tell whether all of it is arrays of finite numbers in these shapes, as it nearly always
-    is."""
+    is.
+    """
     arrays = [getattr(state, name) for name, shape in shapes.items() if shape]
     if not all(type(each) is np.ndarray and each.dtype == np.float64 for each in arrays):
         return False

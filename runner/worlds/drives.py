@@ -19,11 +19,15 @@ from stancekit.planners.robot.urdf import Servo
 class Drives:
     """The position loops τ = Kp (q* − q) − Kd q̇ at J joints, and their limits, shape (J,) each.
 
-    joints: names, in the order of all arrays. lower_rad, upper_rad, velocity_rad_s, torque_nm:
-    limits. stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen
-    behind the gears. actuators: what turns every joint, J of them. assigned: what names them, None
-    where the robot's own file says what its joints can. yields: to loads, as those loops do; False
-    where a joint is to be where it is sent: its loop is not known, or carries nothing.
+    Arguments:
+        joints: names, in the order of all arrays.
+        lower_rad, upper_rad, velocity_rad_s, torque_nm: limits.
+        stiffness_nm_rad, damping_nms_rad: Kp, Kd.
+        rotor_kg_m2: inertia of the rotors, seen behind the gears.
+        actuators: what turns every joint, J of them.
+        assigned: what names them, None where the robot's own file says what its joints can.
+        yields: to loads, as those loops do; False where a joint is to be where it is sent: its loop
+            is not known, or carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -54,9 +58,12 @@ class Drives:
         """The servo's at every joint that is drawn up; of a robot with a model of its own, its
         file's limits, and a loop as stiff as such a weight needs.
 
-        actuators: in place of either; of those without a loop of their own the loops stay. Raises
-        InvalidInput for a joint without a limit of torque or velocity, and for actuators of other
-        joints.
+        Arguments:
+            actuators: in place of either; of those without a loop of their own the loops stay.
+
+        Raises:
+            InvalidInput: for a joint without a limit of torque or velocity, and for actuators of
+                other joints.
         """
         joints = [joint for leg in model.legs for joint in leg.joints]
         names = tuple(joint.name for joint in joints)
@@ -88,7 +95,8 @@ class Drives:
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
         """The least and the greatest torque at these speeds, shape (J,) each: a joint that is
-        turned against its torque gives all of it, one that turns with it no more than its curve."""
+        turned against its torque gives all of it, one that turns with it no more than its curve.
+        """
         lost = self.fading * rates_rad_s
         upper = self.torque_nm * np.clip(1.0 - lost, 0.0, 1.0)
         return -self.torque_nm * np.clip(1.0 + lost, 0.0, 1.0), upper
@@ -105,7 +113,8 @@ class Drives:
 
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:
         """Targets as a drive takes them: within the joints' limits, no farther from the last than
-        it can turn."""
+        it can turn.
+        """
         step = self.velocity_rad_s * period_s
         bounded = np.minimum(np.maximum(targets, self.lower_rad), self.upper_rad)
         return np.asarray(np.minimum(np.maximum(bounded, before - step), before + step))
@@ -127,7 +136,8 @@ def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[f
 @dataclass(frozen=True, kw_only=True)
 class Push:
     """A force on a simulated body, at its own centre of mass: force_n in the world, shape (3,) [N],
-    from at_s after the reset on for seconds."""
+    from at_s after the reset on for seconds.
+    """
 
     force_n: tuple[float, float, float]
     at_s: float
@@ -142,12 +152,17 @@ class Imperfections:
     """Imperfections of a simulated robot, by which it differs from its file; drawn once, from the
     seed.
 
-    offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by
-    that. noise_rad: standard deviation of what they measure. delay_s: from a command to its effect,
-    felt_delay_s: from a contact to when its force is felt, both in whole control periods.
-    felt_share: of a foot's force, what it reads; felt_noise_n: standard deviation of that along
-    every axis [N]; deaf: numbers of the limbs whose feet read nothing. stiffness_share, mass_share:
-    of the loops' Kp, and of all masses. pushes: on its body.
+    Arguments:
+        offset_rad: joints are mounted off by up to so much, either way, and measure themselves
+            wrong by that.
+        noise_rad: standard deviation of what they measure.
+        delay_s: from a command to its effect, felt_delay_s: from a contact to when its force is
+            felt, both in whole control periods.
+        felt_share: of a foot's force, what it reads.
+        felt_noise_n: standard deviation of that along every axis [N].
+        deaf: numbers of the limbs whose feet read nothing.
+        stiffness_share, mass_share: of the loops' Kp, and of all masses.
+        pushes: on its body.
     """
 
     offset_rad: float = 0.0

@@ -12,11 +12,13 @@ from .world import LatchedWorld, State, Terrain, World
 
 
 class NullWorld(LatchedWorld):
-    """In place of a world that was reset: no command goes through. Its joints are where they would
-    have been sent.
+    """In place of a world that was reset: no command goes through.
 
-    first: what the world measured. The body is where it was, and its feet feel nothing. The latch
-    is the world's.
+    Its joints are where they would have been sent.
+
+    Arguments:
+        first: what the world measured. The body is where it was, and its feet feel nothing. The
+            latch is the world's.
     """
 
     def __init__(self, world: World, first: State) -> None:

@@ -19,8 +19,10 @@ RATE_HZ = 50.0
 
 
 class HardwareWorld(LatchedWorld):
-    """Joints under position control. The body is not measured: ``State`` repeats the pose given to
-    ``reset``, the feet are where that pose and the measured angles have them, and forces are zero.
+    """Joints under position control.
+
+    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that
+    pose and the measured angles have them, and forces are zero.
 
     late: how often more time was lost than is caught up. Raises InvalidInput without pinocchio.
     """
@@ -40,7 +42,8 @@ class HardwareWorld(LatchedWorld):
 
     def sendable(self, targets_rad: Array) -> Array:
         """The targets as ``step`` would send them now: no farther than a joint turns in a period,
-        and within limits."""
+        and within limits.
+        """
         can = self.capabilities
         most = can.velocity_rad_s / self.rate_hz
         near = np.clip(targets_rad, self._sent - most, self._sent + most)
@@ -52,8 +55,10 @@ class HardwareWorld(LatchedWorld):
         self._start_s = self._due_s = time.monotonic()
 
     def _checked(self, targets_rad: Array) -> Array:
-        """Targets for ``step``. Raises InvalidInput where the world is not armed, or they are not
-        finite."""
+        """Targets for ``step``.
+
+        Raises InvalidInput where the world is not armed, or they are not finite.
+        """
         if not self.armed:
             raise InvalidInput("world: expected torque(True) before step")
         targets = np.asarray(targets_rad, dtype=float)

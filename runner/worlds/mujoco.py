@@ -1,5 +1,6 @@
 """A world in MuJoCo (extra ``mujoco``): position actuators with the servo's gains, elliptic cones,
-the patch's μ."""
+the patch's μ.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +39,10 @@ _AXES = np.arange(3)  # of a contact: along its normal, and two across
 
 
 def mujoco_module() -> Any:
-    """The module mujoco. Raises InvalidInput where it is not installed."""
+    """The module mujoco.
+
+    Raises InvalidInput where it is not installed.
+    """
     try:
         import mujoco
     except ImportError:
@@ -49,7 +53,10 @@ def mujoco_module() -> Any:
 
 
 class MujocoWorld(SimulatedWorld):
-    """One robot on one terrain in MuJoCo. Raises InvalidInput where MuJoCo is not installed."""
+    """One robot on one terrain in MuJoCo.
+
+    Raises InvalidInput where MuJoCo is not installed.
+    """
 
     name = "mujoco"
 
@@ -106,8 +113,11 @@ class MujocoWorld(SimulatedWorld):
         self._views = ()
 
     def _step(self) -> None:
-        """A step of physics. A foot's points on soft ground share its stiffness and damping, so
-        that those of heights, which MuJoCo meets cell by cell, are no stiffer than one."""
+        """A step of physics.
+
+        A foot's points on soft ground share its stiffness and damping, so that those of heights,
+        which MuJoCo meets cell by cell, are no stiffer than one.
+        """
         if self.contact is None:
             self._mujoco.mj_step(self._model, self._data)
             return
@@ -128,7 +138,8 @@ class MujocoWorld(SimulatedWorld):
 
     def _on_body(self) -> Array:
         """Force on the base's own centre of mass and moment: what is carried, which acts at the
-        robot's, and pushes."""
+        robot's, and pushes.
+        """
         wrench = np.array(self._carried)
         arm = self._data.subtree_com[self._base] - self._data.xipos[self._base]
         wrench[3:] += cross(arm, self._carried[:3])
@@ -151,7 +162,11 @@ class MujocoWorld(SimulatedWorld):
         return spec
 
     def _spec(self, apart: Sequence[tuple[str, str]]) -> Any:
-        """The robot alone. apart: pairs of its links that never collide."""
+        """The robot alone.
+
+        Arguments:
+            apart: pairs of its links that never collide.
+        """
         kinds, drives = self._mujoco, self.drives
         spec = kinds.MjSpec.from_string(self.body.urdf, assets=dict(self.body.hulls))
         spec.compiler.fusestatic = False  # or the body, and the feet, are merged into their parents
@@ -209,7 +224,8 @@ class MujocoWorld(SimulatedWorld):
 
     def _touching_at_rest(self, model: Any) -> tuple[tuple[str, str], ...]:
         """Pairs of links whose shapes overlap in the posture that the robot stands in: they are
-        drawn so."""
+        drawn so.
+        """
         data = self._mujoco.MjData(model)
         for leg in self.model.legs:
             for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
@@ -223,7 +239,8 @@ class MujocoWorld(SimulatedWorld):
 
     def _lay(self, spec: Any, terrain: Terrain) -> None:
         """Every patch as a static convex body, or heights as a field, whose friction counts, not
-        the larger of two."""
+        the larger of two.
+        """
         kinds = self._mujoco.mjtGeom
         contact: dict[str, Any] = {
             "contype": 0,
@@ -262,7 +279,8 @@ class MujocoWorld(SimulatedWorld):
 
     def _contacts(self) -> tuple[NDArray[np.int_], Array]:
         """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame,
-        shape (K, 3) [N]."""
+        shape (K, 3) [N].
+        """
         contact, forces = self._data.contact, self._data.efc_force
         rows = contact.efc_address
         if self._rubs:
@@ -281,7 +299,8 @@ class MujocoWorld(SimulatedWorld):
 
     def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
         """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything
-        else, and of links on each other [N]."""
+        else, and of links on each other [N].
+        """
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
         feet, on_second = self._under(pairs), pairs[:, 0] == 0

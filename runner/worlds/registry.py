@@ -34,24 +34,29 @@ __all__ = [
 
 
 class WorldClass(Protocol):
-    """The class of a world, as it is registered. Subclasses of ``SimulatedWorld`` have all that but
-    physics.
+    """The class of a world, as it is registered.
 
-    kind: what is of "hardware" has the verbs torque, hold and relax, too (``world.Actuator``):
-    nothing real moves unless it was armed.
+    Subclasses of ``SimulatedWorld`` have all that but physics.
+
+    Arguments:
+        kind: what is of "hardware" has the methods torque, hold and relax, too (``world.Actuator``):
+            nothing real moves unless it was armed.
     """
 
     kind: WorldKind
 
     def make(self, settings: WorldSettings) -> World:
-        """A world. Raises InvalidInput for a rate or a file that it does not take, and for a
-        package that is not installed; nothing is sent to anything."""
+        """A world.
+
+        Raises InvalidInput for a rate or a file that it does not take, and for a package that is
+        not installed; nothing is sent to anything.
+        """
         ...
 
 
 def _is_world_class(thing: Any) -> bool:
     kind = getattr(thing, "kind", None)
-    verbs = (
+    methods = (
         "make",
         "reset",
         "step",
@@ -59,7 +64,7 @@ def _is_world_class(thing: Any) -> bool:
         *(("torque", "hold", "relax") if kind == "hardware" else ()),
     )
     return kind in get_args(WorldKind) and all(
-        callable(getattr(thing, verb, None)) for verb in verbs
+        callable(getattr(thing, method, None)) for method in methods
     )
 
 
@@ -92,13 +97,20 @@ def make_world(
 ) -> World:
     """Make a world, with one robot in it.
 
-    name: of ``WORLDS``, or FILE.py:NAME. servo: of drawn-up legs, in place of the robot's own.
-    rate_hz: targets a second, the world's own where None. setup: the log of ``replay``, the
-    calibration file of ``dynamixel``, the set-up file of ``ros``, ground that yields in
-    simulations. imperfections: of a simulated robot. actuators: what turns its joints, None for
-    what its file, or the device's, says. contact: ground of a simulation that yields, None for hard
-    ground, unless the set-up file says otherwise. Raises InvalidInput for an unknown name, a file
-    that is missing or wrong, and a package that is not installed.
+    Arguments:
+        name: of ``WORLDS``, or FILE.py:NAME.
+        servo: of drawn-up legs, in place of the robot's own.
+        rate_hz: targets a second, the world's own where None.
+        setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up file of
+            ``ros``, ground that yields in simulations.
+        imperfections: of a simulated robot.
+        actuators: what turns its joints, None for what its file, or the device's, says.
+        contact: ground of a simulation that yields, None for hard ground, unless the set-up file
+            says otherwise.
+
+    Raises:
+        InvalidInput: for an unknown name, a file that is missing or wrong, and a package that is
+            not installed.
     """
     settings = WorldSettings(
         robot=robot,

@@ -21,8 +21,9 @@ from .world import LatchedWorld, State, Terrain, WorldKind
 
 
 class ReplayWorld(LatchedWorld):
-    """The measurements of a log, one a step. Nothing moves; commands are compared with those of the
-    log.
+    """The measurements of a log, one a step.
+
+    Nothing moves; commands are compared with those of the log.
 
     worst_rad: largest difference between a command and what was sent at that step of the log.
     Raises InvalidInput for a log of another robot.
@@ -97,7 +98,10 @@ class ReplayWorld(LatchedWorld):
         return self._preloaded
 
     def step(self, targets_rad: Array) -> State:
-        """The next measurement. Raises HardwareFault where the log ends."""
+        """The next measurement.
+
+        Raises HardwareFault where the log ends.
+        """
         self._row += 1
         if self._row >= len(self._states) or self._row > len(self._sent):
             raise HardwareFault(f"replay: the log ends after {self._row - 1} commands")
@@ -112,7 +116,8 @@ class ReplayWorld(LatchedWorld):
 
 def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
     """The loops that the log was sent to; of logs that do not say, as it was when they were
-    written."""
+    written.
+    """
     from ..log import table
 
     names = ("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2")

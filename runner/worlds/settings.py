@@ -22,12 +22,19 @@ pressed and released; or it is not asked for."""
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """robot: who moves. servo: of its drawn-up legs; the robot's own where None is given.
-    gravity_m_s2: what pulls. rate_hz: targets a second, None for what is usual in that world.
-    setup: the file that a world is made from, None where none was given. imperfections: of a
-    simulated robot. contact: ground of a simulation that yields, None for hard ground. actuators:
-    what turns its joints, None for what the robot's file, or the device's, says. estop: how an
-    e-stop that the set-up file names is known to work before the robot is armed."""
+    """Settings that every back end takes.
+
+    Arguments:
+        robot: who moves.
+        servo: of its drawn-up legs; the robot's own where None is given.
+        gravity_m_s2: what pulls.
+        rate_hz: targets a second, None for what is usual in that world.
+        setup: the file that a world is made from, None where none was given.
+        imperfections: of a simulated robot.
+        contact: ground of a simulation that yields, None for hard ground.
+        actuators: what turns its joints, None for what the robot's file, or the device's, says.
+        estop: how an e-stop that the set-up file names is known to work before the robot is armed.
+    """
 
     robot: Robot
     servo: Servo | None = None
@@ -43,8 +50,10 @@ class WorldSettings:
         object.__setattr__(self, "servo", self.servo or self.robot.servo)
 
     def file(self, content: str, world: str) -> Path:
-        """The set-up file. Raises InvalidInput, which says what should be in it, where there is
-        none."""
+        """The set-up file.
+
+        Raises InvalidInput, which says what should be in it, where there is none.
+        """
         if self.setup is None:
             raise InvalidInput(f"setup: expected {content} with world {world}, got none")
         return self.setup

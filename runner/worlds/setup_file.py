@@ -1,5 +1,6 @@
 """Set-up files of what is real, YAML or JSON: which robot's joints there are, and what a device
-calls each of them."""
+calls each of them.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +20,13 @@ from stancekit.planners.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class SetupFile:
-    """The joints of a device, by name. Subclasses have ``joints``, and ``format`` by which their
-    files begin.
+    """The joints of a device, by name.
 
-    robot: the name of the robot that the device moves; a plan for another one is refused. None says
-    nothing.
+    Subclasses have ``joints``, and ``format`` by which their files begin.
+
+    Arguments:
+        robot: the name of the robot that the device moves; a plan for another one is refused. None
+            says nothing.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -43,8 +46,10 @@ class SetupFile:
 
     @classmethod
     def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Self:
-        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all
-        that is wrong."""
+        """Read a file, YAML or JSON, for a robot with these joints.
+
+        Raises InvalidInput with all that is wrong.
+        """
         data, known = read_yaml(path), cls.__dataclass_fields__["format"].default
         if data.get("format") != known:
             raise InvalidInput(

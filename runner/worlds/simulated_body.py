@@ -40,11 +40,14 @@ overlap."""
 class SimulatedBody:
     """Description of a body that a simulator loads.
 
-    urdf: text, of links with masses and convex shapes; hulls: the contents of the OBJ files that it
-    names. base: the root link, whose pose is the body's. joints: the legs', in the model's order.
-    feet: the links that are feet, and tips_m: their centres in them, shape (N, 3) [m]. apart: pairs
-    of links that never collide with each other. missing: meshes that are not there or cannot be
-    read, which collide with nothing.
+    Arguments:
+        urdf: text, of links with masses and convex shapes.
+        hulls: the contents of the OBJ files that it names.
+        base: the root link, whose pose is the body's.
+        joints: the legs', in the model's order.
+        feet: the links that are feet, and tips_m: their centres in them, shape (N, 3) [m].
+        apart: pairs of links that never collide with each other.
+        missing: meshes that are not there or cannot be read, which collide with nothing.
     """
 
     urdf: str
@@ -62,11 +65,15 @@ def simulated_body(
 ) -> SimulatedBody:
     """The body of a model.
 
-    mass_share: of all masses and inertias, for robots heavier than their files say. rotors_kg_m2:
-    of every joint, shape (J,), added to the inertia of the link that it turns, about every axis so
-    that a simulator takes it for a body's; for those that know no inertia of rotors. Raises
-    InvalidInput for a model whose legs have joints that slide, and for links with masses or
-    inertias that no body has.
+    Arguments:
+        mass_share: of all masses and inertias, for robots heavier than their files say.
+        rotors_kg_m2: of every joint, shape (J,), added to the inertia of the link that it turns,
+            about every axis so that a simulator takes it for a body's; for those that know no
+            inertia of rotors.
+
+    Raises:
+        InvalidInput: for a model whose legs have joints that slide, and for links with masses or
+            inertias that no body has.
     """
     if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
         raise InvalidInput(
@@ -110,7 +117,8 @@ def simulated_body(
 
 def _apart(model: RobotModel, links: set[str]) -> tuple[tuple[str, str], ...]:
     """Pairs that never collide: the SRDF's; without one those of a leg with no more than one
-    joint's link between."""
+    joint's link between.
+    """
     pairs = {
         (a, b)
         for a, b in (
@@ -139,8 +147,10 @@ def _tip(model: RobotModel, leg: Leg) -> Array:
 def _hulled(
     links: Mapping[str, Element], shapes: list[Shape]
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Put hulls in the place of meshes. Returns their files by name, and the meshes that are not to
-    be had."""
+    """Put hulls in the place of meshes.
+
+    Returns their files by name, and the meshes that are not to be had.
+    """
     hulls, missing = dict[str, bytes](), dict[str, None]()
     for name, link in links.items():
         meshes = [shape for shape in shapes if shape.link == name and shape.kind == "mesh"]
@@ -202,7 +212,8 @@ def _shape_foot(link: Element, leg: Leg, model: RobotModel) -> None:
 
 def _check_weights(root: Element, model: RobotModel) -> None:
     """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the
-    robot then."""
+    robot then.
+    """
     for link, why in body_doubts(root, model.legs, model.shapes, model.mounts):
         raise InvalidInput(
             f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
@@ -217,7 +228,8 @@ def _check_weights(root: Element, model: RobotModel) -> None:
 
 def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:
     """Scale all masses, make inertias ones that bodies have, and give the root a speck of mass
-    where it has less."""
+    where it has less.
+    """
     for link in links.values():
         if (mass := link.find("inertial/mass")) is not None and share != 1.0:
             mass.set("value", repr(share * float(mass.get("value", "0"))))
@@ -240,7 +252,8 @@ def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
 
 def _rounded_off(inertia: Array) -> float:
     """Shortfall of an inertia's principal moments where no body has them: files round the moments
-    of thin bodies off."""
+    of thin bodies off.
+    """
     small, middle, large = np.linalg.eigvalsh(inertia)
     lacks = max(large - small - middle, LEAST * large - small)
     return float(lacks) if lacks > 0.0 else 0.0

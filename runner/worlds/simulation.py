@@ -1,5 +1,6 @@
 """Base of simulated worlds: one robot, driven as its servos drive it, physics in steps of a
-millisecond."""
+millisecond.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ SPACING_M = 0.025
 class SimulatedWorld(LatchedWorld):
     """One robot on one terrain, from nothing: needs no arming, and measures everything.
 
-    contact: ground that yields, None for hard ground.
+    Arguments:
+        contact: ground that yields, None for hard ground.
     """
 
     kind: WorldKind = "simulation"
@@ -113,14 +115,16 @@ class SimulatedWorld(LatchedWorld):
 
     def preload(self, targets_rad: Array) -> bool:
         """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the
-        beginning."""
+        beginning.
+        """
         self._sent = np.clip(targets_rad, self.drives.lower_rad, self.drives.upper_rad)
         self._waiting = deque([self._sent] * self._late)
         return True
 
     def carry(self, wrench: Array) -> None:
         """From now on the robot bears this beside its weight: a force on its body [N], as if at its
-        centre of mass, and a moment [Nm], in the world, shape (6,)."""
+        centre of mass, and a moment [Nm], in the world, shape (6,).
+        """
         self._carried = read_only(wrench, (6,), "wrench")
 
     def step(self, targets_rad: Array) -> State:

@@ -22,12 +22,16 @@ from ..safety.latch import StopLatch
 class State:
     """State of a world after a control period; J joints, N limbs.
 
-    time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3,
-    3). velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad,
-    rates_rad_s, torques_nm: of the joints, shape (J,). feet_m: centres of the feet, shape (N, 3).
-    forces_n: contact forces on the feet, world frame, mean over the period, shape (N, 3) [N].
-    bump_n: mean force of the terrain on anything but feet, and of the robot's links on each other
-    [N]. sent_rad: the targets that were really sent, after limits, shape (J,).
+    Arguments:
+        time_s: since the reset.
+        position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
+        velocity: linear [m/s] and angular [rad/s], world frame, shape (6,).
+        angles_rad, rates_rad_s, torques_nm: of the joints, shape (J,).
+        feet_m: centres of the feet, shape (N, 3).
+        forces_n: contact forces on the feet, world frame, mean over the period, shape (N, 3) [N].
+        bump_n: mean force of the terrain on anything but feet, and of the robot's links on each
+            other [N].
+        sent_rad: the targets that were really sent, after limits, shape (J,).
     """
 
     time_s: float
@@ -52,10 +56,14 @@ WorldKind = Literal["simulation", "recording", "hardware"]
 
 
 class World(Protocol):
-    """Three verbs, and what it can do. A context manager; ``reset`` may be called again.
+    """Three methods, and what it can do.
 
-    kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed. latch: what it
-    sends to the robot goes through ``latch.sending()``; tripped, it sends nothing any more.
+    A context manager; ``reset`` may be called again.
+
+    Arguments:
+        kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed.
+        latch: what it sends to the robot goes through ``latch.sending()``; tripped, it sends
+            nothing any more.
     """
 
     kind: WorldKind
@@ -114,15 +122,19 @@ class Actuator(Stoppable, Protocol):
     armed: bool
 
     def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it
-        raises, leaves no torque on that was off before."""
+        """Arm, at the measured pose; or let go.
+
+        An arming that is interrupted, by whatever it raises, leaves no torque on that was off
+        before.
+        """
         ...
 
 
 class LatchedWorld(ABC):
     """Base of the worlds here: a latch, and that they close at the end of a ``with`` block.
 
-    kind: "hardware" unless a world says that it is not.
+    Arguments:
+        kind: "hardware" unless a world says that it is not.
     """
 
     kind: WorldKind = "hardware"

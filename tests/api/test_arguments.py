@@ -1,5 +1,6 @@
-"""What a verb of the library is given and cannot use is one line that names the argument, before
-any work."""
+"""What a function of the library is given and cannot use is one line that names the argument, before
+any work.
+"""
 
 import inspect
 from typing import Any, get_type_hints
@@ -9,7 +10,7 @@ import pytest
 
 import stancekit
 
-VERBS = (
+FUNCTIONS = (
     "draw",
     "evaluate",
     "explain",
@@ -44,7 +45,7 @@ BY_NAME = {
 
 
 class Nothing:
-    """Of no use to any verb."""
+    """Of no use to any function."""
 
 
 class Slippery:
@@ -55,13 +56,13 @@ class Slippery:
 
 
 def wrong_arguments() -> list[tuple[str, str]]:
-    """Every argument of every verb."""
+    """Every argument of every function."""
     found = [
-        (verb, name)
-        for verb in VERBS
-        for name in inspect.signature(getattr(stancekit, verb)).parameters
+        (function, name)
+        for function in FUNCTIONS
+        for name in inspect.signature(getattr(stancekit, function)).parameters
     ]
-    return [(verb, name) for verb, name in found if (verb, name) not in BY_NAME]
+    return [(function, name) for function, name in found if (function, name) not in BY_NAME]
 
 
 @pytest.fixture(scope="module")
@@ -95,21 +96,21 @@ def fine() -> dict[str, dict[str, Any]]:
     }
 
 
-@pytest.mark.parametrize(("verb", "name"), wrong_arguments())
+@pytest.mark.parametrize(("function", "name"), wrong_arguments())
 def test_an_argument_of_another_type_is_one_line_with_its_name(
-    verb, name, fine, tmp_path, monkeypatch
+    function, name, fine, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(
         stancekit.InvalidInput, match=rf"^{name}: expected .*, got .*Nothing"
     ) as caught:
-        getattr(stancekit, verb)(**fine[verb] | {name: Nothing()})
+        getattr(stancekit, function)(**fine[function] | {name: Nothing()})
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("verb", "arguments", "options", "line"),
+    ("function", "arguments", "options", "line"),
     [
         ("sample", ["wall-3", 1.5], {}, "count: expected an integer, got 1.5"),
         ("sample", ["wall-3", True], {}, "count: expected an integer, got True"),
@@ -145,14 +146,14 @@ def test_an_argument_of_another_type_is_one_line_with_its_name(
         ),
     ],
 )
-def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, Any], line: str):
+def test_what_came_is_said(function: str, arguments: list[Any], options: dict[str, Any], line: str):
     with pytest.raises(stancekit.InvalidInput) as caught:
-        getattr(stancekit, verb)(*arguments, **options)
+        getattr(stancekit, function)(*arguments, **options)
     assert str(caught.value) == line
 
 
 @pytest.mark.parametrize(
-    ("verb", "arguments", "options", "begins", "ends"),
+    ("function", "arguments", "options", "begins", "ends"),
     [
         (
             "walk",
@@ -178,10 +179,10 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
     ],
 )
 def test_what_a_verb_takes_is_said(
-    verb: str, arguments: list[Any], options: dict[str, Any], begins: str, ends: str
+    function: str, arguments: list[Any], options: dict[str, Any], begins: str, ends: str
 ):
     with pytest.raises(TypeError) as caught:
-        getattr(stancekit, verb)(*arguments, **options)
+        getattr(stancekit, function)(*arguments, **options)
     assert str(caught.value).startswith(begins)
     assert ends in str(caught.value)
 
@@ -206,8 +207,8 @@ def test_numbers_of_numpy_are_numbers():
 
 
 def test_the_annotations_of_every_verb_can_be_looked_up():
-    for verb in VERBS:
-        function = inspect.unwrap(getattr(stancekit, verb))
+    for function in FUNCTIONS:
+        function = inspect.unwrap(getattr(stancekit, function))
         assert set(inspect.signature(function).parameters) <= set(get_type_hints(function))
 
 

@@ -1,5 +1,6 @@
 """One posture, planned as a course of one frame with the robot whose limbs stand: its joints are
-found and bent."""
+found and bent.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """One question, one answer: a few of ``tests/doors.py`` at every door; ``benchmarks/doors.py`` asks
-all of them."""
+all of them.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """What the front door says to legal but odd calls: numbers of NumPy, two forms at once, settings
-without a use."""
+without a use.
+"""
 
 from __future__ import annotations
 

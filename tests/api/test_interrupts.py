@@ -1,5 +1,6 @@
 """Ctrl-C in the middle of a walk is a KeyboardInterrupt, which the solver's own code would
-swallow."""
+swallow.
+"""
 
 import signal
 import threading

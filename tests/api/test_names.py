@@ -1,5 +1,6 @@
 """What `import stancekit` gives: names that come when asked for, each with a docstring that is
-enough to use it."""
+enough to use it.
+"""
 
 import ast
 import doctest
@@ -15,7 +16,7 @@ import pytest
 import stancekit
 
 NAMES = sorted(name for name in dir(stancekit) if not name.startswith("_"))
-VERBS = (
+FUNCTIONS = (
     "draw",
     "evaluate",
     "explain",
@@ -81,7 +82,7 @@ def test_type_checkers_are_told_the_same_names_from_the_same_homes():
 
 
 def test_the_verbs_are_there_and_a_wrong_name_is_an_attribute_error():
-    assert set(VERBS) <= set(NAMES)
+    assert set(FUNCTIONS) <= set(NAMES)
     assert stancekit.__version__.count(".") == 2
     with pytest.raises(AttributeError, match="module 'stancekit' has no attribute 'slove'"):
         _ = stancekit.slove

@@ -1,5 +1,6 @@
 """What the public classes and functions say to arguments of wrong types and absurd sizes:
-InvalidInput, or nothing."""
+InvalidInput, or nothing.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A planner that is handed over as an object is believed as far as the verifier accepts what it
-has."""
+has.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Long work in Python says how far it is in the log, and ends at limits that do not ask the
-clock."""
+clock.
+"""
 
 import logging
 

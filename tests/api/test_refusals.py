@@ -1,5 +1,6 @@
 """A hundred wrong arguments, of the library and of environments: one line when they are given, and
-nothing later."""
+nothing later.
+"""
 
 from __future__ import annotations
 

@@ -40,7 +40,8 @@ def signatures() -> Iterator[str]:
 
 def members(thing: type, fields: set[str]) -> Iterator[str]:
     """The public attributes and methods of a class that are its own, but for the fields of its
-    constructor."""
+    constructor.
+    """
     for name, value in sorted(vars(thing).items()):
         if name.startswith("_") or name in fields:
             continue

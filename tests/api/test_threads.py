@@ -1,5 +1,6 @@
 """Functions are what they look like: four threads at a time get, to the last bit, what one alone
-gets."""
+gets.
+"""
 
 from __future__ import annotations
 

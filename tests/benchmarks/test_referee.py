@@ -1,5 +1,6 @@
 """The referee: a box robot carries its weight, falls where it should, and every option does
-something."""
+something.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ def plan(
     path: Path, com: list[list[float]], friction: float = 0.8, tilt_rad: float = 0.0, **changes: Any
 ) -> Path:
     """A plan that stands on four feet at these centres of mass, as the package would write it; the
-    ground leans."""
+    ground leans.
+    """
     turn = np.array(
         [
             [np.cos(tilt_rad), 0.0, np.sin(tilt_rad)],

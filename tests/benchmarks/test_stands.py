@@ -127,7 +127,8 @@ def test_the_settings_and_the_list_say_what_the_issue_fixes() -> None:
 
 def test_pushes_compare_what_is_said_with_the_worst_direction(pushes: ModuleType) -> None:
     """Of three stances one is sound, one bears less than is said, and one was not pushed everywhere
-    yet."""
+    yet.
+    """
     held = {"a:0": [30.0, 12.0] + [20.0] * 6, "b:1": [9.0] * 8, "c:2": [1.0] * 3}
     said = {"a:0": 10.0, "b:1": 12.0, "c:2": 10.0}
     lines = [

@@ -1,5 +1,6 @@
 """What the tests of the command line share: the command itself, in this process, and small things
-to feed it."""
+to feed it.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ def stancekit(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> Command:
     """``stancekit("solve", file, "--json")`` in an empty folder and 80 columns; ``stdin`` takes
-    bytes."""
+    bytes.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
@@ -82,7 +84,8 @@ def stancekit(
 @pytest.fixture
 def refusal(stancekit: Command) -> Callable[..., str]:
     """The one line that the command refuses its input with: exit code 2, and nothing on standard
-    output."""
+    output.
+    """
 
     def call(*arguments: object, stdin: bytes = b"") -> str:
         ran = stancekit(*arguments, stdin=stdin)
@@ -97,7 +100,8 @@ def refusal(stancekit: Command) -> Callable[..., str]:
 @pytest.fixture(scope="session")
 def sampled() -> dict[str, list[dict[str, Any]]]:
     """Twelve problems of every distribution; of wall-3 the first is feasible, the second not, the
-    sixth trivially."""
+    sixth trivially.
+    """
     found = {}
     for name, source in DISTRIBUTIONS.items():
         rng = np.random.default_rng(1)

@@ -1,5 +1,6 @@
 """``stancekit bench``: one table and one picture a class, JSON lines, and one clear line for what
-is wrong."""
+is wrong.
+"""
 
 import json
 import sys

@@ -1,5 +1,6 @@
 """Walks of other programs as tables: judged as the walks they were written of, and refused where
-they are none."""
+they are none.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ KEYS = {
 
 def standing() -> Trajectory:
     """ANYmal on level ground, a quarter of the weight on every foot, which are placed evenly about
-    it."""
+    it.
+    """
     robot = anymal()
     feet = np.array([foot.nominal_m for foot in robot.feet]) + robot.stand_height_m * np.array(
         [0.0, 0.0, 1.0]
@@ -100,7 +102,8 @@ def test_an_archive_says_the_same_and_a_foot_that_is_pushed_stands(folder):
 
 def test_a_forged_table_is_refused_by_the_check_not_believed(folder):
     """A base that says it is 10 cm higher than its feet can reach, with everything else as it
-    was."""
+    was.
+    """
     text = (folder / "stands.csv").read_text().splitlines()
     high = [",".join([*row.split(",")[:3], repr(0.9), *row.split(",")[4:]]) for row in text[1:]]
     (folder / "stands.csv").write_text("\n".join([text[0], *high]))

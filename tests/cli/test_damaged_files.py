@@ -1,5 +1,6 @@
 """Damaged files, files that unfold, and names that are orders: exit code 2 and one line, or names
-as they are."""
+as they are.
+"""
 
 from __future__ import annotations
 

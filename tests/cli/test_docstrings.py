@@ -1,5 +1,6 @@
 """Commands leave SciPy's docstrings as they are and NumPy's modules alone; a user's own process is
-not touched."""
+not touched.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def test_who_imports_the_package_has_scipys_own_help() -> None:
 
 def test_a_command_loads_only_the_modules_of_numpy_that_it_asks_for() -> None:
     """SciPy's copy of NumPy has all that was there; what was not is still there for whoever asks
-    NumPy."""
+    NumPy.
+    """
     found = subprocess.run(
         [sys.executable, "-c", COPIED], capture_output=True, text=True, check=True
     ).stdout

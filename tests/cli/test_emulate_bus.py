@@ -1,5 +1,6 @@
 """``stancekit emulate bus``: servos as the calibration file has them, faults by lines, one line for
-bad input."""
+bad input.
+"""
 
 from __future__ import annotations
 

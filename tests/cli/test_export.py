@@ -1,5 +1,6 @@
 """``stancekit export``: writes below the folder that is given, reads back, and says what is wrong
-in one line."""
+in one line.
+"""
 
 import json
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Files that killed the process, or were taken for what they are not: each one line, and the right
-value."""
+value.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """`stancekit fit`: envelopes from a data set by every method that needs no network, with where they
-come from."""
+come from.
+"""
 
 import json
 import os

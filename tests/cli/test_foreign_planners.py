@@ -1,5 +1,6 @@
 """Planners of one's own that lie, change what they are given, return anything, raise or print: one
-line at most, and nothing comes out of them as an answer that the verifier did not accept."""
+line at most, and nothing comes out of them as an answer that the verifier did not accept.
+"""
 
 from __future__ import annotations
 

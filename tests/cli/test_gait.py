@@ -29,7 +29,8 @@ ACCEPTED = "accepted: all 44 groups within their limits"
 @pytest.fixture
 def gait(stancekit, tmp_path):
     """``gait("ripple", "--goal", "1,1")`` in a folder that holds a gentle plain: code, standard
-    output and error."""
+    output and error.
+    """
     x = 0.05 * (np.arange(81) - 40.0)
     np.save(tmp_path / "plain.npy", 0.1 * x[:, None] + 0.0 * x)
 
@@ -43,7 +44,8 @@ def gait(stancekit, tmp_path):
 @pytest.fixture(scope="module")
 def short():
     """What an accepted walk's command printed as JSON, and the file that it wrote, in the folder of
-    the test."""
+    the test.
+    """
     kept = {}
 
     def get(gait):
@@ -207,7 +209,8 @@ def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
 @pytest.fixture
 def watched(monkeypatch):
     """``watched(then)``: from now on ``then(number, phase)`` is called at every iteration; what was
-    seen so far."""
+    seen so far.
+    """
     seen = []
 
     def call(then=lambda *at: None):

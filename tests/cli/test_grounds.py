@@ -1,5 +1,6 @@
 """A ground is named alike for every command: one table, one line for an old name, one line for a
-bad one."""
+bad one.
+"""
 
 from __future__ import annotations
 

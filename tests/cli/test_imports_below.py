@@ -197,7 +197,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
 
 def imported(path: Path) -> set[str]:
     """The modules from below `api/` that a file imports when it runs, without those that are
-    free."""
+    free.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     typed = {
         id(inside)

@@ -1,5 +1,6 @@
 """Room for learning and learned scores of leaps at the command line: bench room, fit of tries, plan
---policy."""
+--policy.
+"""
 
 import json
 from pathlib import Path

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from stancekit.cli import console, sample
-from stancekit.cli.main import verbs
+from stancekit.cli.main import commands
 from stancekit.cli.names import NAMES
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.search.methods import PLANNERS
@@ -48,7 +48,7 @@ def test_help_shows_a_session_and_every_verb(arguments, stancekit):
     session = re.findall(r"^  stancekit (\w+)", ran.out, re.MULTILINE)
     assert session == ["sample", "solve", "label", "label", "fit", "evaluate", "picture", *PLANS]
     listed = re.findall(r"^  (\w+) +[A-Z]", ran.out, re.MULTILINE)
-    assert listed == list(verbs())
+    assert listed == list(commands())
     assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(
         listed
     )
@@ -89,16 +89,16 @@ def options_of(kind):
     return found
 
 
-@pytest.mark.parametrize("verb", sorted(verbs()))
-def test_every_verb_explains_itself(verb, stancekit, tmp_path):
-    ran = stancekit(verb, "--help")
+@pytest.mark.parametrize("command", sorted(commands()))
+def test_every_command_explains_itself(command, stancekit, tmp_path):
+    ran = stancekit(command, "--help")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.startswith(f"usage: stancekit {verb} [-h]")
-    assert verbs()[verb].__doc__.splitlines()[0][:60] in ran.out
-    if verb in WITH_SUBCOMMANDS:
-        assert all(f"• {what}" in ran.out for what in WITH_SUBCOMMANDS[verb])
+    assert ran.out.startswith(f"usage: stancekit {command} [-h]")
+    assert commands()[command].__doc__.splitlines()[0][:60] in ran.out
+    if command in WITH_SUBCOMMANDS:
+        assert all(f"• {what}" in ran.out for what in WITH_SUBCOMMANDS[command])
         return
-    options = options_of(verbs()[verb])
+    options = options_of(commands()[command])
     assert options
     for option in options:
         assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option
@@ -107,16 +107,16 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
 
 def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):
     looked_at = 0
-    for verb in verbs():
+    for command in commands():
         rows = [
             line.rstrip()
-            for line in stancekit(verb, "--help").out.partition("\n options")[2].splitlines()
+            for line in stancekit(command, "--help").out.partition("\n options")[2].splitlines()
         ]
         begun = [len(row) - len(row.lstrip()) for row in rows]
         for row, following, left, right in zip(rows, rows[1:], begun, begun[1:], strict=False):
             if left == right > 2:  # both are further lines of one option's text
                 looked_at += 1
-                assert len(row) + 1 + len(following.split()[0]) > 78, (verb, row, following)
+                assert len(row) + 1 + len(following.split()[0]) > 78, (command, row, following)
     assert looked_at > 100
 
 
@@ -162,8 +162,8 @@ def test_the_version_is_one_line(option, stancekit):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
-        (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
+        (("dance",), f"COMMAND: expected one of {', '.join(commands())}, got 'dance'"),
+        (("--json",), f"COMMAND: expected one of {', '.join(commands())}, got '--json'"),
         (
             ("sample", "wall-3", "--speed", "3"),
             "--speed: no such option; perhaps --seed; see stancekit sample --help",
@@ -246,12 +246,12 @@ def test_what_fails_on_purpose_is_one_line_and_an_exit_code(
 
 def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
     file = write("p.jsonl", *(200 * sampled["wall-3"][:1]))
-    for verb in (
+    for command in (
         ["sample", "wall-3", "--count", "2000"],
         ["solve", str(tmp_path / file), "--json"],
     ):
         run = subprocess.Popen(
-            [*COMMAND, *verb], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*COMMAND, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         assert run.stdout is not None
         assert json.loads(run.stdout.readline())
@@ -294,17 +294,18 @@ def test_drawing_postures_of_the_default_robot_takes_nothing_that_is_slow_to_imp
 
 def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
     """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of
-    them."""
+    them.
+    """
     slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (
         "import sys; from stancekit.cli.main import parse\n"
-        f"verb = parse(['plan', 'icy-walls', '--out', {str(tmp_path / 'plan.json')!r}])\n"
+        f"command = parse(['plan', 'icy-walls', '--out', {str(tmp_path / 'plan.json')!r}])\n"
         "from stancekit.planners.problem.course_file import read_course\n"
         "from stancekit.planners.search.friction_margin import plan_with_reserve\n"
-        "assert plan_with_reserve(verb._planner(), read_course('icy-walls')).plan is not None\n"
+        "assert plan_with_reserve(command._planner(), read_course('icy-walls')).plan is not None\n"
         f"assert not set(sys.modules).intersection({judges!r}), 'judges'\n"
-        "assert verb.run() == 0\n"
+        "assert command.run() == 0\n"
         f"assert 'clarabel' in sys.modules; print([name for name in {slow!r} if name in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

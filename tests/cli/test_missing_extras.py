@@ -1,5 +1,6 @@
 """Every extra that is missing: the commands that need it name it in one line, with the command that
-installs it."""
+installs it.
+"""
 
 import subprocess
 import sys

@@ -1,5 +1,6 @@
 """One verdict: the command, Python and the runner say the same of one file, and name the groups
-that were checked."""
+that were checked.
+"""
 
 from __future__ import annotations
 

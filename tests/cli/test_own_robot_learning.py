@@ -1,5 +1,6 @@
 """Learning for a robot's file and a terrain's, every step a command; what is of another robot is
-refused in a line."""
+refused in a line.
+"""
 
 from __future__ import annotations
 

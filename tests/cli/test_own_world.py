@@ -1,5 +1,6 @@
 """A world of one's own, in one file outside the package: named on the command line, it is run like
-those here."""
+those here.
+"""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ from stancekit.views.page import check_page
 @pytest.fixture
 def plan(capsys, monkeypatch, tmp_path):
     """``plan("walls", "--json")`` in an empty folder and 80 columns: exit code, standard output,
-    standard error."""
+    standard error.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
 

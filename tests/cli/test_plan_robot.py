@@ -1,5 +1,6 @@
 """`stancekit plan` and `verify` on a robot's own legs: one verdict, and what a file does not say is
-told."""
+told.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ terrain: {{kind: flat, friction: 0.7}}
 @pytest.fixture
 def call(capsys, monkeypatch, tmp_path):
     """``call("verify", "plan.json")`` in a folder with a course and its robot: exit code, output,
-    errors."""
+    errors.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     Path("dog.urdf").write_text(quadruped())

@@ -1,5 +1,6 @@
 """The playground's verb: what it begins with, and what it says where it cannot; pages are tested
-with views."""
+with views.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`stancekit proposers`, and the verbs that ask what it trained."""
+"""`stancekit proposers`, and the commands that ask what it trained."""
 
 import pytest
 import torch

@@ -1,5 +1,6 @@
 """``stancekit run`` and ``stancekit replay``: verdicts, files, exit codes, and one clear line for
-bad input."""
+bad input.
+"""
 
 from __future__ import annotations
 
@@ -311,7 +312,8 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
     folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, has: str, hot: bool
 ) -> None:
     """It says what the joints are then seen to need in a run with joints that have it, as measured
-    there, too."""
+    there, too.
+    """
     code, out, _ = ended(RunMotion(plan=folder / "plan.json", json=True), capsys)
     assert code == 0
     ran, file = json.loads(out), folder / "actuators.yaml"

@@ -1,5 +1,6 @@
 """`stancekit solve`: answers that hold on paper, in input order, and one line for whatever is wrong
-with the input."""
+with the input.
+"""
 
 import json
 import os

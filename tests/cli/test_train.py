@@ -1,5 +1,6 @@
 """`stancekit train`: the files that come with the project are read, a run runs, and bad input is
-one line."""
+one line.
+"""
 
 import json
 from pathlib import Path

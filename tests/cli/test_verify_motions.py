@@ -1,5 +1,6 @@
 """``stancekit export`` and ``verify`` of motions: what comes back is judged, and bad input is one
-line and exit 2."""
+line and exit 2.
+"""
 
 from __future__ import annotations
 

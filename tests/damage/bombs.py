@@ -36,7 +36,8 @@ def endless_yaml() -> bytes:
 
 def packed(name: str, megabytes: int, *, honest: bool) -> bytes:
     """An archive with zeros by the gigabyte, and a header that says so, or one that says they are
-    few."""
+    few.
+    """
     count = megabytes * 125_000
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(

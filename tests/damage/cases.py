@@ -40,7 +40,8 @@ class Case:
     @property
     def mesh(self) -> str:
         """The format of a mesh that a URDF or a terrain names, as its file's name ends; empty for
-        other readers."""
+        other readers.
+        """
         named = self.kind in (
             "stl",
             "obj",
@@ -68,7 +69,8 @@ class Case:
 
 def unreadable(kind: str, content: bytes) -> bool:
     """Whether the library that the format is of cannot read it: an opinion that is not the
-    house's."""
+    house's.
+    """
     try:
         if kind in ("json", "jsonl", "yaml"):
             text = content.decode("utf-8-sig")
@@ -428,7 +430,8 @@ def command(arguments: tuple[str, ...]) -> tuple[int, str, str]:
 
 def said(call: Callable[[], Any]) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a call of the command's entry, or of one of
-    its verbs."""
+    its verbs.
+    """
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:

@@ -1,5 +1,6 @@
 """What can befall a file: bytes that flip, go missing or come twice, and contents that are well
-formed and wrong."""
+formed and wrong.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +108,8 @@ def swapped(content: bytes, rng: np.random.Generator) -> bytes:
 
 def overwritten(content: bytes, rng: np.random.Generator) -> bytes:
     """Two, four or eight bytes that may be a length or an index, as others: none, all, huge,
-    negative."""
+    negative.
+    """
     width = int(rng.choice([1, 2, 4, 8]))
     at = int(rng.integers(max(len(content) - width, 1)))
     value = [b"\0" * width, b"\xff" * width, b"\xff" * (width - 1) + b"\x7f", rng.bytes(width)][
@@ -164,7 +166,8 @@ def spots(tree: Any) -> Iterator[tuple[Any, Any]]:
 
 def changed(tree: Any, rng: np.random.Generator) -> Any:
     """The tree with one or two of its parts odd, gone, renamed, many times there, or in another's
-    place."""
+    place.
+    """
     tree = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 3)):
         found = list(spots(tree)) if isinstance(tree, dict | list) else []
@@ -327,7 +330,8 @@ def other_chunk(content: bytes, rng: np.random.Generator) -> bytes:
 
 def other_records(content: bytes, rng: np.random.Generator) -> bytes:
     """An MCAP file with a record's length, kind or JSON as another, gone, twice, or cut off after
-    it."""
+    it.
+    """
     records, at = [], 8
     while at + 9 <= len(content) - 8:
         length = struct.unpack("<Q", content[at + 1 : at + 9])[0]
@@ -359,7 +363,8 @@ def other_records(content: bytes, rng: np.random.Generator) -> bytes:
 
 def other_metadata(content: bytes, rng: np.random.Generator) -> bytes:
     """A safetensors file with another header: offsets, shapes, types, or the JSON of the house in
-    it."""
+    it.
+    """
     size = struct.unpack("<Q", content[:8])[0]
     head = json.loads(content[8 : 8 + size])
     if rng.random() < 0.6:

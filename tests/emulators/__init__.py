@@ -1,2 +1,3 @@
 """Devices that are not here, played so that the real drivers cannot tell: for tests and benchmarks
-only."""
+only.
+"""

@@ -29,7 +29,8 @@ KINDS = (*BUS, WRONG_CALIBRATION, HOST_KILLED)
 
 class BusFaults:
     """Faults of a bus and of its host. A wrong calibration is wrong from the start: ``spoiled``
-    makes one."""
+    makes one.
+    """
 
     kinds = KINDS
 
@@ -47,7 +48,8 @@ class BusFaults:
 
 def spoiled(calibration: Calibration, rng: np.random.Generator) -> tuple[Calibration, str]:
     """A valid calibration with one joint that turns the other way or has its zero elsewhere, and
-    which that is."""
+    which that is.
+    """
     joint = str(rng.choice(list(calibration.joints)))
     right = calibration.joints[joint]
     turned = rng.random() < 0.5

@@ -1,5 +1,6 @@
 """A headless Chromium, driven over its debugging protocol: pages are opened, looked at, dragged and
-read."""
+read.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +85,8 @@ class Tab:
 
     def picture(self, path: Path | None = None) -> Any:
         """What is seen, shape (H, W, 3) in [0, 1]; None while there is nothing. path: where it is
-        written, too."""
+        written, too.
+        """
         said = self.ask("Page.captureScreenshot")
         if "data" not in said:
             return None

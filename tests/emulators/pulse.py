@@ -11,7 +11,8 @@ BEAT_S = 0.005
 
 class Pulse:
     """A thread that wants to run every ``BEAT_S``. worst_s: the longest that it had to wait beyond
-    that [s]."""
+    that [s].
+    """
 
     def __init__(self) -> None:
         self.worst_s = 0.0

@@ -39,7 +39,8 @@ def commands(bridge: RosBridge) -> list[str]:
 
 class RobotTime:
     """A clock for the host: the emulated robot's, which stands still while the machine does not run
-    the robot."""
+    the robot.
+    """
 
     def __init__(self, bridge: RosBridge) -> None:
         self._robot = bridge.robot
@@ -58,7 +59,8 @@ class RobotTime:
 @contextlib.contextmanager
 def on_robot_time(bridge: RosBridge) -> Iterator[None]:
     """Let a host behind ROS live by the robot's clock meanwhile: a busy machine makes both slow,
-    and neither late."""
+    and neither late.
+    """
     worlds = "stancekit.runner.worlds."
     names = [
         name for name in sys.modules if name.startswith((f"{worlds}ros.", f"{worlds}hardware"))
@@ -85,7 +87,8 @@ def emulated(
 @contextlib.contextmanager
 def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
     """An emulated robot, and the world that drives it, armed; at the end no message was against the
-    protocol."""
+    protocol.
+    """
     with emulated(ros=ros) as bridge:
         with RosWorld(
             ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))

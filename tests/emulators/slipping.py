@@ -1,5 +1,6 @@
 """A simulated world in which the ground lets go: one foot that slips, or less friction everywhere,
-from a time on."""
+from a time on.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Tasks for executors: what they answer, how they fail, and how their worker dies; with nothing to
-import first."""
+import first.
+"""
 
 from __future__ import annotations
 

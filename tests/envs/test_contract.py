@@ -1,5 +1,6 @@
 """What every environment keeps to, as those who use it count on: Gymnasium, stable-baselines3,
-Minari, and copies."""
+Minari, and copies.
+"""
 
 from __future__ import annotations
 

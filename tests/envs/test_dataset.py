@@ -1,5 +1,6 @@
 """Data sets: what was labelled is what is read, and what is no data set is refused with one
-line."""
+line.
+"""
 
 import json
 import pickle

@@ -1,5 +1,6 @@
 """Choosing the candidates of a leap: what is seen, what a try costs, and that success is a leap of
-the verifier's."""
+the verifier's.
+"""
 
 import gymnasium as gym
 import numpy as np

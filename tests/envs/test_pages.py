@@ -1,5 +1,6 @@
 """The page of an environment, Gymnasium's form: its sections, and tables that say what the code
-has."""
+has.
+"""
 
 import dataclasses
 import inspect

@@ -1,5 +1,6 @@
 """Environments on a pool of labelled scenes: the rows of a folder, its two parts, and what is no
-pool for them."""
+pool for them.
+"""
 
 import json
 import shutil

@@ -1,5 +1,6 @@
 """Data sets that ship: whole, of their class, and found by name where there is no folder of that
-name."""
+name.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Cutting boxes ends in proofs: covers that lose nothing, verdicts that the exact planner
-shares."""
+shares.
+"""
 
 import warnings
 

@@ -1,5 +1,6 @@
 """Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the
-planners do."""
+planners do.
+"""
 
 import warnings
 from dataclasses import replace

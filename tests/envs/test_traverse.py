@@ -1,5 +1,6 @@
 """Traverse-v0 walks courses that the verifier accepts, and says in its rewards and info what
-happened."""
+happened.
+"""
 
 from __future__ import annotations
 
@@ -413,7 +414,8 @@ def test_the_terrain_rule_answers_for_many_environments_at_once():
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory) -> dict[str, Any]:
     """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with
-    the lift."""
+    the lift.
+    """
     pytest.importorskip("torch")
     folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
     rows = {

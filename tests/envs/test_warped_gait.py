@@ -1,5 +1,6 @@
 """WarpedGait-v0 keeps Gymnasium's contract, and says of an attempt what the optimiser and the
-verifier say of it."""
+verifier say of it.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """An honest walk in closed form: a crawl on level ground whose forces balance its motion to the
-last digit."""
+last digit.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ ORDER = (2, 0, 3, 1)
 
 def crawl(friction: float = 0.75) -> Trajectory:
     """The body leans away from a foot, the foot steps, and so on; at last the body goes to the
-    middle of the feet."""
+    middle of the feet.
+    """
     robot = anymal()
     nominal = np.array([foot.nominal_m for foot in robot.feet])
     feet, body = nominal[:, :2].copy(), np.zeros(2)
@@ -75,7 +77,8 @@ def crawl(friction: float = 0.75) -> Trajectory:
 
 def balanced(robot: GaitRobot, torso: Array, toes: Array, contact: Array) -> Array:
     """The smallest forces of the standing feet that the torso's motion needs, without turning,
-    shape (K, 4, 3) [N]."""
+    shape (K, 4, 3) [N].
+    """
     felt = np.zeros_like(torso)
     felt[1:-1] = np.diff(torso, 2, axis=0) / STEP_S**2
     felt[:, 2] += G

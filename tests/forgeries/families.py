@@ -1,5 +1,6 @@
 """All families of forgeries: the honest thing bound into every kind, the verifier's word, and the
-judge's."""
+judge's.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from .crawl import crawl
 @dataclass(frozen=True, kw_only=True)
 class Family:
     """kinds: by name, what forges one of a size; verdict: whether it is accepted, and the group
-    that refused it."""
+    that refused it.
+    """
 
     name: str
     kinds: Mapping[str, Callable[[float, np.random.Generator], Any]]

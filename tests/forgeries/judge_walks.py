@@ -118,7 +118,8 @@ def _ends(w: Any) -> str:
 
 def _balance(w: Any) -> str:
     """Momentum and angular momentum from the file's motion against the impulses of its forces,
-    window by window."""
+    window by window.
+    """
     dt, weight = w.times_s[1] - w.times_s[0], w.robot.mass_kg * G
     speed = np.diff(w.torso_m, axis=0) / dt
     gained = w.robot.mass_kg * (speed[1:] - speed[:1])

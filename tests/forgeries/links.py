@@ -57,7 +57,8 @@ terrain: {kind: flat, friction: 0.7}
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Strung:
     """A plan or a walk whose robot has two balls: links they are of, their centres in them [m], and
-    the joints at the moments of its motion, shape (T, J) [rad]."""
+    the joints at the moments of its motion, shape (T, J) [rad].
+    """
 
     answer: Plan | Trajectory
     links: tuple[str, str]
@@ -78,7 +79,8 @@ def honest_plan() -> Plan:
 
 def strung(answer: Plan | Trajectory, when: float, size: float, rng: np.random.Generator) -> Strung:
     """Two balls that are ``size`` tolerances inside each other at most. when: how far from one
-    moment that the verifier looks at to the next, 0 at the first of them."""
+    moment that the verifier looks at to the next, 0 at the first of them.
+    """
     model, angles = _motion(answer)
     leg = model.legs[rng.integers(len(model.legs))]
     shank = leg.foot.replace("FOOT", "SHANK")

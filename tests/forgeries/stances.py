@@ -316,7 +316,8 @@ PLANS: dict[str, Callable[..., Any]] = SHARED | {
 
 def has_witness(problem: Problem) -> bool:
     """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is
-    one."""
+    one.
+    """
     posture = ExactPlanner().solve(problem).solution
     return posture is not None and posture_fault(posture) == ""
 

@@ -1,5 +1,6 @@
 """An honest walk of a robot with legs of its own: it lifts one foot and puts it down where it
-was."""
+was.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def dressed(effort: float = 60.0) -> str:
 @cache
 def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
     """On level ground, the body shifts away from LF, which swings and comes down where it was, and
-    back."""
+    back.
+    """
     model = model_of(dressed(effort))
     toes = (
         np.array([leg.nominal_m - leg.radius_m * np.array([0.0, 0.0, 1.0]) for leg in model.legs])

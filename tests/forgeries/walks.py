@@ -117,7 +117,8 @@ def slipping_at_once(walk: Trajectory, size: float, rng: np.random.Generator) ->
 @kind
 def swapped_contacts(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """All feet rest on the ground, and contacts swap so fast that no foot stands or swings for a
-    tenth of a second."""
+    tenth of a second.
+    """
     every, contact = max(1, int(20 / size)), np.array(walk.contact)
     begin = int(rng.integers(20, 60))
     for k in range(begin, begin + 6 * every):
@@ -166,7 +167,8 @@ def little_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> 
 @kind
 def residual_as_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """On ice, the horizontal forces left out of the file: the balances lack what only friction
-    could give."""
+    could give.
+    """
     forces = walk.forces_n * [0.0, 0.0, 1.0]
     return changed(walk, forces_n=forces, friction=0.0)
 
@@ -232,7 +234,8 @@ def heavier_robot(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
 @kind
 def moment_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """Front feet carry a little more than the balance of moments gives them, hind feet less, all
-    the time."""
+    the time.
+    """
     forces = np.array(walk.forces_n)
     more = 2e-3 * size * walk.robot.weight_n * walk.robot.stand_height_m / 0.72
     for pair, sign in (([0, 1], 1.0), ([2, 3], -1.0)):

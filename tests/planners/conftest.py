@@ -1,5 +1,6 @@
 """What the tests of planners share: a walk whose forces are known in closed form, small courses
-between two walls, and the lift of a course written a second time."""
+between two walls, and the lift of a course written a second time.
+"""
 
 from __future__ import annotations
 
@@ -163,7 +164,8 @@ def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Pr
 
 def _polygon(rng: np.random.Generator, patch: Patch) -> Patch:
     """The same place, normal and friction; the border is around a circle, up to a thousandth of it
-    off the plane."""
+    off the plane.
+    """
     count, radius = int(rng.integers(3, 7)), rng.uniform(0.04, 0.07)
     angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
     flat = radius * np.outer(np.cos(angle), patch.frame[:, 1]) + radius * np.outer(
@@ -364,7 +366,8 @@ def _bounded(
 @pytest.fixture(scope="session")
 def soled() -> Callable[..., Problem]:
     """``soled(subject, seed)``: every second foot a small sole of three or four points, at its
-    candidate's own yaw."""
+    candidate's own yaw.
+    """
     return _soled
 
 

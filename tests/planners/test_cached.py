@@ -1,5 +1,6 @@
 """Properties that are worked out once hold no lock that a forked child, or another instance, would
-wait for."""
+wait for.
+"""
 
 import multiprocessing
 import re

@@ -1,5 +1,6 @@
 """Things by name: from a table, from another package's entry point, from a program, and from a
-file."""
+file.
+"""
 
 from __future__ import annotations
 

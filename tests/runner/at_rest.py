@@ -16,7 +16,8 @@ def at_rest(
     *, foothold: Sequence[int], frame: float = 0.0, com_m: Array | None = None, **fields: Any
 ) -> Samples:
     """One sample of a robot that stands still, level and at the origin unless other values are
-    given."""
+    given.
+    """
     still = {
         "com_m": np.zeros(3) if com_m is None else com_m,
         "velocity_m_s": np.zeros(3),

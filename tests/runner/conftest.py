@@ -48,7 +48,8 @@ def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
 @pytest.fixture(scope="session")
 def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less
-    of a way."""
+    of a way.
+    """
     page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(
         encoding="utf-8"
     )

@@ -1,5 +1,6 @@
 """The wrench that brings a body to its place, and who gives it: sums, cones, and a quadruped that
-walks with it."""
+walks with it.
+"""
 
 from __future__ import annotations
 

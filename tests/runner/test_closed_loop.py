@@ -1,5 +1,6 @@
 """The closed loop: what it makes of measurements, and that it finds its way with less friction than
-was planned for."""
+was planned for.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """What is said of an installation and a computer: extras by the package's own metadata, and the
-pace of a bus."""
+pace of a bus.
+"""
 
 import sys
 from importlib.metadata import PackageNotFoundError

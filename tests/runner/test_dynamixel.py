@@ -1,5 +1,6 @@
 """The driver on an emulated bus: what it checks, what it sends, what it says when something goes
-wrong."""
+wrong.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The emulated bus against packets of the public manual and the real SDK, its shafts against closed
-forms."""
+forms.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +98,8 @@ def bus() -> Iterator[EmulatedBus]:
 @pytest.fixture(scope="module", autouse=True)
 def patience() -> Iterator[None]:
     """The SDK waits 34 ms for an answer; on a busy machine the emulator may take longer to be
-    woken."""
+    woken.
+    """
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 150)
         yield
@@ -192,7 +194,8 @@ def test_a_servo_at_another_baud_rate_is_silent(bus: EmulatedBus) -> None:
 
 def alone(**registers: int) -> Servos:
     """One servo in current-based position control, its torque on, its table as given by
-    r<address>."""
+    r<address>.
+    """
     servos = Servos([1])
     for address, value, size in ((11, 5, 1), (102, 2047, 2), (112, 32767, 4), (64, 1, 1)):
         given_value = registers.pop(f"r{address}", value)

@@ -1,5 +1,6 @@
 """First contact with a bus that is not as it should be, and measurements that are not true: one
-line each."""
+line each.
+"""
 
 from __future__ import annotations
 

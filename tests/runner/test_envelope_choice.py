@@ -1,5 +1,6 @@
 """A selector as a policy: whom it is asked about, what is planned within its choice, and what
-happens to a bad one."""
+happens to a bad one.
+"""
 
 from __future__ import annotations
 

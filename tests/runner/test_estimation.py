@@ -1,5 +1,6 @@
 """Where a robot is measured to stand: on its patches, on the terrain around them, on a border, or
-nowhere."""
+nowhere.
+"""
 
 from __future__ import annotations
 

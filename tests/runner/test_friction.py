@@ -1,5 +1,6 @@
 """The friction that feet felt, as an interval: what slides say, what stances that held say, and
-what is forgotten."""
+what is forgotten.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def felt(
     carried: float = 1.0,
 ) -> Record:
     """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move
-    along at a speed. carried: of the load that is planned."""
+    along at a speed. carried: of the load that is planned.
+    """
     record = Record()
     for k, ratio in enumerate(ratios):
         sample = at_rest(

@@ -1,5 +1,6 @@
 """Gaits on worlds: walked as planned by the hexapod in both simulators, and refused before any
-motion where not."""
+motion where not.
+"""
 
 from __future__ import annotations
 

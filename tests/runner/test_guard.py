@@ -1,5 +1,6 @@
 """The guard around every world: what gets through, what stops it, and that nothing is sent after a
-stop."""
+stop.
+"""
 
 from __future__ import annotations
 
@@ -249,7 +250,7 @@ def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
             "world memory: capabilities: expected those of its joints, got others'",
         ),
         ("capabilities", 7, "world memory: capabilities: expected a WorldCapabilities, got 7"),
-        ("step", None, "world memory: expected the verb step, got none"),
+        ("step", None, "world memory: expected the method step, got none"),
     ],
 )
 def test_an_object_that_is_no_world_is_refused_in_one_line(

@@ -1,5 +1,6 @@
 """The heartbeat monitor: what it does for a host that is killed or stands still, and when it does
-nothing."""
+nothing.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Leg odometry against the poses that joints were found for, and against a world that measures the
-body."""
+body.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +108,8 @@ def test_it_says_what_a_world_measures_where_a_blind_run_goes(step: Callable[[st
 @pytest.fixture(scope="module")
 def climbed() -> dict[bool, RunReport]:
     """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they
-    and the feet say fed back."""
+    and the feet say fed back.
+    """
     outcome = with_whole_body(
         plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=3))
     )

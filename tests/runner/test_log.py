@@ -1,5 +1,6 @@
 """The log: what is written comes back, whatever ends the writer, and nothing else is taken for a
-log."""
+log.
+"""
 
 from __future__ import annotations
 

@@ -48,7 +48,8 @@ def found(
     air: int = 0,
 ) -> float:
     """What is found of loops of this share; joints in the air, the first so many, say the
-    contrary."""
+    contrary.
+    """
     rng, stand = np.random.default_rng(2), np.arange(len(of.joints)) >= air
     for _ in range(round(seconds / PERIOD_S)):
         torque, rates = rng.normal(size=(2, len(stand))) * [[3.0], [0.5]]

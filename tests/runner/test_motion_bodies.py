@@ -64,7 +64,8 @@ def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(
 
 def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
     """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2
-    mm, joints to 1°."""
+    mm, joints to 1°.
+    """
     solver = Kinematics(plan.problem.robot)
     whole = with_joints(plan, solver)
     motion = PlanMotion(whole)

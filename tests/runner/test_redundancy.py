@@ -1,5 +1,6 @@
 """The choice of postures along a motion: optimal, continuous, the same at every pace, and possible
-where feet go."""
+where feet go.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +90,8 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
 
 def twisted(plan: Plan) -> Plan:
     """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the
-    straight line."""
+    straight line.
+    """
     joints = np.array([answer.angles for answer in plan_angles(plan)])
     joints[1, 5:7] += [-2.0, 2.0]
     return replace(plan, joints_rad=joints)

@@ -1,5 +1,6 @@
 """What is tried where a course has no plan from where the robot stands, with planners that refuse
-as they are told."""
+as they are told.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def standing() -> Standing:
 
 class Unless:
     """Solves windows but those that a condition refuses; ``seen``: all lifts that it was asked
-    for."""
+    for.
+    """
 
     def __init__(self, refuses: Callable[[Problem], bool]) -> None:
         self.refuses, self.seen = refuses, list[tuple[tuple[str, ...], ...]]()

@@ -1,5 +1,6 @@
 """The page that takes somebody from simulation to servos: its course can be planned, its code runs,
-its keys exist."""
+its keys exist.
+"""
 
 import json
 import re

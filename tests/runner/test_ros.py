@@ -1,5 +1,6 @@
 """A robot behind an emulated rosbridge as a world: streaming, and every way that it can go
-wrong."""
+wrong.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +108,8 @@ def wave(world: RosWorld) -> None:
 
 def handed_over(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Every message that the world hands over to its connection from now on: none is on its way
-    unseen."""
+    unseen.
+    """
     ros, messages = world._robot.link.ros, list[object]()
     send = ros.send_on_ready
     monkeypatch.setattr(
@@ -118,7 +120,8 @@ def handed_over(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> list[object
 
 def rested(bridge: RosBridge, for_s: float) -> None:
     """Wait until the robot has lived so long after the last command that came, however slow the
-    machine is."""
+    machine is.
+    """
     while bridge.robot.now_s < bridge.log[-1][1] + for_s:
         time.sleep(0.01)
 

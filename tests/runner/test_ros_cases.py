@@ -1,5 +1,6 @@
 """What went wrong behind a real ROS, on an emulator that is as unkind: each case with what is
-right."""
+right.
+"""
 
 from __future__ import annotations
 

@@ -12,7 +12,8 @@ def heard(
     delays_s: list[float], rate: float = 1.0, off_s: float = OFF_S
 ) -> tuple[RobotClock, list[float]]:
     """A clock, and when each of its messages was measured by ours; sent every period, and so long
-    on the way."""
+    on the way.
+    """
     clock = RobotClock()
     return clock, [
         clock.take(off_s + rate * k * PERIOD_S, k * PERIOD_S + delay_s)

@@ -1,5 +1,6 @@
 """Whole trajectories as goals of an emulated robot: followed, refused, cancelled whatever
-happens."""
+happens.
+"""
 
 from __future__ import annotations
 

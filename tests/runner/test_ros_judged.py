@@ -1,5 +1,6 @@
 """Measurements are judged: joints that jump, two publishers, a controller that follows somebody
-else."""
+else.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A stop of a robot behind a rosbridge: asked by the thread that writes, and at every step of an
-arming."""
+arming.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The emulated rosbridge by the public rosbridge v2 protocol, over a plain websocket, without the
-client under test."""
+client under test.
+"""
 
 from __future__ import annotations
 

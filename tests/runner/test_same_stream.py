@@ -37,7 +37,8 @@ RATE_HZ = 50.0
 
 class Sent:
     """A log of commands that is looked at, and that loads servos as a robot would that stands as
-    planned."""
+    planned.
+    """
 
     def __init__(self, bus: EmulatedBus | None = None, stiffness_nm_rad: float = 0.0) -> None:
         self.asked, self.sent, self.lean = list[Any](), list[Any](), list[Any]()

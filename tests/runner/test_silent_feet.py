@@ -1,5 +1,6 @@
 """Feet that should press and feel nothing: counted over stances, forgotten as soon as they feel; a
-run that stops."""
+run that stops.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ def said(
     feet: SilentFeet, periods: int, loads: tuple[float, float], foothold: tuple[int, int] = (0, 1)
 ) -> str:
     """The last that is said in so many periods. loads: shares of the planned 30 N that the feet
-    feel."""
+    feel.
+    """
     line = ""
     for target, state in felt(np.zeros((periods, 2)), (0.0, 0.0), foothold).pairs:
         line = feet.found(

@@ -1,5 +1,6 @@
 """Robots from files in both simulators: masses, feet, limits, meshes, what touches what, and what
-is imperfect."""
+is imperfect.
+"""
 
 from __future__ import annotations
 

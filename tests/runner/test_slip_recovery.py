@@ -1,5 +1,6 @@
 """What a robot does at once when feet slide: seen in time, nothing else taken for it, and where its
-feet go then."""
+feet go then.
+"""
 
 from __future__ import annotations
 

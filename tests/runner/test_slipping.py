@@ -1,5 +1,6 @@
 """The simulated faults of the ground do what they say: a slipping foot has no friction, the others
-go on as before."""
+go on as before.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +29,8 @@ def ground(friction: float) -> Patch:
 
 def shares(world: SlippingWorld, periods: int = 200) -> tuple[np.ndarray, np.ndarray]:
     """Tangential over normal force of every foot, and how far each slid, mean and end of the last
-    half."""
+    half.
+    """
     feet = Kinematics(ROBOT).feet(STANDING)
     height = 0.012 - float(feet[:, 2].min())
     first = world.reset((ground(0.8),), STANDING, np.array([0.0, 0.0, height]), np.eye(3))

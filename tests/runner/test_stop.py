@@ -1,5 +1,6 @@
 """A stop at the worst moments: between asking and sending, at every packet of an arming, in the
-ending itself."""
+ending itself.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ def measured(bus: EmulatedBus) -> DynamixelWorld:
 
 class Writes:
     """Acts at the k-th write to the port: before the latch is asked, or after that and before the
-    write."""
+    write.
+    """
 
     def __init__(
         self, patch: pytest.MonkeyPatch, act: Callable[[], None] = lambda: None, at: int = -1

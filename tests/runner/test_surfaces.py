@@ -1,5 +1,6 @@
 """What feet find out about surfaces: steps onto nothing, places that are cut out, planes that are
-elsewhere."""
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +50,8 @@ def square(side_m: float, height_m: float = 0.0) -> Patch:
 
 def empty(felt_n: list[float], wanted_n: float = 20.0, foothold: int = 5) -> list[bool]:
     """Whether foot 1 is found to have come down on nothing, period after period, after a while in
-    the air."""
+    the air.
+    """
     watch, found = EmptyStep(200.0, 2), list[bool]()
     for k, force in enumerate([0.0] * 5 + felt_n):
         sample = SimpleNamespace(

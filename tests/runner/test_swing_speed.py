@@ -1,5 +1,6 @@
 """Legs in the air are led no faster than their joints turn, and the motion waits for those that are
-late."""
+late.
+"""
 
 from __future__ import annotations
 

@@ -97,7 +97,8 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     seen: JointProfile, plan: Plan, kinematics: Kinematics
 ) -> None:
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
-    of a rotor alone."""
+    of a rotor alone.
+    """
     from stancekit.runner.motion.time_parametrization import _Limbs
 
     limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0)

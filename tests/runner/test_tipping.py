@@ -1,5 +1,6 @@
 """The verifier accepts a plan that is about to tip; ``run`` refuses it, and says how to run it all
-the same."""
+the same.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Both worlds under one contract: weight, friction, limits, repetition, and silence on standard
-output."""
+output.
+"""
 
 import subprocess
 import sys
@@ -59,7 +60,8 @@ def standing() -> tuple[Array, Array]:
 
 def stood(world: World, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
     """The state at once and after some periods of standing on a plane that was turned together with
-    the robot."""
+    the robot.
+    """
     angles, targets = standing()
     first = world.reset(
         [leaning(ground(friction), turn)], angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix()

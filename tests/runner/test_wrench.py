@@ -1,5 +1,6 @@
 """What is on a simulated body beside its weight: where it acts, when, and what a plan that carries
-it is worth."""
+it is worth.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ SQUARE = Patch(
 
 def falling(name: str, wrench: list[float], leans: bool = False) -> np.ndarray:
     """Velocity of a robot after a tenth of a second of falling with this on it, shape (6,). leans:
-    its centre of mass is beside that of its body."""
+    its centre of mass is beside that of its body.
+    """
     if name == "bullet":
         pytest.importorskip("pybullet")
     pose = STANDING.copy()

@@ -1,5 +1,6 @@
 """Pictures of executions: the limbs are where the joints are, and what moved has moved in the
-picture."""
+picture.
+"""
 
 from itertools import islice
 

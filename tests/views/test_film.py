@@ -1,5 +1,6 @@
 """Films of motions: every frame is there, things are where the scene has them, and files are whole
-or absent."""
+or absent.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ SMALL = (480, 300)
 
 def glide(count=41) -> Trajectory:
     """The hexapod glides .4 m along x over level ground, its left feet standing; for the eye
-    alone."""
+    alone.
+    """
     robot = hexapod_walker()
     torso = np.column_stack([np.linspace(-0.2, 0.2, count), np.zeros(count), np.full(count, 0.2)])
     contact = np.tile([foot.hip_m[1] > 0.0 for foot in robot.feet], (count, 1))
@@ -198,7 +200,8 @@ def test_shapes_are_closed_look_outward_and_have_their_volume(shape, volume):
 
 def seen(*bodies, arrows=(), facets=()):
     """What a viewer 50 m before the x-z plane sees of ±1 m of it, 100 pixels wide, and where its
-    window is."""
+    window is.
+    """
     corners = [
         DrawnBody(
             name=f"corner {x}", shape=Sphere(1e-4), position_m=np.array([x, 0.0, x]), colour="white"

@@ -1,5 +1,6 @@
 """Pictures and plots of gaits: what they show is where it should be, and nothing else is needed to
-draw them."""
+draw them.
+"""
 
 from __future__ import annotations
 

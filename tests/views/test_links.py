@@ -1,5 +1,6 @@
 """A URDF's own links in scenes: where pinocchio has them, in whatever way they look, in pictures,
-pages and films."""
+pages and films.
+"""
 
 from __future__ import annotations
 

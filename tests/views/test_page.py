@@ -1,5 +1,6 @@
 """Pages: one file with everything in it, which headless Chromium opens from disk without a
-network."""
+network.
+"""
 
 from __future__ import annotations
 
@@ -111,7 +112,8 @@ def test_names_are_text_and_no_markup(plan, walk_page):
 @pytest.mark.parametrize("subject", ["plan", "walk"])
 def test_nodes_follow_the_motion(subject, plan, walk):
     """What a page records of bodies, forces and notes is what the moments have, and what is not
-    there is hidden."""
+    there is hidden.
+    """
     motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(None, step_s=0.5)
     try:
         server = page_module.viser_server()
@@ -153,7 +155,8 @@ def test_recording_says_nothing_on_standard_output(plan, capsys):
 
 def is_climb(shown):
     """Terrain, ice, and dark limbs or the path of the centre of mass; faces, not their borders
-    alone."""
+    alone.
+    """
     red, green, blue = (shown[..., k] for k in range(3))
     rough, icy = (green - blue > 0.08) & (green > 0.4), (blue - red > 0.05) & (blue > 0.6)
     faces = (shown[190:400].min(axis=-1) < 0.9).mean()

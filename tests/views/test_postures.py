@@ -1,5 +1,6 @@
 """The pictures: they show what they are given, say what they cannot show, and are written whole or
-not at all."""
+not at all.
+"""
 
 import itertools
 import os
@@ -66,7 +67,8 @@ def texts(figure: Figure) -> list[str]:
 
 def settings() -> dict[str, object]:
     """Return matplotlib's settings, but for the backend, which the very reading of it would
-    choose."""
+    choose.
+    """
     return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
 
 

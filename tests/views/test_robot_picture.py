@@ -1,5 +1,6 @@
 """Pictures of robots: every leg is there by name, links where they are, and what cannot be drawn
-does no harm."""
+does no harm.
+"""
 
 from pathlib import Path
 

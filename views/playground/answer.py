@@ -1,5 +1,6 @@
 """Answers about a scene: at once from its contacts alone, and, once nobody changes it any more, of
-the whole body."""
+the whole body.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +30,14 @@ PATIENT_S = 60.0
 class SceneAnswer:
     """Answer about a scene.
 
-    course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far
-    as its contacts go. status: None where there is no course. message: why there is no plan, or
-    what is wrong with it; empty where nothing is. report: on all of the plan, once it was judged.
-    patient: whether all was looked at. seconds: CPU time of the layout and of the search.
+    Arguments:
+        course: what is asked for; None where it makes no sense.
+        plan: accepted by the verifier as far as its contacts go.
+        status: None where there is no course.
+        message: why there is no plan, or what is wrong with it; empty where nothing is.
+        report: on all of the plan, once it was judged.
+        patient: whether all was looked at.
+        seconds: CPU time of the layout and of the search.
     """
 
     course: Problem | None = None
@@ -51,8 +56,10 @@ class SceneAnswer:
 
 
 def quick_answer(scenario: Scenario) -> SceneAnswer:
-    """An answer for the eye, from the contacts alone; undecided where it would take longer. Raises
-    nothing."""
+    """An answer for the eye, from the contacts alone; undecided where it would take longer.
+
+    Raises nothing.
+    """
     begin = time.process_time()
     try:
         course = scenario.course()
@@ -69,7 +76,8 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
 def patient_answer(scenario: Scenario) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
     where no plan over the layout that is asked for is accepted, one over another. Raises
-    nothing."""
+    nothing.
+    """
     begin = time.process_time()
     try:
         course = scenario.course()
@@ -87,8 +95,11 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
 def _answer(
     outcome: Answer[Plan], asked: Problem, seconds: tuple[float, float], *, patient: bool = False
 ) -> SceneAnswer:
-    """The answer that an outcome is. asked: the scene's own course, where the outcome is not of a
-    problem."""
+    """The answer that an outcome is.
+
+    Arguments:
+        asked: the scene's own course, where the outcome is not of a problem.
+    """
     message, report = outcome.message, outcome.report
     if outcome.certificate is not None and outcome.problem is not None:
         message = explain(outcome.certificate).message

@@ -1,5 +1,6 @@
 """Scenes over a terrain's file, from a place to another: a way over footholds is laid out anew for
-every change."""
+every change.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +29,11 @@ MOST_FRAMES = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BetweenScenario:
-    """A terrain's file with a start and a goal, (x, y) [m]. frames: as many as the way takes where
-    None."""
+    """A terrain's file with a start and a goal, (x, y) [m].
+
+    Arguments:
+        frames: as many as the way takes where None.
+    """
 
     terrain: FileTerrain
     start_m: tuple[float, float]
@@ -117,7 +121,10 @@ class BetweenScenario:
         return cast("Problem", self._laid[key])
 
     def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
-        """The description of the course, made once in each way. Raises likewise."""
+        """The description of the course, made once in each way.
+
+        Raises likewise.
+        """
         key = (
             f"spec {alternative.message}".rstrip()
         )  # "spec" is that of the layout that is asked for

@@ -1,5 +1,6 @@
 """The page that a browser gets: viser's client, with names for screen readers, words that can be
-read on light and on dark, and the verdict in sight on a phone."""
+read on light and on dark, and the verdict in sight on a phone.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Sliders, menus and grips of a playground, as a viser server shows them; what they change they
-tell, and no more."""
+tell, and no more.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ FAR_M = 1e3
 
 class Controls:
     """Controls with which a page changes a scene. on_slid(key, value), on_dragged(key, position_m):
-    called in order."""
+    called in order.
+    """
 
     def __init__(
         self,

@@ -17,8 +17,11 @@ from .scenario import Scenario
 
 
 class Files:
-    """Names, buttons, and a line that says what was written. now: the newest scene and the answer
-    that is shown."""
+    """Names, buttons, and a line that says what was written.
+
+    Arguments:
+        now: the newest scene and the answer that is shown.
+    """
 
     def __init__(
         self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, SceneAnswer]]
@@ -39,8 +42,10 @@ class Files:
             self._said = gui.add_html("")
 
     def save_plan(self) -> Path:
-        """Write the plan that is shown; where it is. Raises InvalidInput where there is none that
-        was accepted."""
+        """Write the plan that is shown; where it is.
+
+        Raises InvalidInput where there is none that was accepted.
+        """
         _, answer = self._now()
         if answer.plan is None:
             raise InvalidInput("plan: expected one, got none to save")
@@ -55,7 +60,10 @@ class Files:
         return path
 
     def save_course(self) -> Path:
-        """Write the course that is asked for; where it is. Raises InvalidInput."""
+        """Write the course that is asked for; where it is.
+
+        Raises InvalidInput.
+        """
         scenario, _ = self._now()
         suffix, text = scenario.text()
         path = named_in(self._folder, str(self._name.value), f"-course{suffix}")

@@ -1,5 +1,6 @@
 """Scenes whose footholds are fixed, published ones and those in JSON: surfaces move with their
-candidates."""
+candidates.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +25,11 @@ ON_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedScenario:
-    """A course as it is laid out; goal, surfaces, friction and mass can be others. chosen: the
-    surface with a grip."""
+    """A course as it is laid out; goal, surfaces, friction and mass can be others.
+
+    Arguments:
+        chosen: the surface with a grip.
+    """
 
     laid: Problem
     friction: float | None = None
@@ -44,7 +48,8 @@ class FixedScenario:
 
     def sliders(self) -> tuple[Slider, ...]:
         """Friction of all surfaces, and of the picked one; mass, unless the robot's model says
-        it."""
+        it.
+        """
         most = max(patch.friction for patch in self.laid.terrain)
         result = [
             Slider(
@@ -112,7 +117,8 @@ class FixedScenario:
 
     def _with_surface(self, change: Callable[[Patch], Patch]) -> FixedScenario:
         """Scenario with the picked surface changed, and with the pieces of it that toes were
-        offered."""
+        offered.
+        """
         assert self.chosen is not None
         surface = self.laid.terrain[self.chosen]
         terrain = [*self.laid.terrain]
@@ -146,7 +152,10 @@ class FixedScenario:
         return (AS_ASKED,)
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
-        """The course with its friction and mass. Raises InvalidInput for a mass that is none."""
+        """The course with its friction and mass.
+
+        Raises InvalidInput for a mass that is none.
+        """
         result = self.laid
         if self.friction is not None:
 

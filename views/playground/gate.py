@@ -33,9 +33,11 @@ def may_connect(origin: str | None, host: str | None, names: frozenset[str]) -> 
     """Tell whether a page may open a websocket: it is one that we served, by an address or a name
     of this machine.
 
-    origin, host: headers of the request. names: of this machine. A page of another scheme, host or
-    port is foreign, and so is a request that does not say whose it is. A name that is not ours is
-    one that somebody else's name server has pointed at us.
+    Arguments:
+        origin, host: headers of the request.
+        names: of this machine. A page of another scheme, host or port is foreign, and so is a
+            request that does not say whose it is. A name that is not ours is one that somebody
+            else's name server has pointed at us.
     """
     if origin is None or host is None or origin.lower() != f"http://{host.lower()}":
         return False
@@ -56,7 +58,11 @@ def _is_address(name: str) -> bool:
 
 
 def own_names(host: str) -> frozenset[str]:
-    """Names that pages may have found us by. host: the one we listen at."""
+    """Names that pages may have found us by.
+
+    Arguments:
+        host: the one we listen at.
+    """
     return frozenset(
         {"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
     )
@@ -67,8 +73,11 @@ def guarded_server(host: str) -> Iterator[None]:
     """Guard the server that viser makes within this block: it refuses websockets from foreign pages
     and serves the pages of the playground.
 
-    host: the name or the address that the server listens at.
-    Raises InvalidInput if this version of viser makes its server in another way.
+    Arguments:
+        host: the name or the address that the server listens at.
+
+    Raises:
+        InvalidInput: if this version of viser makes its server in another way.
     """
     websockets: Any = import_module("websockets.asyncio.server")
     made, names, guarded = websockets.serve, own_names(host), []
@@ -91,8 +100,11 @@ def guarded_server(host: str) -> Iterator[None]:
 
 
 def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[[Any, Any], Any]:
-    """The server of pages, after a look at who asks for a websocket. pages: serves a page, or gives
-    None for one."""
+    """The server of pages, after a look at who asks for a websocket.
+
+    Arguments:
+        pages: serves a page, or gives None for one.
+    """
 
     def process(connection: Any, request: Any) -> Any:
         headers = request.headers
@@ -113,7 +125,8 @@ def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[
 
 def _connection(plain: Any) -> Any:
     """The kind of a connection whose messages are read by viser only where their values are of the
-    right kinds."""
+    right kinds.
+    """
 
     class GatedConnection(plain):  # type: ignore[misc]
         async def recv(self, *arguments: Any, **options: Any) -> Any:
@@ -161,7 +174,8 @@ def _hints(kind: type) -> dict[str, Any]:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Have nothing printed of tabs that go away, and one line of one that sends what is no
-    message."""
+    message.
+    """
     logger = logging.getLogger("websockets.server")
 
     def one_line(record: logging.LogRecord) -> bool:
@@ -182,7 +196,8 @@ def quiet() -> Iterator[None]:
 
 def guard_messages(server: Any) -> None:
     """Have nothing kept of a message whose values make no sense; one line on the console says
-    so."""
+    so.
+    """
     websocket = server._websock_server
 
     def checked(handle: Callable[[Any, Any], Any], *, says: bool) -> Callable[[Any, Any], Any]:

@@ -1,5 +1,6 @@
 """Scenes in keys, as a course's YAML file has them: every change is one of its keys, and what is
-saved is that file."""
+saved is that file.
+"""
 
 from __future__ import annotations
 
@@ -56,9 +57,13 @@ SIDES = ("left wall", "right wall")
 class KeysScenario:
     """A course in the keys of its file.
 
-    keys: as YAML has them. folder: where its relative paths begin. stride_m: of key frames that
-    follow the goal, [m]. chosen: which of its polygons has a grip. own_kg: mass of the robot as it
-    is. follows: whether the number of frames follows the goal.
+    Arguments:
+        keys: as YAML has them.
+        folder: where its relative paths begin.
+        stride_m: of key frames that follow the goal, [m].
+        chosen: which of its polygons has a grip.
+        own_kg: mass of the robot as it is.
+        follows: whether the number of frames follows the goal.
     """
 
     keys: Mapping[str, Any]
@@ -71,7 +76,10 @@ class KeysScenario:
 
     @classmethod
     def of(cls, course: str, robot: str | None = None, frames: int | None = None) -> KeysScenario:
-        """The scene of a built-in name, FAMILY:LEVEL:SEED or a YAML file. Raises InvalidInput."""
+        """The scene of a built-in name, FAMILY:LEVEL:SEED or a YAML file.
+
+        Raises InvalidInput.
+        """
         keys = _with_whole_paths(described(course), Path(course).parent)
         if frames is not None:
             keys["frames"] = frames
@@ -182,7 +190,8 @@ class KeysScenario:
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
         """The goal; the start where nothing is laid out about it; both walls; the surface that was
-        picked."""
+        picked.
+        """
         result = [Grip(key="goal", label="goal", position_m=course.goal_m)]
         middle = course.com_nominal_m.mean(axis=0)
         if LIKE.get(self.kind, self.kind) == "walls":
@@ -230,7 +239,8 @@ class KeysScenario:
 
     def dragged(self, key: str, position_m: Array) -> KeysScenario:
         """Another place of a grip; key frames are as many as the way to a goal takes at the stride,
-        unless they were slid."""
+        unless they were slid.
+        """
         place = [round(float(value), 4) for value in position_m]
         if key in ("goal", "start"):
             return self._led({**self.keys, f"{key}_m": place})
@@ -299,7 +309,10 @@ class KeysScenario:
 
     @property
     def spec(self) -> CourseSpec:
-        """The keys, typed. Raises InvalidInput with every key that is wrong."""
+        """The keys, typed.
+
+        Raises InvalidInput with every key that is wrong.
+        """
         return spec_from(self.keys)
 
     def text(self) -> tuple[str, str]:

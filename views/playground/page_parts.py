@@ -1,5 +1,6 @@
 """Parts that the playground's pages share: their look, where they are seen from, verdicts, and
-robots in a menu."""
+robots in a menu.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
     """A direction to look from, behind who goes from start to goal: what is left of the robot is
     left on the page.
 
-    towards: from the scene to the eye, shape (3,); one that is ahead of the robot is mirrored.
+    Arguments:
+        towards: from the scene to the eye, shape (3,); one that is ahead of the robot is mirrored.
     """
     way = np.array([*(np.asarray(goal_m)[:2] - np.asarray(start_m)[:2]), 0.0])
     length = float(np.linalg.norm(way))
@@ -53,8 +55,12 @@ def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
 
 
 def said(colour: str, title: str, text: str, below: str, *, change: int, patient: bool) -> str:
-    """A verdict as HTML: a title in its colour, a sentence, and a quiet line. change: that it
-    answers; patient: whether it is the last word on that."""
+    """A verdict as HTML: a title in its colour, a sentence, and a quiet line.
+
+    Arguments:
+        change: that it answers.
+        patient: whether it is the last word on that.
+    """
     return (
         f'<div id="verdict" data-change="{change}" data-patient="{int(patient)}" style="border-left:5px solid '
         f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
@@ -73,8 +79,10 @@ def told(colour: str, words: str) -> str:
 
 
 def named_in(folder: Path, name: str, ending: str) -> Path:
-    """A file of this name in the folder, and never outside of it, whoever asks. Raises
-    InvalidInput."""
+    """A file of this name in the folder, and never outside of it, whoever asks.
+
+    Raises InvalidInput.
+    """
     name = name.strip()
     if not name or Path(name).name != name or name.startswith("."):
         raise InvalidInput(f"name: expected one without a folder, got {name!r}")
@@ -83,7 +91,8 @@ def named_in(folder: Path, name: str, ending: str) -> Path:
 
 def called(robots: Sequence[str]) -> dict[str, str]:
     """Robots by what a menu calls them: a file by its name, or by all of its path where two have
-    that name."""
+    that name.
+    """
     short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
     return {
         name if short.count(name) == 1 else robot: robot

@@ -75,7 +75,8 @@ class Pictures:
 
     def found(self, view: PlanView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
-        lines."""
+        lines.
+        """
         scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.problem.frames - 1):
             ghost = view.ghost(view.keys.key(k))
@@ -99,7 +100,8 @@ def _between(scene: Scene) -> Scene:
 
 def bounds_m(course: Problem) -> Array:
     """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs
-    reach, in steps."""
+    reach, in steps.
+    """
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
     )

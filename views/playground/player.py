@@ -13,9 +13,11 @@ FPS = 15.0
 class Player:
     """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
-    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be
-    shown; it returns whether there is anything to show, and where there is nothing the time stays.
-    at: the time that is shown; last: where it ends.
+    Arguments:
+        unit: what the slider counts.
+        on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
+            there is anything to show, and where there is nothing the time stays. at: the time that
+            is shown; last: where it ends.
     """
 
     def __init__(
@@ -39,7 +41,8 @@ class Player:
 
     def offer(self, there: bool) -> None:
         """Show the button and the slider if there is something to play; without, neither button nor
-        slider is seen."""
+        slider is seen.
+        """
         if not there:
             self.stop()
             self._button.label = "play"

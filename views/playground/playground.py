@@ -1,5 +1,6 @@
 """The playground's page: a scene in three dimensions with grips and sliders, its plan, and what
-that asks of limbs."""
+that asks of limbs.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +36,13 @@ TITLE, PICK = "Stancekit playground", "pick a surface"
 
 
 class Playground:
-    """A page on a viser server. robots: names and files in its menu; folder: where it saves.
+    """A page on a viser server.
 
     Raises StancekitError where the scene is no course to begin with.
+
+    Arguments:
+        robots: names and files in its menu.
+        folder: where it saves.
     """
 
     def __init__(
@@ -231,7 +236,8 @@ class Playground:
 
 def struck(course: Problem, origin: Any, direction: Any) -> int | None:
     """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides;
-    None for none."""
+    None for none.
+    """
     start, ray = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
     best, nearest = np.inf, None
     for index, patch in enumerate(course.terrain):

@@ -1,5 +1,6 @@
 """Another robot on a course in keys: it stands, spreads its feet and steps as it does, not as the
-one before it."""
+one before it.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +21,9 @@ OURS = ("stance", "gait", "robot", "mass_kg")
 
 
 def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[str, Any], float]:
-    """The keys for another robot, a built-in name or a file, and its mass [kg]. Raises InvalidInput
-    for none.
+    """The keys for another robot, a built-in name or a file, and its mass [kg].
+
+    Raises InvalidInput for none.
 
     On ground its path is as much higher as it stands higher; between walls it stays.
     """

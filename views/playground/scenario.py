@@ -21,8 +21,12 @@ SURFACE = "surface"
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """A number that may be slid. unit: empty where it has none; whole: whether only whole numbers
-    make sense."""
+    """A number that may be slid.
+
+    Arguments:
+        unit: empty where it has none.
+        whole: whether only whole numbers make sense.
+    """
 
     key: str
     label: str
@@ -42,7 +46,11 @@ class Slider:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grip:
-    """A place that may be dragged, shape (3,) [m]. axes: of the world along which it moves."""
+    """A place that may be dragged, shape (3,) [m].
+
+    Arguments:
+        axes: of the world along which it moves.
+    """
 
     key: str
     label: str
@@ -68,7 +76,11 @@ class Scenario(Protocol):
         ...
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
-        """Grips of the scene, which may be dragged. course: what ``course`` gave."""
+        """Grips of the scene, which may be dragged.
+
+        Arguments:
+            course: what ``course`` gave.
+        """
         ...
 
     def slid(self, key: str, value: float) -> Scenario:
@@ -100,6 +112,8 @@ class Scenario(Protocol):
         ...
 
     def text(self) -> tuple[str, str]:
-        """The course's file: how its name ends, and its text. Raises InvalidInput for a scene that
-        is no course."""
+        """The course's file: how its name ends, and its text.
+
+        Raises InvalidInput for a scene that is no course.
+        """
         ...

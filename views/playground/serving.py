@@ -71,8 +71,10 @@ def served(
     host: str = "127.0.0.1",
     port: int = 0,
 ) -> Iterator[Page[Playground]]:
-    """A playground that is served while the block runs. Raises StancekitError for a scene that is
-    no course."""
+    """A playground that is served while the block runs.
+
+    Raises StancekitError for a scene that is no course.
+    """
     from .playground import Playground
 
     scenario.course()
@@ -91,8 +93,10 @@ def served_walk(
     host: str = "127.0.0.1",
     port: int = 0,
 ) -> Iterator[Page[WalkPage]]:
-    """A playground of walks that is served while the block runs. Raises InvalidInput for what is no
-    walk."""
+    """A playground of walks that is served while the block runs.
+
+    Raises InvalidInput for what is no walk.
+    """
     from .walk_page import WalkPage
 
     scenario.task()

@@ -23,7 +23,8 @@ log = logging.getLogger(__name__)
 
 class Session:
     """on_answer(number, scenario, answer, since): called in the session's own thread for every
-    answer that is drawn; since: time of the change [s], as time.perf_counter has it."""
+    answer that is drawn; since: time of the change [s], as time.perf_counter has it.
+    """
 
     def __init__(
         self,
@@ -59,7 +60,9 @@ class Session:
             return self._number
 
     def change(self, edit: Callable[[Scenario], Scenario]) -> int:
-        """Another scene, made of the newest by ``edit``; its number. Raises what ``edit`` raises.
+        """Another scene, made of the newest by ``edit``; its number.
+
+        Raises what ``edit`` raises.
 
         An edit that takes a while, as loading a robot, keeps nobody else from changing the scene:
         it is done again on what is the newest then, and what others change meanwhile stays.
@@ -119,7 +122,8 @@ class Session:
 
     def _patience_s(self) -> float | None:
         """Until the scene counts as one that nobody changes any more; None where there is nothing
-        to wait for."""
+        to wait for.
+        """
         if self._judge is None or self._judged == self._number or self._number != self._answered:
             return None
         return max(self._rest_s - (time.perf_counter() - self._since), 0.001)

@@ -1,5 +1,6 @@
 """Tables of a playground beside its picture: the verdict with its reason, and what every limb
-gives, against limits."""
+gives, against limits.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +32,12 @@ CARRIES_N = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimbLoad:
-    """Load of one limb. cone: of its friction cone, torque: of a joint's limit, both as shares; NaN
-    where unknown. torque_nm: of the joint that has the least in hand [Nm]."""
+    """Load of one limb.
+
+    Arguments:
+        cone: of its friction cone, torque: of a joint's limit, both as shares; NaN where unknown.
+        torque_nm: of the joint that has the least in hand [Nm].
+    """
 
     name: str
     force_n: float
@@ -43,7 +48,11 @@ class LimbLoad:
 
 
 def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]:
-    """Loads of every limb at a time. solver: of the plan's robot; without it no torque is known."""
+    """Loads of every limb at a time.
+
+    Arguments:
+        solver: of the plan's robot; without it no torque is known.
+    """
     loads_of_limbs = list[LimbLoad]()
     torques, shares = _torques(plan, now, solver)
     for i, name in enumerate(plan.problem.robot.limb_names):
@@ -63,7 +72,8 @@ def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]
 
 def cone_share(force_n: Array, normal: Array, friction: float) -> float:
     """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is
-    none."""
+    none.
+    """
     pressed = float(force_n @ normal)
     aside = float(np.linalg.norm(force_n - pressed * normal))
     if pressed < CARRIES_N:
@@ -87,7 +97,8 @@ def _torques(
     plan: Plan, now: Samples, solver: Kinematics | None
 ) -> tuple[list[float], list[float]]:
     """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's
-    limit."""
+    limit.
+    """
     count = len(plan.problem.robot.limbs)
     if solver is None:
         return [float("nan")] * count, [float("nan")] * count
@@ -105,7 +116,8 @@ def _torques(
 
 def solver_of(course: Problem) -> Kinematics | None:
     """The legs of a course's robot; None where they are not known, or pinocchio is not
-    installed."""
+    installed.
+    """
     try:
         return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     except InvalidInput:
@@ -113,7 +125,12 @@ def solver_of(course: Problem) -> Kinematics | None:
 
 
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
-    """The verdict as HTML. number: of the change that it answers; drawn_ms: since that change."""
+    """The verdict as HTML.
+
+    Arguments:
+        number: of the change that it answers.
+        drawn_ms: since that change.
+    """
     colour, title, text = _words(answer)
     took = (
         f"judged in {sum(answer.seconds):.1f} CPU-s"

@@ -1,5 +1,6 @@
 """The page of walks: a terrain with a start and a goal to drag; the walk is planned beside it, and
-then played."""
+then played.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +47,12 @@ REST_S = 0.6
 
 
 class WalkPage:
-    """A page on a viser server. robots: names and files in its menu; folder: where it saves."""
+    """A page on a viser server.
+
+    Arguments:
+        robots: names and files in its menu.
+        folder: where it saves.
+    """
 
     def __init__(
         self, server: Any, scenario: WalkScenario, *, robots: Sequence[str], folder: Path
@@ -126,7 +132,8 @@ class WalkPage:
 
     def _change(self, edit: Callable[[WalkScenario], WalkScenario]) -> None:
         """Another walk: the planning of the one before ends, and this one's begins once nothing is
-        changed."""
+        changed.
+        """
         with self._lock:
             try:
                 self.scenario = edit(self.scenario)
@@ -216,7 +223,8 @@ class WalkPage:
 
     def _pose(self) -> None:
         """Draw the robot at the time that is shown, and list the contact forces on its feet at that
-        time."""
+        time.
+        """
         view = self._view
         assert view is not None
         trajectory, now = view.trajectory, view.now(self._player.at)
@@ -268,8 +276,10 @@ class WalkPage:
         return self._view is not None
 
     def save(self) -> Path:
-        """Write the walk that is shown; where it is. Raises InvalidInput where none was
-        accepted."""
+        """Write the walk that is shown; where it is.
+
+        Raises InvalidInput where none was accepted.
+        """
         answer = self.answer
         if (
             answer is None

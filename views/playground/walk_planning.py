@@ -27,8 +27,11 @@ ITERATIONS, TOTAL_S = 80, 120.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkAnswer:
-    """Answer about a walk: how far its planning is, or what came of it. seconds: since it was
-    begun."""
+    """Answer about a walk: how far its planning is, or what came of it.
+
+    Arguments:
+        seconds: since it was begun.
+    """
 
     done: bool
     message: str
@@ -47,7 +50,8 @@ Told = Callable[[int, WalkAnswer], None]
 
 class WalkPlanning:
     """Plans one walk at a time. on_answer(number, answer): in a thread of its own, for every step
-    and at the end."""
+    and at the end.
+    """
 
     def __init__(self, on_answer: Told) -> None:
         self._on_answer = on_answer

@@ -1,5 +1,6 @@
 """Walks that can be changed: start, goal, duration, friction and robot over a terrain of
-heights."""
+heights.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +24,12 @@ SHORTEST_S = 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkScenario:
-    """A walk from a place to another, (x, y) [m]. robot: a name or a file; duration_s: by the way's
-    length if None."""
+    """A walk from a place to another, (x, y) [m].
+
+    Arguments:
+        robot: a name or a file.
+        duration_s: by the way's length if None.
+    """
 
     terrain: HeightField
     walker: GaitRobot
@@ -36,7 +41,10 @@ class WalkScenario:
 
     @classmethod
     def of(cls, terrain: HeightField, robot: str, **given: Any) -> WalkScenario:
-        """A walk of a robot of a name or a file. Raises InvalidInput."""
+        """A walk of a robot of a name or a file.
+
+        Raises InvalidInput.
+        """
         return cls(terrain=terrain, walker=named_walker(robot), robot=robot, **given)
 
     @property
@@ -100,12 +108,17 @@ class WalkScenario:
         return replace(self, start_m=place) if key == "start" else replace(self, goal_m=place)
 
     def with_robot(self, robot: str) -> WalkScenario:
-        """Scenario for another robot. Raises InvalidInput."""
+        """Scenario for another robot.
+
+        Raises InvalidInput.
+        """
         return replace(self, walker=named_walker(robot), robot=robot)
 
     def task(self) -> Walk:
-        """The walk that is asked for. Raises InvalidInput for a place where the robot cannot
-        stand."""
+        """The walk that is asked for.
+
+        Raises InvalidInput for a place where the robot cannot stand.
+        """
         return Walk(
             robot=self.walker,
             terrain=self.terrain,

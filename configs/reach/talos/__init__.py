@@ -1,2 +1,3 @@
 """Talos, from humanoid-path-planner/talos-rbprm (v5.0.0, f8ebedd), BSD 2-Clause, see
-LICENSE.txt."""
+LICENSE.txt.
+"""

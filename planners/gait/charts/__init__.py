@@ -1,5 +1,6 @@
 """Charts: coordinates in which a walk is optimised (Pan et al. §IV-C). A chart is a file, and a
-line in the table here."""
+line in the table here.
+"""
 
 from __future__ import annotations
 

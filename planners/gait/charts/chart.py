@@ -28,12 +28,16 @@ class Chart(ABC):
     initial guess (``torso_bar``, ``foot_bar``, ``force_bar``). It is used by its name in
     ``charts.CHARTS``, or as ``FILE.py:NAME``.
 
-    flat: the terrain is z̄ = 0. scales: follows the terrain when a homotopy scales its heights;
-    False for charts that are made of a terrain's map. torso_map, foot_map: the smooth maps that the
-    kernels need about the torso and about each foot, whose first inputs are the coordinates there;
-    what they are at a point comes as an ``ExpansionPoint``, None without a map. While a foot
-    stands, a force that is constant in the chart keeps its angle to the true normal, so the cone is
-    asked of the force's coefficients.
+    While a foot stands, a force that is constant in the chart keeps its angle to the true normal,
+    so the cone is asked of the force's coefficients.
+
+    Arguments:
+        flat: the terrain is z̄ = 0.
+        scales: follows the terrain when a homotopy scales its heights; False for charts that are
+            made of a terrain's map.
+        torso_map, foot_map: the smooth maps that the kernels need about the torso and about each
+            foot, whose first inputs are the coordinates there; what they are at a point comes as an
+            ``ExpansionPoint``, None without a map.
     """
 
     flat: bool = True
@@ -50,9 +54,12 @@ class Chart(ABC):
     ) -> Self:
         """The chart of a terrain: of that alone, unless a chart says otherwise.
 
-        smoothing_m: deviation of the Gaussian of ``GaitSettings`` [m]; flattened: gives the map φ
-        that flattens the terrain, for charts that need it. Raises PlanningFailed where no map can
-        be made.
+        Arguments:
+            smoothing_m: deviation of the Gaussian of ``GaitSettings`` [m].
+            flattened: gives the map φ that flattens the terrain, for charts that need it.
+
+        Raises:
+            PlanningFailed: where no map can be made.
         """
         return cls(terrain)
 

@@ -1,5 +1,6 @@
 """The decoupled chart: feet over the terrain, the torso over a smoothed one, so that it does not
-feel every stone."""
+feel every stone.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from .shear import Shear
 
 class DecoupledChart(Shear):
     """Feet as in the shear; the torso over the terrain under a Gaussian of deviation smoothing_m
-    [m]."""
+    [m].
+    """
 
     @classmethod
     def of(

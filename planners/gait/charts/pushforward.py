@@ -1,5 +1,6 @@
 """A chart as functions of numbers: decision variables pushed forward to the world (Pan et al.
-§IV-C)."""
+§IV-C).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,11 @@ from .chart import Chart
 
 
 class Pushforward:
-    """A chart as functions of numbers. height_factor: on the heights of the terrain."""
+    """A chart as functions of numbers.
+
+    Arguments:
+        height_factor: on the heights of the terrain.
+    """
 
     def __init__(self, chart: Chart, height_factor: float = 1.0) -> None:
         self._chart, self._factor = chart, height_factor

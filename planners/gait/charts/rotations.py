@@ -1,5 +1,6 @@
 """Rotations and frames of charts as CasADi symbols: Euler angles, the polar factor of a shear, the
-surface's frame."""
+surface's frame.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ import casadi as cs
 
 def euler(angles: cs.SX) -> cs.SX:
     """R = R_z(yaw) R_y(pitch) R_x(roll) of θ = (roll, pitch, yaw) [rad], shape (3, 3) (Pan et al.
-    §III-A)."""
+    §III-A).
+    """
     cr, cp, cy = (cs.cos(angles[k]) for k in range(3))
     sr, sp, sy = (cs.sin(angles[k]) for k in range(3))
     return cs.vertcat(

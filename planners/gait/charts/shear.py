@@ -15,7 +15,8 @@ from .rotations import euler, shear_rotation, surface_frame
 class Shear(Chart):
     """(x, y, z + h(x, y)) for feet and torso; forces in the orthonormal frame at the true normal.
 
-    body: the terrain over which the torso is, the same one if missing.
+    Arguments:
+        body: the terrain over which the torso is, the same one if missing.
     """
 
     def __init__(self, terrain: HeightField, body: HeightField | None = None) -> None:

@@ -24,11 +24,14 @@ from ..variables.structure import Structure
 class Overlaps:
     """T pairs of things that are inside each other, each at a node of the program.
 
-    node: shape (T,); feet: the two that it depends on, shape (T, 2), twice the same where it is
-    one. depth_m: shape (T,). feet_m: r₀ of both in the torso's frame, shape (T, 2, 3) [m]; by_foot:
-    the depth's derivatives, (T, 2, 3), the second 0 where it is one foot. torso_m, rotation: p₀ and
-    R₀, (T, 3) [m], (T, 3, 3); by_torso: derivatives in p and in a turn about the torso's axes,
-    shape (T, 6) [1, m/rad].
+    Arguments:
+        node: shape (T,).
+        feet: the two that it depends on, shape (T, 2), twice the same where it is one.
+        depth_m: shape (T,).
+        feet_m: r₀ of both in the torso's frame, shape (T, 2, 3) [m].
+        by_foot: the depth's derivatives, (T, 2, 3), the second 0 where it is one foot.
+        torso_m, rotation: p₀ and R₀, (T, 3) [m], (T, 3, 3).
+        by_torso: derivatives in p and in a turn about the torso's axes, shape (T, 6) [1, m/rad].
     """
 
     node: Rows

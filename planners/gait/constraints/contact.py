@@ -15,7 +15,8 @@ from ..variables.structure import Structure
 
 def contact(structure: Structure) -> Constraint | None:
     """z_i − h(x_i, y_i) = 0 [m], one row for each place where a foot stands (W3); none in a flat
-    chart (W8)."""
+    chart (W8).
+    """
     if structure.chart.flat:
         return None
     variables = structure.entries(

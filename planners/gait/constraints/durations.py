@@ -1,5 +1,6 @@
 """Optimised phase durations (Pan et al. §III-A): every phase lasts, and no switching time leaves
-its slack; in seconds."""
+its slack; in seconds.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +15,10 @@ SHORTEST_S = 0.1
 
 
 def durations(structure: Structure) -> Constraint | None:
-    """Every phase lasts, and no switching time leaves its slack; in seconds. None where timings are
-    fixed."""
+    """Every phase lasts, and no switching time leaves its slack; in seconds.
+
+    None where timings are fixed.
+    """
     rows, lower, upper = [], [], []
     slack, layout = structure.settings.switch_slack_s, structure.layout
     for foot in layout.feet:

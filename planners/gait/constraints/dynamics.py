@@ -84,7 +84,8 @@ def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
 
 def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
     """PCDM (W11) about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for
-    the moment."""
+    the moment.
+    """
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_old, r_old), (p, r), (p_new, r_new) = _torsos(chart, features, expansions)

@@ -1,6 +1,7 @@
 """Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and
 heading; over the goal at the end, with the heading asked for there, if one is (Pan et al. §V: "the
-target position is added as a hard constraint on the X-Y plane")."""
+target position is added as a hard constraint on the X-Y plane").
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from ..variables.structure import Structure
 
 def still_start(structure: Structure) -> Constraint:
     """The first three coefficients of the torso's spline are equal: velocity and acceleration are 0
-    at the start."""
+    at the start.
+    """
     return _still(structure, "still start", structure.layout.torso[:3])
 
 
@@ -57,7 +59,8 @@ def heading_end(structure: Structure) -> Constraint | None:
 def poised(structure: Structure) -> Constraint | None:
     """Height, roll and pitch of the torso and every foot at t = 0 and t = T are those of the
     standing robot, where the settings ask for it. Where rows of other terms say so already, they
-    are left out."""
+    are left out.
+    """
     if not structure.settings.poised:
         return None
     task, layout, chart = structure.task, structure.layout, structure.chart

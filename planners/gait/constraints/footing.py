@@ -32,7 +32,8 @@ AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
 
 def footing(structure: Structure) -> Constraint | None:
     """σ² − ‖∇h‖² ≥ 0, five rows for each place of a foot that does not stick; None where nothing is
-    asked for."""
+    asked for.
+    """
     task, chart = structure.task, structure.chart
     feet = [
         foot.stances
@@ -72,7 +73,8 @@ def beside(structure: Structure, off_m: Array) -> Place:
 def sure_xy(task: Walk, share: float, xy: Array) -> Array:
     """The places nearest to others, shape (K, 2) [m], that are sure; the same where none is near.
 
-    share: of the slope on which friction holds, as ``GaitSettings.footing``.
+    Arguments:
+        share: of the slope on which friction holds, as ``GaitSettings.footing``.
     """
     line = FINE_M * np.arange(-round(NEAREST_M / FINE_M), round(NEAREST_M / FINE_M) + 1)
     offs = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -13,7 +13,8 @@ from ..variables.structure import Structure
 
 def reach(structure: Structure) -> Constraint:
     """Rᵀ (p_i − p) ∈ R_i at all nodes [m] (W4, W10), of standing and swinging feet, with a margin
-    in hand."""
+    in hand.
+    """
     margin, feet = structure.settings.reach_margin_m, structure.task.robot.feet
     low = np.array([foot.reach_min_m + margin for foot in feet])
     high = np.array([foot.reach_max_m - margin for foot in feet])

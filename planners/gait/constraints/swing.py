@@ -41,7 +41,8 @@ def half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> 
 
 def curved_swing(structure: Structure) -> Constraint:
     """W3: z − h(x, y) ≥ 0 at the settings' number of nodes in each half of a swing, and
-    half-way."""
+    half-way.
+    """
     variables, count = swings(structure)
     within = structure.settings.swing_nodes
     half = np.arange(1, within + 1) / (2.0 * (within + 1.0))

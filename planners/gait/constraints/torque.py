@@ -26,9 +26,13 @@ from ..variables.structure import Structure
 class LegLoads:
     """T joints of standing legs, each at a node of the program.
 
-    foot, node: shape (T,). at_m: r₀, the foot in the torso's frame, shape (T, 3) [m]; levers_m:
-    J_j(r₀), (T, 3) [m or m/rad]; slopes: ∂J_j, (T, 3, 3); rest_nm: shape (T,); most_nm: what the
-    joint may give, shape (T,) [Nm].
+    Arguments:
+        foot, node: shape (T,).
+        at_m: r₀, the foot in the torso's frame, shape (T, 3) [m].
+        levers_m: J_j(r₀), (T, 3) [m or m/rad].
+        slopes: ∂J_j, (T, 3, 3).
+        rest_nm: shape (T,).
+        most_nm: what the joint may give, shape (T,) [Nm].
     """
 
     foot: Rows

@@ -32,7 +32,8 @@ AROUND_M = 0.2
 
 def trunk(structure: Structure) -> Constraint | None:
     """Rows of points of the lower face near the ground at nodes, by turns; None where there is
-    none, or no clearance is asked for."""
+    none, or no clearance is asked for.
+    """
     margin = structure.settings.trunk_clearance_m
     if margin is None:
         return None
@@ -82,7 +83,8 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     """Nodes and points, each of shape (K,), at which the guess's lower face, and the plane that it
     goes on as within AROUND_M, comes nearer than NEAR_M to the ground, or a little more on slopes;
     of these every other one, as on a chessboard, since neighbours in time and place know nearly the
-    same."""
+    same.
+    """
     p, rotation = GuessedWalk(structure).torso(structure.times_s)
     face = p[:, None] + np.einsum("kij,nj->kni", rotation, points)
     turns = np.arange(8) * np.pi / 4.0

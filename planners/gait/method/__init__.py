@@ -1,2 +1,3 @@
 """Search for a walk: a guess, a homotopy, smoothing, densification, and a portfolio of attempts on
-one budget."""
+one budget.
+"""

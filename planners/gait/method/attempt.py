@@ -34,12 +34,15 @@ Homotopy = Literal["height", "smoothing"]
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """Method of solving a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+    """Method of solving a task.
 
-    heights: factors on the terrain's gradients, solved one after another, the last is 1. by:
-    whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest
-    gradient. noise: deviation of what is added to every variable of the terrain-following guess [m,
-    rad, m·g].
+    Arguments:
+        chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+        heights: factors on the terrain's gradients, solved one after another, the last is 1.
+        by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest
+            gradient.
+        noise: deviation of what is added to every variable of the terrain-following guess [m, rad,
+            m·g].
     """
 
     chart: str = "decoupled"
@@ -54,7 +57,8 @@ class Attempt:
 
     def guess(self, program: GaitProgram) -> Array:
         """Guess for a program, shape (size,): the terrain-following one, with noise where there is
-        any."""
+        any.
+        """
         if not self.noise:
             return program.guess
         return program.perturbed(np.random.default_rng(self.seed), self.noise)
@@ -74,12 +78,15 @@ class Attempt:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempted:
-    """Result of an attempt. solution: of its last stage; iterations, seconds: of all stages, CPU
-    time.
+    """Result of an attempt.
 
-    history: the largest violation at every iterate. trajectory, report: of the point it ended at,
-    feasible or not; stage: the last height that was solved; stopped: it was ended before its own
-    end, by the caller or at a cap.
+    Arguments:
+        solution: of its last stage.
+        iterations, seconds: of all stages, CPU time.
+        history: the largest violation at every iterate.
+        trajectory, report: of the point it ended at, feasible or not.
+        stage: the last height that was solved.
+        stopped: it was ended before its own end, by the caller or at a cap.
     """
 
     attempt: Attempt
@@ -115,8 +122,10 @@ class Workbench:
         return {**self.__dict__, "_programs": {}}
 
     def program(self, chart: str) -> GaitProgram:
-        """The task in this chart, written down once. Raises InvalidInput, and PlanningFailed for a
-        map that folds."""
+        """The task in this chart, written down once.
+
+        Raises InvalidInput, and PlanningFailed for a map that folds.
+        """
         if chart not in self._programs:
             self._programs[chart] = formulate(
                 self.task, replace(self.settings, chart=chart), self._flattened
@@ -139,9 +148,10 @@ class Workbench:
     ) -> Attempted:
         """Solve stage by stage, each from the last one's point, and verify what comes out.
 
-        guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at which
-        of its heights, e.g. where a run was stopped. A chart with a map has no heights but 1, and
-        no Gaussian is used here.
+        Arguments:
+            guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at
+                which of its heights, e.g. where a run was stopped. A chart with a map has no
+                heights but 1, and no Gaussian is used here.
         """
         program = self.program(attempt.chart)
         heights = (

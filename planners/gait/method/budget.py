@@ -1,5 +1,6 @@
 """Budget of a plan: every solve goes through one budget, which records it, holds it to its caps and
-shows it."""
+shows it.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +29,15 @@ PATIENCE = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class SolveRecord:
-    """One solve. phase: ``feasible``, ``smooth`` or ``densify``; factor: on the terrain's heights.
+    """One solve.
 
-    iterations, success, status: of the solver; violations: the largest at every iterate; seconds:
-    CPU time in all, in functions and derivatives, in the solver with its linear algebra.
+    Arguments:
+        phase: ``feasible``, ``smooth`` or ``densify``.
+        factor: on the terrain's heights.
+        iterations, success, status: of the solver.
+        violations: the largest at every iterate.
+        seconds: CPU time in all, in functions and derivatives, in the solver with its linear
+            algebra.
     """
 
     attempt: str
@@ -88,7 +94,8 @@ class SolveBudget:
     @property
     def spent_s(self) -> float:
         """CPU time since its beginning, also that of programs that were written down and of
-        verdicts [s]."""
+        verdicts [s].
+        """
         return max(cpu_s() - self._began, self.seconds)
 
     @property

@@ -1,5 +1,6 @@
 """Checkpoint of an interrupted run: where every attempt stood, beside the file that the run was to
-write."""
+write.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +36,10 @@ class Checkpoint:
     A walk that is planned piece by piece keeps ``pieces``, what became of each (``DONE``, ``CUT``,
     ``ROUND``), and ``samples`` of all that are done as one walk, by name.
 
-    out: the file of the run, None keeps nothing. phases: what else is done with the points
-    (``Caps.phases``). What stands there already is taken up if it is of the same task, settings,
-    attempts and phases, and ignored if not.
+    Arguments:
+        out: the file of the run, None keeps nothing.
+        phases: what else is done with the points (``Caps.phases``). What stands there already is
+            taken up if it is of the same task, settings, attempts and phases, and ignored if not.
     """
 
     def __init__(
@@ -69,7 +71,8 @@ class Checkpoint:
 
     def begin(self, index: int) -> tuple[Array | None, int]:
         """Beginning of this attempt: a point, None for its own guess, and the stage; ``FAILED`` for
-        one that did."""
+        one that did.
+        """
         stage, point = self._points.get(index, (0, np.zeros(0)))
         return (point if point.size else None), stage
 
@@ -108,7 +111,8 @@ class Checkpoint:
 
     def remove(self) -> None:
         """The run is done: nothing is left of it here, and of killed writers; what others left
-        whole stays."""
+        whole stays.
+        """
         if self.path is None:
             return
         if self._own:
@@ -118,7 +122,8 @@ class Checkpoint:
 
     def _read(self, path: Path) -> None:
         """Take up what a run of the same task left; a file that cannot be read counts for
-        nothing."""
+        nothing.
+        """
         with suppress(ValueError, KeyError, TypeError):
             packed = read_archive(path)
             if str(packed["digest"]) == self._digest:

@@ -63,9 +63,15 @@ FLAW = 1.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checks:
-    """Rows half-way between nodes. balance: in which steps, shape (N,), N steps; reach: of which
-    feet, shape (N, E); band: what the balance may be off there. loads: of joints at the nodes
-    themselves that have to give less; overlaps: of links there that have to come apart."""
+    """Rows half-way between nodes.
+
+    Arguments:
+        balance: in which steps, shape (N,), N steps.
+        reach: of which feet, shape (N, E).
+        band: what the balance may be off there.
+        loads: of joints at the nodes themselves that have to give less.
+        overlaps: of links there that have to come apart.
+    """
 
     balance: Flags
     reach: Flags
@@ -177,7 +183,8 @@ def _steps(times_s: Array, program: GaitProgram) -> NDArray[np.intp]:
 
 def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
     """The terms of the dynamics and of reach with nodes half-way between the structure's, as far as
-    asked for."""
+    asked for.
+    """
     between = copy(structure)
     for name in ("torso", "feet_at_nodes"):
         between.__dict__.pop(name, None)
@@ -209,7 +216,8 @@ def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
 
 def restricted(constraint: Constraint, kept: Flags) -> Constraint:
     """Some rows of a constraint without a linear part, shape of ``kept``: (rows,); blocks without
-    rows are gone."""
+    rows are gone.
+    """
     number = np.cumsum(kept) - 1
     blocks: list[Block] = []
     for block in constraint.blocks:

@@ -1,5 +1,6 @@
 """Initial guesses: a straight walk that turns evenly and follows the terrain, one along key frames,
-perturbations."""
+perturbations.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ lift-off [s]."""
 
 def terrain_following(structure: Structure) -> Array:
     """A decision vector: torso at stand height over the smoothed terrain along a straight line,
-    feet beneath it, the weight shared by the feet that stand. Shape (size,)."""
+    feet beneath it, the weight shared by the feet that stand. Shape (size,).
+    """
     x, walk = np.zeros(structure.layout.size), GuessedWalk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
     return _with_feet(x, structure, walk, walk.footholds)
@@ -65,7 +67,8 @@ def _with_feet(
     x: Array, structure: Structure, walk: GuessedWalk, footholds: Callable[[int], Array]
 ) -> Array:
     """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings
-    and forces."""
+    and forces.
+    """
     for number, foot in enumerate(structure.layout.feet):
         stood = footholds(number)
         bar = structure.chart.foot_bar(stood)
@@ -82,7 +85,8 @@ def perturbed(
     x: Array, rng: np.random.Generator, structure: Structure, size: float = 0.02
 ) -> Array:
     """``x`` with normal noise of this deviation on every variable [m, rad, m·g]; switching times
-    keep theirs."""
+    keep theirs.
+    """
     moved = x + size * rng.standard_normal(len(x))
     for foot in structure.layout.feet:
         moved[foot.switches] = x[foot.switches]
@@ -113,13 +117,15 @@ class GuessedWalk:
 
     def yaw(self, times_s: Array) -> Array:
         """From the heading at the start evenly along the way to that at the end, shape (K,)
-        [rad]."""
+        [rad].
+        """
         start, end = self._task.yaws()
         return np.asarray(start + self.share(times_s) * (end - start))
 
     def torso(self, times_s: Array) -> tuple[Array, Array]:
         """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): along the smoothed terrain, at stand height
-        from its slope."""
+        from its slope.
+        """
         xy = self.torso_xy(times_s)
         height, slope = self._body.height_and_gradient(xy)
         lift = self._task.robot.stand_height_m * np.sqrt(1.0 + np.sum(slope**2, axis=1))
@@ -139,7 +145,8 @@ class GuessedWalk:
     def footholds(self, foot: int) -> Array:
         """Footholds of a foot, stance by stance, shape (S + 1, 3): on the ground where its nominal
         place, in the axes of the torso half-way through the stance, is seen from above; up a slope
-        that is ahead of the torso."""
+        that is ahead of the torso.
+        """
         phases = self._structure.layout.feet[foot].phases
         middles = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
         middles[0], middles[-1] = 0.0, self._task.duration_s
@@ -169,7 +176,8 @@ class GuessedWalk:
 
     def forces_bar(self, foot: int, times_s: Array, bar: Array) -> Array:
         """A share of the weight, straight up, at times of one stance of a foot, shape (K, 3)
-        [m·g]."""
+        [m·g].
+        """
         loads = [self._load(other, times_s) for other in range(self._structure.feet)]
         share = np.zeros((len(times_s), 3))
         share[:, 2] = loads[foot] / np.maximum(np.sum(loads, axis=0), 1e-6)
@@ -177,7 +185,8 @@ class GuessedWalk:
 
     def _load(self, foot: int, times_s: Array) -> Array:
         """Part that a foot takes in carrying, shape (K,): 0 in swing, 1 in stance, ramps of
-        LOADING_S between."""
+        LOADING_S between.
+        """
         edges = self._structure.layout.feet[foot].phases.edges_s
         begins, ends = edges[0::2].copy(), edges[1::2].copy()
         begins[0], ends[-1] = -np.inf, np.inf
@@ -187,7 +196,8 @@ class GuessedWalk:
 
 def _eased(share: Array, ramp: float) -> Array:
     """Distance covered at a share of the time, speeding up and slowing down smoothly over ``ramp``
-    of it."""
+    of it.
+    """
 
     def rise(s: Array) -> Array:  # of the integral of 3u² − 2u³
         return np.asarray(ramp * (s**3 - 0.5 * s**4))

@@ -44,7 +44,8 @@ def heights_for(
     terrain: HeightField, gentle: float = GENTLE, growth: float = GROWTH
 ) -> tuple[float, ...]:
     """Factors on the gradients, the last 1: the first makes the terrain gentle, each next one
-    steeper by ``growth``."""
+    steeper by ``growth``.
+    """
     slope = steepest(terrain)
     if slope <= gentle:
         return (1.0,)
@@ -77,8 +78,12 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HomotopyPath:
-    """Result of a homotopy. solutions: of all stages in their order, also of those that failed;
-    factors: theirs on the terrain's gradients."""
+    """Result of a homotopy.
+
+    Arguments:
+        solutions: of all stages in their order, also of those that failed.
+        factors: theirs on the terrain's gradients.
+    """
 
     solutions: tuple[GaitSolution, ...]
     factors: tuple[float, ...]
@@ -106,11 +111,16 @@ def follow_homotopy(
     """Solve at one of an attempt's heights after another, each from the last solution; half-way
     where one fails.
 
-    A gentler terrain on which the task is none is left out. guess: of the first stage in its
-    program, shape (size,), the attempt's own if missing; stage: the index of the height to begin
-    with, where a run goes on. solve: in place of the programs' own; max_iterations: of one stage;
-    stop: asked before every stage but the first. Ends at the last factor, after most_stages, or
-    where a step is too small to halve.
+    A gentler terrain on which the task is none is left out.
+
+    Ends at the last factor, after most_stages, or where a step is too small to halve.
+
+    Arguments:
+        guess: of the first stage in its program, shape (size,), the attempt's own if missing.
+        stage: the index of the height to begin with, where a run goes on.
+        solve: in place of the programs' own.
+        max_iterations: of one stage.
+        stop: asked before every stage but the first.
     """
     ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
     begun = attempt.heights[stage - 1] if stage else 0.0
@@ -140,7 +150,8 @@ def stage_program(
     bench: Workbench, chart: str, factor: float, by: Homotopy = "height"
 ) -> tuple[GaitProgram, float]:
     """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a
-    map of its own."""
+    map of its own.
+    """
     if factor == 1.0 or (CHARTS.get(chart).scales and by == "height"):
         return bench.program(chart), factor
     terrain = bench.task.terrain

@@ -33,7 +33,8 @@ more between a node and the next than at it."""
 
 def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:
     """Rows for the joints of standing legs that give much, at the program's nodes, about a report's
-    trajectory."""
+    trajectory.
+    """
     trajectory = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(trajectory))
     legs, solver = body.kinematics.model.legs, body.kinematics

@@ -1,5 +1,6 @@
 """Overlaps of a walk's links with each other and the ground, and their derivatives, for
-``constraints.bodies``."""
+``constraints.bodies``.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ stand."""
 
 def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     """Rows at the nodes on both sides of every posture of a report's trajectory in which something
-    overlaps."""
+    overlaps.
+    """
     walk = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
     bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
@@ -81,7 +83,8 @@ class _Slopes:
     ) -> tuple[float, Array]:
         """Distance that feet have to go towards where they stand for the links to come apart, as a
         depth [m], and the direction. Links may be thinner than they are deep in each other, so that
-        a tangent leads nowhere."""
+        a tangent leads nowhere.
+        """
         home = np.array([self._walk.robot.feet[leg].nominal_m for leg in legs]) - at[: len(legs)]
         for share in np.linspace(0.0, 1.0, TRIES):
             moved = posture

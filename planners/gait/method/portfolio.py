@@ -44,14 +44,18 @@ WIDENED = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Caps:
-    """Caps on the cost of a plan. iterations: of one solve that looks for a feasible point;
-    solve_s, total_s: CPU time of one solve, and of all that is done, verdicts between solves among
-    it [s]; total_iterations: of all solves, None for no such limit; with times that are never met,
-    a walk is the same on a busy computer. densifications: how often rows are added; smoothing: of
-    the second phase.
+    """Caps on the cost of a plan.
 
-    in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since
-    a solver may hang.
+    Arguments:
+        iterations: of one solve that looks for a feasible point.
+        solve_s, total_s: CPU time of one solve, and of all that is done, verdicts between solves
+            among it [s].
+        total_iterations: of all solves, None for no such limit; with times that are never met, a
+            walk is the same on a busy computer.
+        densifications: how often rows are added.
+        smoothing: of the second phase.
+        in_subprocess: solves in child processes that are ended at ten times solve_s by the clock,
+            since a solver may hang.
     """
 
     iterations: int = 80
@@ -101,7 +105,8 @@ class Attempts:
     @property
     def answer(self) -> Answer[Trajectory]:
         """The smoothest walk that the verifier accepts; where there is none, undecided, with the
-        best walk that it refuses, and with none where no attempt came to a feasible point."""
+        best walk that it refuses, and with none where no attempt came to a feasible point.
+        """
         best, names = self.best, [one.attempt.name for one in self.attempts]
         if best is not None and not best.solution.success:
             best = None
@@ -125,7 +130,8 @@ class Attempts:
     @property
     def best(self) -> Attempted | None:
         """The best attempt, accepted or not; verified before feasible before the rest; None where
-        none began."""
+        none began.
+        """
         return min(self.attempts, key=_merit, default=None)
 
     @property
@@ -136,7 +142,8 @@ class Attempts:
     @property
     def message(self) -> str:
         """One line: the verifier's verdict on the best attempt, or the reason why there is no
-        walk."""
+        walk.
+        """
         best = self.best
         if best is None:
             return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
@@ -167,9 +174,11 @@ def plan_gait(
         attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess
             alone are all tried, and the smoothest is the answer.
         checkpoint: takes up and keeps where attempts stand.
+
     Returns:
         The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it
         was refused for, and ``answer`` is what ``stancekit.walk`` returns.
+
     Raises:
         InvalidInput: for settings that do not fit the task, and for an unknown chart.
     Source:
@@ -227,7 +236,8 @@ def default_attempts(task: Walk) -> list[Attempt]:
 
 class PortfolioRun:
     """Attempts at one task on one budget. feasible: the verifier's word on the first feasible point
-    of each."""
+    of each.
+    """
 
     def __init__(
         self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint
@@ -246,7 +256,9 @@ class PortfolioRun:
         """A feasible point; if there is one, the second phase and densification; the best of what
         came out.
 
-        index: by which the checkpoint knows the attempt; one that is done is only verified again.
+        Arguments:
+            index: by which the checkpoint knows the attempt; one that is done is only verified
+                again.
         """
         budget, began = self.budget, len(self.budget.solves)
         guess, stage = self._checkpoint.begin(index)
@@ -296,7 +308,8 @@ class PortfolioRun:
 
     def _refined(self, start: _Verified, note: Callable[[Array], None]) -> _Verified:
         """Dense enough for the verifier, smooth, and dense enough again, now for the robot's own
-        body, too, which takes the verifier long; the best so far is noted."""
+        body, too, which takes the verifier long; the best so far is noted.
+        """
         best = self._dense(start, body=False)
         note(best[0].x)
         self.budget.phase = "smooth"

@@ -31,12 +31,16 @@ class Solver(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Smoothing:
-    """Settings of smoothing. rounds: at most; iterations: of the solver on the cost in each;
-    repair: to be feasible again.
+    """Settings of smoothing.
 
-    costs: weights of the terms, the first of the distance from the feasible point. enough_g: a peak
-    acceleration that needs no more rounds [g]; gain: least share by which a round has to lower the
-    peak for another one to follow, which takes about as long as the first feasible point did.
+    Arguments:
+        rounds: at most.
+        iterations: of the solver on the cost in each.
+        repair: to be feasible again.
+        costs: weights of the terms, the first of the distance from the feasible point.
+        enough_g: a peak acceleration that needs no more rounds [g].
+        gain: least share by which a round has to lower the peak for another one to follow, which
+            takes about as long as the first feasible point did.
     """
 
     rounds: int = 4
@@ -97,8 +101,12 @@ def smoothed(
     """Rounds from a feasible solution on, each from the last that ended feasible.
 
     A round that ends infeasible is the last, and so is one that gains too little to be worth
-    another. report: the verifier's on the start, where it has judged it. solve: in place of the
-    program's own, e.g. in a child process. stop: asked between solves.
+    another.
+
+    Arguments:
+        report: the verifier's on the start, where it has judged it.
+        solve: in place of the program's own, e.g. in a child process.
+        stop: asked between solves.
     """
     settings, program, x = settings or Smoothing(), start.program, start.x
     last = peak_g(report or check_trajectory(start.trajectory(), body=False))

@@ -83,7 +83,8 @@ def _answer(
     pipe: Pair,
 ) -> None:
     """The child's whole life: it leaves without any of the parent's clean-up, and where the parent
-    is gone."""
+    is gone.
+    """
     status = 1
 
     def on_iterate(*at: Any) -> bool:
@@ -116,7 +117,10 @@ def _answer(
 
 
 def _received(pipe: Pair, time_limit_s: float, on_iterate: Callback | None) -> bytes:
-    """The child's answer, after all that it has to show. Raises PlanningFailed."""
+    """The child's answer, after all that it has to show.
+
+    Raises PlanningFailed.
+    """
     deadline = time.monotonic() + time_limit_s
     while pipe.poll(max(deadline - time.monotonic(), 0.0)):
         try:

@@ -92,7 +92,8 @@ def guided(task: Walk) -> GuidePath | None:
 
 def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
     """Walks straight from place to place along a path, as fast as the whole is asked to be, and no
-    shorter than ``LEAST_S``."""
+    shorter than ``LEAST_S``.
+    """
     places = _spread(path.points_m[:, :2])
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
     pace = task.duration_s / path.length_m
@@ -162,7 +163,10 @@ def plan_walk(
     guide path piece by piece; the one attempt is then the whole.
 
     Arguments and errors are those of ``plan_gait``; a walk without a way has no attempts, and its
-    failure names what is in the way. checkpoint: of a walk in pieces keeps those that are done.
+    failure names what is in the way.
+
+    Arguments:
+        checkpoint: of a walk in pieces keeps those that are done.
     """
     settings, caps = settings or GaitSettings(), caps or Caps()
     try:
@@ -240,7 +244,8 @@ def plan_walk(
 
 class _Way:
     """The pieces of a walk that are left, and what became of those before: the same outcomes leave
-    the same pieces."""
+    the same pieces.
+    """
 
     def __init__(self, task: Walk, path: GuidePath) -> None:
         self._task, self._pace = task, task.duration_s / path.length_m
@@ -251,7 +256,8 @@ class _Way:
     @property
     def told(self) -> dict[str, str | float]:
         """Number of pieces, and the guide path and the ways that were left for another, for
-        pictures."""
+        pictures.
+        """
         paths = [np.round(points, 3).tolist() for points in self.paths_m]
         return {"pieces": float(self.outcomes.count(DONE)), "guide_m": json.dumps(paths)}
 
@@ -268,8 +274,11 @@ class _Way:
         return told
 
     def go(self, outcome: str) -> None:
-        """Go on after what became of the next piece. Raises InvalidInput and PlanningFailed where
-        there is no other way round a piece that failed."""
+        """Go on after what became of the next piece.
+
+        Raises InvalidInput and PlanningFailed where there is no other way round a piece that
+        failed.
+        """
         piece, cut = self.left[0]
         if outcome == ROUND:
             if len(self._avoid_m) >= DETOURS:
@@ -298,7 +307,8 @@ class _Way:
 
 def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Trajectory | None]:
     """The way, as far as an interrupted run had gone, and what it had planned, which is judged
-    anew; from the start where that is not this way's or not accepted."""
+    anew; from the start where that is not this way's or not accepted.
+    """
     way = _Way(task, path)
     if not kept.pieces:
         return way, None

@@ -1,2 +1,3 @@
 """From terms to a nonlinear program: Taylor maps, blocks, sparse derivatives, and IPOPT, which
-solves it."""
+solves it.
+"""

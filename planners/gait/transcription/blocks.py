@@ -38,10 +38,13 @@ def identity(v: cs.SX, constants: cs.SX) -> cs.SX:
 class VariableGroup:
     """Signals of one kind at many instances, e.g. the torso at all nodes.
 
-    rows: shape (K · width, size), the local arguments of each instance; feature: what kernels get
-    of (arguments, constants); constants: shape (K, c); map: the smooth map that kernels see about
-    the point of a feature, which is its first entries or ``place`` of it. inner: a map that
-    ``place`` needs about the first entries, to find the point.
+    Arguments:
+        rows: shape (K · width, size), the local arguments of each instance; feature: what kernels
+            get of (arguments, constants).
+        constants: shape (K, c).
+        map: the smooth map that kernels see about the point of a feature, which is its first
+            entries or ``place`` of it.
+        inner: a map that ``place`` needs about the first entries, to find the point.
     """
 
     name: str
@@ -98,11 +101,13 @@ Kernel = Callable[[list[cs.SX], list[ExpansionPoint | None]], cs.SX]
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One kernel at K instances. selections: its arguments; scatter: shape (K, outputs), the row of
-    each output.
+    """One kernel at K instances.
 
-    order: how many derivatives of a selection's map the kernel's value needs (1: the map and its
-    Jacobian).
+    Arguments:
+        selections: its arguments.
+        scatter: shape (K, outputs), the row of each output.
+        order: how many derivatives of a selection's map the kernel's value needs (1: the map and
+            its Jacobian).
     """
 
     kernel: Kernel
@@ -120,8 +125,10 @@ class Block:
 class Constraint:
     """Rows of the program, lower ≤ Σ blocks + linear x ≤ upper.
 
-    name: what a violation is called; lower, upper: shape (rows,); blocks: their scatter counts rows
-    from 0.
+    Arguments:
+        name: what a violation is called.
+        lower, upper: shape (rows,).
+        blocks: their scatter counts rows from 0.
     """
 
     name: str
@@ -138,7 +145,8 @@ class Constraint:
 
 class Compiled:
     """A block as CasADi functions: value, Jacobian and Hessian of the kernel, and the gathering
-    matrix."""
+    matrix.
+    """
 
     def __init__(self, block: Block) -> None:
         self.block = block
@@ -213,7 +221,8 @@ class Compiled:
 
     def at(self, x: cs.MX, bank: TaylorBank, derivatives: int) -> list[cs.MX]:
         """Arguments of ``value``, ``jacobian`` or ``hessian`` (but its multipliers) at all
-        instances."""
+        instances.
+        """
         order = self.block.order + derivatives
         v = cs.reshape(matrix(self.gather) @ x, self.width, self.block.count)
         jets = [

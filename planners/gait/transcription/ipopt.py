@@ -1,5 +1,6 @@
 """IPOPT with MUMPS through CasADi: every iterate is recorded, the first feasible one wins. All that
-knows of IPOPT."""
+knows of IPOPT.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +28,15 @@ OPTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IpoptResult:
-    """Result of a solve. x: the first feasible iterate, or the last where that was not asked for,
-    shape (size,).
+    """Result of a solve.
 
-    success: x violates no constraint by the tolerance or more; iterations: until x; history:
-    (violation, cost) at every iterate from the start on; status: what IPOPT said; seconds: CPU time
-    in all, and in functions and derivatives.
+    Arguments:
+        x: the first feasible iterate, or the last where that was not asked for, shape (size,).
+        success: x violates no constraint by the tolerance or more.
+        iterations: until x.
+        history: (violation, cost) at every iterate from the start on.
+        status: what IPOPT said.
+        seconds: CPU time in all, and in functions and derivatives.
     """
 
     x: Array
@@ -47,8 +51,9 @@ class IpoptResult:
 class Ipopt:
     """Solves one program, again and again; what IPOPT compiles is kept.
 
-    exact: the exact Hessian, else L-BFGS. tolerance: a point is feasible whose largest violation is
-    below it.
+    Arguments:
+        exact: the exact Hessian, else L-BFGS.
+        tolerance: a point is feasible whose largest violation is below it.
     """
 
     def __init__(self, program: Program, *, exact: bool, tolerance: float) -> None:
@@ -68,9 +73,10 @@ class Ipopt:
     ) -> IpoptResult:
         """Solve from a point, shape (size,).
 
-        parameters: of the program's functions, shape (size + 4,); costs: the objective with all its
-        parts, else the distance from the reference alone; options: further ones of IPOPT by their
-        own names.
+        Arguments:
+            parameters: of the program's functions, shape (size + 4,).
+            costs: the objective with all its parts, else the distance from the reference alone.
+            options: further ones of IPOPT by their own names.
         """
         solver, recorder = self._solver(costs, max_iterations, dict(options or {}))
         recorder.begin(callback, stop_when_feasible)
@@ -93,14 +99,16 @@ class Ipopt:
         self, *, costs: bool, max_iterations: int, options: Mapping[str, Any] | None = None
     ) -> None:
         """Build what ``solve`` needs with these arguments, before a copy of this process does it
-        again."""
+        again.
+        """
         self._solver(costs, max_iterations, dict(options or {}))
 
     def _solver(
         self, costs: bool, limit: int, options: dict[str, Any]
     ) -> tuple[Any, IterateRecorder]:
         """IPOPT on the program, and what looks at its iterates; built once for each kind of
-        objective and options."""
+        objective and options.
+        """
         key = (costs, limit, tuple(sorted(options.items())))
         if key not in self._solvers:
             nlp = self._program
@@ -127,7 +135,8 @@ class Ipopt:
 
 class IterateRecorder(cs.Callback):
     """Looks at every iterate: records its violation and cost, keeps the first feasible one, and
-    stops there."""
+    stops there.
+    """
 
     def __init__(self, program: Program, tolerance: float) -> None:
         super().__init__()
@@ -144,7 +153,11 @@ class IterateRecorder(cs.Callback):
         self.construct("recorder", {})
 
     def begin(self, callback: Callback | None, stop: bool) -> None:
-        """Forget the solve before. stop: at the first feasible iterate."""
+        """Forget the solve before.
+
+        Arguments:
+            stop: at the first feasible iterate.
+        """
         self.history: list[tuple[float, float]] = []
         self._x: Array = np.zeros(self._program.size)
         self._feasible: Array | None = None
@@ -152,7 +165,8 @@ class IterateRecorder(cs.Callback):
 
     def result(self) -> tuple[Array, int, bool]:
         """The first feasible iterate, or the last one where ``stop`` was not asked for; its
-        iteration; success."""
+        iteration; success.
+        """
         if self._stop and self._feasible is not None:
             return self._feasible, len(self.history) - 1, True
         return (

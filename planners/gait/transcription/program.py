@@ -1,5 +1,6 @@
 """The nonlinear program: values, exact sparse Jacobians and Hessians out of blocks, as CasADi
-functions for IPOPT."""
+functions for IPOPT.
+"""
 
 from __future__ import annotations
 

@@ -31,8 +31,11 @@ DEGREE = 3
 class TaylorMap:
     """A map R^d → R^m of tensor-product cubic splines, and its jets.
 
-    control: coefficients, shape (m, n₁, …, n_d); knots: along each axis, shape (n_k + 4,).
-    homogeneous: whether the map is a height that may be multiplied by the program's height factor.
+    Arguments:
+        control: coefficients, shape (m, n₁, …, n_d).
+        knots: along each axis, shape (n_k + 4,).
+        homogeneous: whether the map is a height that may be multiplied by the program's height
+            factor.
     """
 
     def __init__(self, control: Array, knots: Sequence[Array], *, homogeneous: bool) -> None:
@@ -91,7 +94,8 @@ class TaylorMap:
 
     def polynomial(self, order: int) -> cs.Function:
         """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m,
-        d)."""
+        d).
+        """
         point, base = cs.SX.sym("x", self.inputs), cs.SX.sym("b", self.inputs)
         jet = cs.SX.sym("j", self.size(order))
         value = self.taylor(point, base, jet, order)

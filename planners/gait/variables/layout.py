@@ -36,10 +36,13 @@ NOTHING = -1
 class FootEntries:
     """Entries of one foot's variables in the decision vector.
 
-    stances: shape (S + 1, 3), their places; swings: shape (S, 6), place and velocity in the middle
-    of each swing; forces: for each stance, shape (coefficients, 3), those of its clamped B-spline;
-    switches: shape (2 S,), lift-offs and touchdowns, empty where timings are fixed. NOTHING marks
-    what is always 0.
+    NOTHING marks what is always 0.
+
+    Arguments:
+        stances: shape (S + 1, 3), their places.
+        swings: shape (S, 6), place and velocity in the middle of each swing.
+        forces: for each stance, shape (coefficients, 3), those of its clamped B-spline.
+        switches: shape (2 S,), lift-offs and touchdowns, empty where timings are fixed.
     """
 
     phases: FootPhases
@@ -74,7 +77,8 @@ class GaitLayout:
 
     def timed(self, x: Array) -> GaitLayout:
         """Layout of the same places with the switching times that a decision vector holds, where
-        they are variables."""
+        they are variables.
+        """
         if not any(len(foot.switches) for foot in self.feet):
             return self
         moved = copy(self)

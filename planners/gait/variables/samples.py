@@ -15,7 +15,8 @@ from .structure import Structure
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitSamples:
     """A motion at K times: torso p_WB (K, 3) [m], R_WB (K, 3, 3), feet p_WF (K, E, 3) [m], contact
-    forces f_W (K, E, 3) [N], and which feet stand (K, E), bool."""
+    forces f_W (K, E, 3) [N], and which feet stand (K, E), bool.
+    """
 
     times_s: Array
     torso_m: Array

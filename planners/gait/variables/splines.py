@@ -21,8 +21,10 @@ DEGREE = 3
 
 
 def uniform_size(duration_s: float, knot_s: float) -> int:
-    """Number of coefficients of a uniform cubic B-spline on [0, duration]. Raises InvalidInput for
-    uneven knots."""
+    """Number of coefficients of a uniform cubic B-spline on [0, duration].
+
+    Raises InvalidInput for uneven knots.
+    """
     pieces = round(duration_s / knot_s)
     if pieces < 1 or abs(pieces * knot_s - duration_s) > 1e-9:
         raise InvalidInput(
@@ -33,14 +35,16 @@ def uniform_size(duration_s: float, knot_s: float) -> int:
 
 def uniform_basis(times_s: Array, duration_s: float, knot_s: float, order: int = 0) -> csr_array:
     """Values (or a derivative) of the uniform cubic B-splines on [0, duration], shape (len(times),
-    size)."""
+    size).
+    """
     size = uniform_size(duration_s, knot_s)
     return _basis(np.asarray(times_s), knot_s * np.arange(-DEGREE, size + 1.0), order)
 
 
 def clamped_basis(shares: Array, pieces: int, order: int = 0) -> csr_array:
     """Values (or a derivative) of the clamped cubic B-splines on [0, 1], shape (len(shares), pieces
-    + 3)."""
+    + 3).
+    """
     return _basis(np.asarray(shares), clamped_knots(pieces), order)
 
 
@@ -51,13 +55,15 @@ def clamped_knots(pieces: int) -> Array:
 
 def greville(knots: Array) -> Array:
     """Place where each coefficient of a cubic B-spline acts most: the mean of its three inner
-    knots."""
+    knots.
+    """
     return np.asarray((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
 
 
 def uniform_greville(duration_s: float, knot_s: float) -> Array:
     """Greville times of the uniform B-splines on [0, duration] [s]; the first and the last lie
-    outside."""
+    outside.
+    """
     return np.asarray(
         knot_s * (np.arange(uniform_size(duration_s, knot_s)) - 1.0), dtype=np.float64
     )

@@ -1,5 +1,6 @@
 """Structure that all terms of one program share: the chart, the variables, and the features at the
-nodes t_k = k Δt."""
+nodes t_k = k Δt.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ class Structure:
 
     def torso_at(self, nodes: Rows) -> Selection:
         """(p̄, θ̄) at nodes; before the start y₋ = y₋₋ = y₀ (W14), the robot stands still, and so
-        after a still end."""
+        after a still end.
+        """
         return self.torso, np.clip(nodes, 0, self.nodes - 1)
 
     @cached_property
@@ -67,6 +69,9 @@ class Structure:
         return scheduled_groups(self.layout, self.times_s, self.chart.foot_map, self.mean_s)
 
     def entries(self, name: str, entries: Index, on_foot: bool = False) -> VariableGroup:
-        """Entries of the decision vector as features, shape (K, width); on_foot: points with the
-        feet's map about."""
+        """Entries of the decision vector as features, shape (K, width).
+
+        Arguments:
+            on_foot: points with the feet's map about.
+        """
         return entry_group(self.layout, name, entries, self.chart.foot_map if on_foot else None)

@@ -28,9 +28,12 @@ _Key = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class FootGroup:
-    """Feet of one kind at nodes. foot, node: shape (K,); pushes: whether they may stand.
+    """Feet of one kind at nodes.
 
-    variables: their features are (p̄_i, f̄_i), or p̄_i of feet that only swing.
+    Arguments:
+        foot, node: shape (K,).
+        pushes: whether they may stand.
+        variables: their features are (p̄_i, f̄_i), or p̄_i of feet that only swing.
     """
 
     variables: VariableGroup
@@ -44,7 +47,8 @@ class FootGroup:
 
     def find(self, foot: Rows, node: Rows) -> tuple[Rows, Rows]:
         """Select this group's own feet among feet at nodes, shape (T,) each: their instances, and
-        their numbers among these."""
+        their numbers among these.
+        """
         place = {
             at: k for k, at in enumerate(zip(self.foot.tolist(), self.node.tolist(), strict=True))
         }
@@ -60,11 +64,14 @@ def scheduled_groups(
 ) -> tuple[FootGroup, ...]:
     """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
 
-    times_s: of the nodes, shape (K,) [s]; foot_map: the chart's. step_s: where it is above 0, the
-    force at a node is its mean over the steps on both sides, the nearer the node the more: ∫ (1 −
-    |s|) f(t + s Δt) ds over s in [−1, 1], which is what p₊ − 2 p + p₋ balances. Three points are
-    exact for forces that are quadratic in each step. A force is 0 where its stance begins and ends,
-    so that no node without the foot gets any.
+    Arguments:
+        times_s: of the nodes, shape (K,) [s].
+        foot_map: the chart's.
+        step_s: where it is above 0, the force at a node is its mean over the steps on both sides,
+            the nearer the node the more: ∫ (1 − |s|) f(t + s Δt) ds over s in [−1, 1], which is
+            what p₊ − 2 p + p₋ balances. Three points are exact for forces that are quadratic in
+            each step. A force is 0 where its stance begins and ends, so that no node without the
+            foot gets any.
     """
     at: dict[bool, list[tuple[int, int]]] = {True: [], False: []}
     rows: dict[bool, list[csr_array]] = {True: [], False: []}
@@ -94,7 +101,8 @@ def scheduled_groups(
 
 def _mean_rows(layout: GaitLayout, foot: int, times_s: Array, step_s: float) -> csr_array:
     """Rows of f̄_i, the mean about each time where step_s is above 0; before the start and after
-    the end it stays."""
+    the end it stays.
+    """
     if step_s == 0.0:
         return layout.force_rows(foot, times_s)
     before, at, after = (
@@ -113,7 +121,8 @@ def entry_group(
     layout: GaitLayout, name: str, entries: Index, entry_map: TaylorMap | None = None
 ) -> VariableGroup:
     """Entries of the decision vector as features, shape (K, width); columns that are NOTHING
-    throughout are 0."""
+    throughout are 0.
+    """
     used = [k for k in range(entries.shape[1]) if np.any(entries[:, k] != NOTHING)]
     width = entries.shape[1]
 
@@ -130,7 +139,8 @@ def moving_groups(
     layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
 ) -> tuple[FootGroup, ...]:
     """All feet at all nodes, grouped by the phases that they may be in where switching times may
-    move by slack_s."""
+    move by slack_s.
+    """
     result: dict[_Key, list[tuple[int, int, Index]]] = {}
     for foot, entries in enumerate(layout.feet):
         for node, time in enumerate(times_s):
@@ -157,7 +167,8 @@ def moving_groups(
 
 def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
     """Indices of the phases that a foot may be in at this time [s]: one, or two neighbours if the
-    time is within ``slack`` [s] of the switch between them."""
+    time is within ``slack`` [s] of the switch between them.
+    """
     edges = entries.phases.edges_s
     low = np.concatenate([[-np.inf], edges[1:-1] - slack, [np.inf]])
     high = np.concatenate([[-np.inf], edges[1:-1] + slack, [np.inf]])
@@ -166,7 +177,8 @@ def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
 
 def _columns(entries: FootEntries, candidates: list[int]) -> tuple[_Key, Index]:
     """Key of the group, and the entries of its variables, phase by phase; NOTHING for what is 0 or
-    a constant."""
+    a constant.
+    """
     key: list[tuple[str, int]] = []
     columns: list[Index] = []
     switches = np.concatenate([[NOTHING], entries.switches, [NOTHING]])
@@ -190,7 +202,8 @@ def _columns(entries: FootEntries, candidates: list[int]) -> tuple[_Key, Index]:
 
 def _moving_features(key: _Key, inner: Features, duration_s: float) -> Features:
     """(p̄, f̄) at a node: of its one phase, or of the first until the switch and of the second from
-    it on."""
+    it on.
+    """
 
     def features(v: cs.SX, constants: cs.SX) -> cs.SX:
         at, time = inner(v, constants), constants[0]

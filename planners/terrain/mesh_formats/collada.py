@@ -35,8 +35,10 @@ POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 def read_collada(content: bytes, most: int) -> Surface:
-    """Corners and triangles of the scene; of every geometry where the file has no scene. Raises
-    InvalidInput."""
+    """Corners and triangles of the scene; of every geometry where the file has no scene.
+
+    Raises InvalidInput.
+    """
     root = parse_xml(content, "COLLADA", deepest=DEEPEST)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -80,8 +82,10 @@ class _Scene:
                         yield moved(corners, here), triangles
 
     def _meant(self, url: str, tag: str) -> Element:
-        """The element that a reference names. Raises InvalidInput unless it is there, and of this
-        kind."""
+        """The element that a reference names.
+
+        Raises InvalidInput unless it is there, and of this kind.
+        """
         element = self._named.get(url.removeprefix("#")) if url.startswith("#") else None
         if element is None or element.tag != tag:
             raise broken(f"expected a {tag} of the file, got {shown(url)}")
@@ -178,7 +182,10 @@ class _Scene:
 
 
 def _whole(element: Element, name: str, default: int, most: int) -> int:
-    """A whole number from 0 to below ``most`` in an attribute. Raises InvalidInput."""
+    """A whole number from 0 to below ``most`` in an attribute.
+
+    Raises InvalidInput.
+    """
     text = element.get(name, str(default)).strip()
     if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) < most):
         raise broken(f"{name}: expected a whole number below {most}, got {shown(text)}")
@@ -187,7 +194,8 @@ def _whole(element: Element, name: str, default: int, most: int) -> int:
 
 def _matrix(node: Element) -> Array:
     """Transformation from a node to the one above it, shape (4, 4): its transformations in their
-    order."""
+    order.
+    """
     place = np.eye(4)
     for each in node:
         if each.tag in ("matrix", "translate", "rotate", "scale"):

@@ -1,5 +1,6 @@
 """GLB files (glTF 2.0 in one file): the triangles of all meshes where the scene's nodes place
-them."""
+them.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +68,10 @@ def _objects(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
 
 
 def _whole(item: dict[str, Any], name: str, most: int, default: int | None = None) -> int:
-    """A whole number of an object, from 0 to below ``most``. Raises InvalidInput."""
+    """A whole number of an object, from 0 to below ``most``.
+
+    Raises InvalidInput.
+    """
     number = item.get(name, default)
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < most:
         raise broken(f"{name}: expected a whole number below {most}, got {shown(number)}")

@@ -1,5 +1,6 @@
 """Numbers of mesh files: text as arrays, polygons and strips as triangles, each held against what
-is there."""
+is there.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def check_count(count: int, most: int) -> None:
 
 def blocks(text: bytes, end: bytes) -> Iterator[bytes]:
     """Pieces of a text, each of about ``BLOCK`` bytes and complete up to an ``end``, a regular
-    expression."""
+    expression.
+    """
     border, at = re.compile(end), 0
     while at < len(text):
         match = border.search(text, at + BLOCK)
@@ -55,13 +57,18 @@ def blocks(text: bytes, end: bytes) -> Iterator[bytes]:
 
 
 def reals(tokens: Iterable[bytes]) -> Array:
-    """Tokens as numbers, shape (K,). Raises InvalidInput for one that is no number."""
+    """Tokens as numbers, shape (K,).
+
+    Raises InvalidInput for one that is no number.
+    """
     return np.array([_real(token) for token in tokens], dtype=np.float64)
 
 
 def wholes(tokens: Iterable[bytes]) -> NDArray[np.int64]:
-    """Tokens as whole numbers, shape (K,). Raises InvalidInput for one that is none, or is beyond
-    64 bits."""
+    """Tokens as whole numbers, shape (K,).
+
+    Raises InvalidInput for one that is none, or is beyond 64 bits.
+    """
     some = list(tokens)
     try:
         return np.array([int(token) for token in some], dtype=np.int64)
@@ -84,8 +91,9 @@ def wholes_of(text: bytes) -> NDArray[np.int64]:
 def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Triangles:
     """Polygons as triangles about their first corners, shape (T, 3).
 
-    counts: corners per polygon, shape (F,). corners: of all polygons in a row, shape (sum of
-    counts,).
+    Arguments:
+        counts: corners per polygon, shape (F,).
+        corners: of all polygons in a row, shape (sum of counts,).
     """
     pieces = np.maximum(counts - 2, 0)
     check_count(int(pieces.sum()), most)
@@ -99,7 +107,8 @@ def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Tr
 
 def strip(corners: NDArray[np.int64], most: int) -> Triangles:
     """The triangles of a strip, each from three corners in a row, every second one turned round,
-    shape (T, 3)."""
+    shape (T, 3).
+    """
     check_count(max(len(corners) - 2, 0), most)
     triangles = (
         np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)

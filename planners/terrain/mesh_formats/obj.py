@@ -8,8 +8,10 @@ from .numbers import Surface, blocks, broken, fans, reals, wholes
 
 
 def read_obj(content: bytes, most: int) -> Surface:
-    """Vertices and faces, counted from 1 or, below 0, back from the last vertex. Raises
-    InvalidInput."""
+    """Vertices and faces, counted from 1 or, below 0, back from the last vertex.
+
+    Raises InvalidInput.
+    """
     if b"\\" in content:
         content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     corners, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)]

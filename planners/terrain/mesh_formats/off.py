@@ -12,7 +12,10 @@ HEAD = re.compile(rb"\A\s*(?:ST)?C?N?4?n?OFF\b(?!\s*BINARY)", re.IGNORECASE)
 
 
 def read_off(content: bytes, most: int) -> Surface:
-    """Vertices and faces, colours left out. Raises InvalidInput."""
+    """Vertices and faces, colours left out.
+
+    Raises InvalidInput.
+    """
     head = HEAD.match(content.removeprefix(b"\xef\xbb\xbf"))
     if head is None:
         raise broken("expected OFF, as text, as its first word")

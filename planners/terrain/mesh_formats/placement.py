@@ -12,7 +12,10 @@ from .numbers import broken
 
 
 def checked_matrix(values: Any) -> Array:
-    """Sixteen numbers as a matrix, shape (4, 4), row by row. Raises InvalidInput."""
+    """Sixteen numbers as a matrix, shape (4, 4), row by row.
+
+    Raises InvalidInput.
+    """
     try:
         matrix = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -28,8 +31,10 @@ def moved(points: Array, place: Array) -> Array:
 
 
 def turn_of(quaternion: Array) -> Array:
-    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3). Raises
-    InvalidInput."""
+    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3).
+
+    Raises InvalidInput.
+    """
     length = float(np.linalg.norm(quaternion))
     if not 0.0 < length < np.inf:
         raise broken("expected a rotation that is a quaternion")

@@ -1,5 +1,6 @@
 """PLY files, text and binary of either byte order: vertices and faces; without faces they are
-clouds."""
+clouds.
+"""
 
 from __future__ import annotations
 
@@ -63,8 +64,10 @@ class _Element:
 
     @property
     def xyz(self) -> list[int]:
-        """The numbers of the columns x, y and z. Raises InvalidInput unless each is there, and none
-        is a list."""
+        """The numbers of the columns x, y and z.
+
+        Raises InvalidInput unless each is there, and none is a list.
+        """
         names = [each.name for each in self.properties]
         if any(each.length for each in self.properties) or not all(
             names.count(axis) == 1 for axis in (b"x", b"y", b"z")
@@ -74,8 +77,10 @@ class _Element:
 
     @property
     def polygons(self) -> int:
-        """The number of the column that lists the corners of a face. Raises InvalidInput where
-        there is none."""
+        """The number of the column that lists the corners of a face.
+
+        Raises InvalidInput where there is none.
+        """
         columns = [
             k for k, each in enumerate(self.properties) if each.name in FACES and each.length
         ]
@@ -85,7 +90,10 @@ class _Element:
 
 
 def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
-    """Vertices and faces, none where the file has none. Raises InvalidInput."""
+    """Vertices and faces, none where the file has none.
+
+    Raises InvalidInput.
+    """
     order, elements, start = _header(content)
     check_count(sum(element.count for element in elements if element.name == b"face"), most)
     lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
@@ -196,8 +204,10 @@ def _after(content: bytes, at: int, element: _Element, order: str) -> int:
 def _lists(
     content: bytes, at: int, element: _Element, order: str, wanted: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Lengths and values of one column of lists, and the byte after the rows. Raises InvalidInput
-    past the end."""
+    """Lengths and values of one column of lists, and the byte after the rows.
+
+    Raises InvalidInput past the end.
+    """
     even = _even_lists(content, at, element, order, wanted)
     if even is not None:
         return even

@@ -15,8 +15,9 @@ VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 
 def read_stl(content: bytes, most: int) -> Surface:
-    """Every facet with three corners of its own. Raises InvalidInput for what is neither kind of
-    STL.
+    """Every facet with three corners of its own.
+
+    Raises InvalidInput for what is neither kind of STL.
 
     A file is binary where its count of facets fits its size; zeros and blanks after them are left
     out.

@@ -36,15 +36,22 @@ log = logging.getLogger(__name__)
 
 
 class ServoBus:
-    """One port and the servos on it, in one order; S servos. Not for use by several threads at
-    once.
+    """One port and the servos on it, in one order; S servos.
 
-    ids, names: of the servos and of their joints. retries: how often a damaged or late answer is
-    asked for again. latency_ms: how long beyond its bytes' own time an answer may take. latch:
-    every write passes it, or is refused with Stopped, but for reading and for what says that it
-    stops the robot. blame: raises HardwareFault with the servo and the setting that are the reason
-    where servos do not answer. ``retried`` counts damaged and late answers; ``fast``: all servos
-    are read by Fast Sync Read. Raises InvalidInput where the SDK is not installed.
+    Not for use by several threads at once.
+
+    Arguments:
+        ids, names: of the servos and of their joints.
+        retries: how often a damaged or late answer is asked for again.
+        latency_ms: how long beyond its bytes' own time an answer may take.
+        latch: every write passes it, or is refused with Stopped, but for reading and for what says
+            that it stops the robot.
+        blame: raises HardwareFault with the servo and the setting that are the reason where servos
+            do not answer. ``retried`` counts damaged and late answers; ``fast``: all servos are
+            read by Fast Sync Read.
+
+    Raises:
+        InvalidInput: where the SDK is not installed.
     """
 
     def __init__(
@@ -73,8 +80,10 @@ class ServoBus:
         self._handler: Any = None
 
     def open(self) -> None:
-        """Open and lock the port. Raises InvalidInput where it is absent, busy or no serial
-        port."""
+        """Open and lock the port.
+
+        Raises InvalidInput where it is absent, busy or no serial port.
+        """
         from .port import ServoPort
 
         handler = ServoPort(self.port)
@@ -108,8 +117,9 @@ class ServoBus:
     def reach(self, index: int, latency_ms: float | None = None) -> tuple[int, int, float]:
         """Ping a servo once: its model number, the SDK's result, and how long that took [s].
 
-        latency_ms: in place of the port's, for an answer that may be late. The bus is quiet
-        afterwards.
+        Arguments:
+            latency_ms: in place of the port's, for an answer that may be late. The bus is quiet
+                afterwards.
         """
         with self._talking():
             before, began = self._handler.latency_ms, time.monotonic()
@@ -144,7 +154,8 @@ class ServoBus:
 
     def listen(self) -> bool:
         """Tell whether nothing comes that nobody asked for; an adapter that sends back what it is
-        sent is noticed."""
+        sent is noticed.
+        """
         ping = bytes(self._packet_of_ping())
         with self._talking():
             handler = self._handler
@@ -174,7 +185,10 @@ class ServoBus:
             self._retries = before
 
     def write(self, index: int, register: Register, value: int) -> None:
-        """One field of one servo, and its consent. Raises HardwareFault, Stopped."""
+        """One field of one servo, and its consent.
+
+        Raises HardwareFault, Stopped.
+        """
         data = list((value & ((1 << 8 * register.size) - 1)).to_bytes(register.size, "little"))
         for _ in range(1 + self._retries):
             with self._talking(self._latch):
@@ -194,10 +208,12 @@ class ServoBus:
     def write_all(
         self, register: Register, values: NDArray[Any] | Sequence[int], *, stopping: bool = False
     ) -> None:
-        """One field of all servos at once; nobody answers. Raises HardwareFault where the port is
-        gone, Stopped.
+        """One field of all servos at once; nobody answers.
 
-        stopping: it stops the robot, and is sent after a stop, too.
+        Raises HardwareFault where the port is gone, Stopped.
+
+        Arguments:
+            stopping: it stops the robot, and is sent after a stop, too.
         """
         table = np.asarray(values, dtype=np.int64)
         rows = (
@@ -209,7 +225,8 @@ class ServoBus:
 
     def write_rows(self, address: int, rows: Bytes, *, stopping: bool = False) -> None:
         """Write rows to one address of all servos, shape (S, any), in as many packets as their
-        length asks for."""
+        length asks for.
+        """
         from dynamixel_sdk import GroupSyncWrite
 
         most = (1024 - 14) // (1 + rows.shape[1])
@@ -225,10 +242,12 @@ class ServoBus:
                 )
 
     def read_all(self, address: int, size: int, *, alerts: bool = True) -> Bytes:
-        """Read one address of all servos, shape (S, size). Raises HardwareFault that names who is
-        silent or in error.
+        """Read one address of all servos, shape (S, size).
 
-        alerts: whether a servo in error is one; False to read on in spite of it.
+        Raises HardwareFault that names who is silent or in error.
+
+        Arguments:
+            alerts: whether a servo in error is one; False to read on in spite of it.
         """
         table, raised = self._read_some(address, size, 1 + self._retries)
         if table is None and self.fast:
@@ -248,7 +267,8 @@ class ServoBus:
 
     def peek(self, address: int, size: int) -> Bytes | None:
         """Read as ``read_all`` does, but with two attempts at most; None if an answer is missing or
-        damaged."""
+        damaged.
+        """
         return self._read_some(address, size, 2)[0]
 
     def reboot(self, index: int) -> None:
@@ -307,7 +327,8 @@ class ServoBus:
 
     def _again(self) -> None:
         """An answer was damaged or late: whatever is still on its way must not be taken for the
-        next one."""
+        next one.
+        """
         self.retried += 1
         with self._talking():
             self._handler.settle()
@@ -323,7 +344,8 @@ class ServoBus:
         """Whatever a port can raise becomes a HardwareFault; a conversation that was cut off leaves
         no mark.
 
-        latch: what is written passes it.
+        Arguments:
+            latch: what is written passes it.
         """
         if self._handler is None or not self._handler.is_open:
             raise HardwareFault(f"port {self.port}: not open")

@@ -1,5 +1,6 @@
 """Calibration files ``stancekit/servos/1``: which servo on which port turns which joint, from
-where, and how far."""
+where, and how far.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +35,14 @@ Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
 class JointServo:
     """One servo. angle = direction · (tick − zero_tick) · 2π / 4096.
 
-    id: on the bus. zero_tick: what the servo reads where the joint's angle is 0; direction: 1 or
-    −1, whether both turn the same way. lower_rad, upper_rad: of the joint, where the frame or its
-    cables end. current_a: most that the servo may draw, which limits its torque. rest_rad: the
-    joint's angle where the robot rests without torque, None where that is not known; a robot found
-    elsewhere is calibrated wrong.
+    Arguments:
+        id: on the bus.
+        zero_tick: what the servo reads where the joint's angle is 0.
+        direction: 1 or −1, whether both turn the same way.
+        lower_rad, upper_rad: of the joint, where the frame or its cables end.
+        current_a: most that the servo may draw, which limits its torque.
+        rest_rad: the joint's angle where the robot rests without torque, None where that is not
+            known; a robot found elsewhere is calibrated wrong.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -67,14 +71,17 @@ class JointServo:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration(SetupFile):
-    """All servos of a robot. port, baud: where they are; model: all of one, a name in
-    ``control_table.MODELS``.
+    """All servos of a robot.
 
-    watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms.
-    latency_ms: of the adapter; an answer that takes longer is asked for again. p_gain: Position P
-    Gain, how stiff the servos are. desk: the servos lie on a desk or the robot hangs, so that they
-    carry nothing, and plans for all of its torques may be run: they are sent where joints are to
-    be, and no loads. joints: by their names.
+    Arguments:
+        port, baud: where they are.
+        model: all of one, a name in ``control_table.MODELS``.
+        watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms.
+        latency_ms: of the adapter; an answer that takes longer is asked for again.
+        p_gain: Position P Gain, how stiff the servos are.
+        desk: the servos lie on a desk or the robot hangs, so that they carry nothing, and plans for
+            all of its torques may be run: they are sent where joints are to be, and no loads.
+        joints: by their names.
     """
 
     format: Literal["stancekit/servos/1"] = FORMAT
@@ -114,7 +121,8 @@ class Calibration(SetupFile):
 
     def shafts(self, joints: Sequence[str], angles_rad: Array) -> Array:
         """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,)
-        both."""
+        both.
+        """
         servos = self.ordered(joints)
         zero = np.array([servo.zero_tick - CENTRE_TICK for servo in servos])
         return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
@@ -124,7 +132,8 @@ def nominal(
     joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any
 ) -> Calibration:
     """A calibration to start from: ids from 1 in the joints' order, zero at the servo's centre, the
-    robot's limits."""
+    robot's limits.
+    """
     current_a = MODELS[settings.get("model", "XM540-W270")].current_a / 2.0
     limits = list(zip(servo.lower_rad, servo.upper_rad, strict=True))
     return Calibration(

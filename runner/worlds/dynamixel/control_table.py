@@ -16,7 +16,8 @@ from stancekit.planners.robot.actuators import builtin_actuators
 
 class Register(NamedTuple):
     """A field of the control table: what the manual calls it, where it is, and how many bytes it
-    has."""
+    has.
+    """
 
     name: str
     address: int
@@ -98,7 +99,9 @@ ERRORS = {
 class ServoModel:
     """One servo of the series, whose torques and speeds ``builtin_actuators`` has.
 
-    current_a: greatest Current Limit. stall_a: at stall torque, at 12 V.
+    Arguments:
+        current_a: greatest Current Limit.
+        stall_a: at stall torque, at 12 V.
     """
 
     name: str

@@ -1,5 +1,6 @@
 """Why a bus does not answer as it should: one line that names port, servo and setting, and says
-what to do."""
+what to do.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ BABBLE = "bytes come without end, though nobody was asked: is another program, o
 def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
     """Raise HardwareFault that says why a reading of all servos came to nothing.
 
-    address, size: bytes that were read of every servo.
+    Arguments:
+        address, size: bytes that were read of every servo.
     """
     if not bus.calm(2e-3 * bus.latency_ms):
         raise HardwareFault(f"port {bus.port}: {BABBLE}")

@@ -52,8 +52,9 @@ calibrated wrong."""
 
 
 class DynamixelWorld(HardwareWorld):
-    """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not
-    thread-safe.
+    """Servos on a bus.
+
+    ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
 
     Torques are what the measured current stands for, roughly. ``bus_s`` is what talking took in the
     last period. Raises InvalidInput for a calibration that lacks joints, and without the SDK or
@@ -130,11 +131,15 @@ class DynamixelWorld(HardwareWorld):
     ) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
 
-        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is
-        taken to be. Raises InvalidInput for whatever is wrong, for nothing has moved: a port that
-        is absent or busy, servos that are silent, in error or of another model, measurements that
-        cannot be true, angles beyond their limits, and a robot without torque that is not at rest
-        as calibrated.
+        Arguments:
+            angles_rad: not used, the measured ones come back.
+            position_m, rotation: where the body is taken to be.
+
+        Raises:
+            InvalidInput: for whatever is wrong, for nothing has moved: a port that is absent or
+                busy, servos that are silent, in error or of another model, measurements that cannot
+                be true, angles beyond their limits, and a robot without torque that is not at rest
+                as calibrated.
         """
         self.armed = False
         if not self._open:
@@ -212,8 +217,10 @@ class DynamixelWorld(HardwareWorld):
             self._stand()
 
     def relax(self) -> None:
-        """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that
-        did not say so."""
+        """Torque off everywhere, and make sure of it.
+
+        Raises HardwareFault that names those that did not say so.
+        """
         self.armed = self._driven = False
         if not self._open:
             return
@@ -231,14 +238,18 @@ class DynamixelWorld(HardwareWorld):
         self.bus.refuse(rows[:, 0] > 0, "its torque did not go off")
 
     def close(self) -> None:
-        """Give the port back. Torque stays as it is, and a servo whose torque is on is stopped by
-        its watchdog."""
+        """Give the port back.
+
+        Torque stays as it is, and a servo whose torque is on is stopped by its watchdog.
+        """
         self.armed = self._open = False
         self.bus.close()
 
     def _found_out(self, position_m: Array, rotation: Array) -> NDArray[np.uint8]:
-        """Check and set up all servos, and measure them twice: what is old or random shows. As
-        ``_watched``."""
+        """Check and set up all servos, and measure them twice: what is old or random shows.
+
+        As ``_watched``.
+        """
         with self.bus.patient():
             check_servos(self.bus, self._kind)
             configure(self.bus, self._current)
@@ -253,7 +264,10 @@ class DynamixelWorld(HardwareWorld):
         return rows
 
     def _stand(self) -> None:
-        """Wait until no servo turns. Raises HardwareFault where that cannot be seen in time."""
+        """Wait until no servo turns.
+
+        Raises HardwareFault where that cannot be seen in time.
+        """
         within = (
             f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
         )
@@ -329,7 +343,8 @@ class DynamixelWorld(HardwareWorld):
 
     def _disarm(self) -> None:
         """Torque off after an arming that was interrupted; a robot that was held before goes on
-        holding."""
+        holding.
+        """
         if self._found is None or not self._found.all():
             self.relax()
             return

@@ -28,8 +28,11 @@ WRAP_MS = 32768
 
 
 class Doubt(NamedTuple):
-    """Reason why a measurement cannot be true, empty where it is believed; late: it may be an
-    answer that came late."""
+    """Reason why a measurement cannot be true, empty where it is believed.
+
+    Arguments:
+        late: it may be an answer that came late.
+    """
 
     why: str
     late: bool = False
@@ -41,7 +44,9 @@ BELIEVED = Doubt("")
 class MeasurementJudge:
     """Judge of consecutive measurements of all servos; S servos.
 
-    bus: whose servos they are, for messages. fastest_rad_s: speed without load, shape (S,).
+    Arguments:
+        bus: whose servos they are, for messages.
+        fastest_rad_s: speed without load, shape (S,).
     """
 
     def __init__(self, bus: ServoBus, fastest_rad_s: NDArray[np.float64]) -> None:
@@ -78,9 +83,11 @@ class MeasurementJudge:
         """Doubt whether a measurement can be true and is young enough; one that is believed is kept
         to judge the next by.
 
-        now_s: when it arrived, monotonic. position [ticks], velocity, tick_ms: as the servos report
-        them, shape (S,). calm: the bus was quiet before it was asked for, so that no late answer
-        can have been taken for this one.
+        Arguments:
+            now_s: when it arrived, monotonic. position [ticks], velocity, tick_ms: as the servos
+                report them, shape (S,).
+            calm: the bus was quiet before it was asked for, so that no late answer can have been
+                taken for this one.
         """
         fastest = np.abs(velocity) * RAD_S > 2.0 * self._fastest + 1.0
         for index in np.flatnonzero(fastest):

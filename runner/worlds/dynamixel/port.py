@@ -1,5 +1,6 @@
 """The serial port of ``dynamixel-sdk``, for one owner, on a clock that nobody sets. Imported where
-a bus is opened."""
+a bus is opened.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     """A port as the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the
     monotonic clock.
 
-    latency_ms: how long beyond the bytes' own time an answer may take. latch: gate of every write,
-    refused with Stopped after a stop; None for what moves nothing. echo: whether the adapter sends
-    back what it is sent, which is swallowed.
+    latency_ms: how long beyond the bytes' own time an answer may take.
+
+    Arguments:
+        latch: gate of every write, refused with Stopped after a stop; None for what moves nothing.
+            echo: whether the adapter sends back what it is sent, which is swallowed.
     """
 
     latency_ms = LATENCY_MS
@@ -37,7 +40,10 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     _expected = _come = 0
 
     def setupPort(self, cflag_baud: int) -> bool:
-        """Open and lock. Raises OSError, BlockingIOError where somebody else has the port."""
+        """Open and lock.
+
+        Raises OSError, BlockingIOError where somebody else has the port.
+        """
         if self.is_open:  # another baud rate of a port that is ours
             self.closePort()
         probe = os.open(self.port_name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -66,7 +72,8 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
 
     def readPort(self, length: int) -> bytes:
         """Bytes that have come, up to so many; none of a flood, from which the SDK would read for
-        ever."""
+        ever.
+        """
         if self._come > self._expected + FLOOD_BYTES:
             return b""
         data = bytes(super().readPort(length))

@@ -1,5 +1,6 @@
 """Servos as the driver relies on them: checked before anything is sent, and set up while their
-torque is off."""
+torque is off.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +62,12 @@ def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
     """Bring what the driver relies on into every servo; the EEPROM is written only where it
     differs.
 
-    current: Current Limit, in its units, shape (S,). Raises InvalidInput for a setting that differs
-    on a servo whose torque is on, HardwareFault for whatever a servo refuses.
+    Arguments:
+        current: Current Limit, in its units, shape (S,).
+
+    Raises:
+        InvalidInput: for a setting that differs on a servo whose torque is on, HardwareFault for
+            whatever a servo refuses.
     """
     count = len(bus.ids)
     free = bus.read_all(table.TORQUE_ENABLE.address, 1)[:, 0] == 0
@@ -77,8 +82,8 @@ def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
     rows = np.tile(np.array(places, dtype="<u2").view(np.uint8), (count, 1))
     if not np.array_equal(bus.read_all(table.INDIRECT_ADDRESS.address, rows.shape[1]), rows):
         bus.write_rows(table.INDIRECT_ADDRESS.address, rows)
-        found = bus.read_all(table.INDIRECT_ADDRESS.address, rows.shape[1])
-        bus.refuse((found != rows).any(axis=1), "did not take its indirect addresses")
+        values = bus.read_all(table.INDIRECT_ADDRESS.address, rows.shape[1])
+        bus.refuse((values != rows).any(axis=1), "did not take its indirect addresses")
 
 
 def _settle(
@@ -90,14 +95,14 @@ def _settle(
     else; the SDK takes any answer of a servo for that to its last question.
     """
     for _ in range(ROUNDS):
-        found = unsigned(bus.read_all(register.address, register.size))
-        wrong = np.flatnonzero(found != wanted).tolist()
+        values = unsigned(bus.read_all(register.address, register.size))
+        wrong = np.flatnonzero(values != wanted).tolist()
         if not wrong:
             return
         for index in wrong:
             if not free[index] and register.address < table.TORQUE_ENABLE.address:
                 raise InvalidInput(
-                    f"{bus.label(index)}: expected {register.name} {wanted[index]}, got {found[index]}; it cannot be "
+                    f"{bus.label(index)}: expected {register.name} {wanted[index]}, got {values[index]}; it cannot be "
                     "written while the torque is on: relax the robot first"
                 )
             bus.write(index, register, int(wanted[index]))

@@ -25,7 +25,10 @@ SILENT = logging.NullHandler()
 
 
 def roslibpy() -> Any:
-    """The module. Raises InvalidInput where it is not installed."""
+    """The module.
+
+    Raises InvalidInput where it is not installed.
+    """
     try:
         import roslibpy as module
     except ImportError:
@@ -36,7 +39,10 @@ def roslibpy() -> Any:
 
 
 class RosLink:
-    """A connection; ``open`` first. Callbacks run in roslibpy's thread."""
+    """A connection; ``open`` first.
+
+    Callbacks run in roslibpy's thread.
+    """
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         self._module = roslibpy()
@@ -46,8 +52,10 @@ class RosLink:
         self.ros: Any = None
 
     def open(self) -> None:
-        """Connect. Raises InvalidInput where nobody answers, or somebody who does not speak
-        WebSocket."""
+        """Connect.
+
+        Raises InvalidInput where nobody answers, or somebody who does not speak WebSocket.
+        """
         try:
             socket.create_connection(self._address, timeout=self.timeout_s).close()
         except OSError as error:
@@ -82,8 +90,10 @@ class RosLink:
         return self.ros is not None and not self._lost.is_set() and bool(self.ros.is_connected)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
-        """Call back for every message. A callback that refuses one with InvalidInput makes it a
-        trouble."""
+        """Call back for every message.
+
+        A callback that refuses one with InvalidInput makes it a trouble.
+        """
 
         def on_message(message: Message) -> None:
             try:
@@ -98,13 +108,15 @@ class RosLink:
 
     def publish(self, topic: str, kind: str, message: Message) -> None:
         """Send a message; nothing is sent, and nothing kept for later, where the connection is
-        lost."""
+        lost.
+        """
         if self.alive:
             self._publisher(topic, kind).publish(message)
 
     def advertise(self, topic: str, kind: str) -> None:
         """Say that something will be published: what follows at once waits for subscribers, or is
-        lost on them."""
+        lost on them.
+        """
         self._publisher(topic, kind).advertise()
 
     def unadvertise(self, topic: str) -> None:
@@ -120,13 +132,13 @@ class RosLink:
         return self._topics[topic]
 
     def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
-        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and
-        HardwareFault in time.
+        """Hand over what moves the robot, and wait until it was written.
+
+        Raises Stopped, and HardwareFault in time.
 
         roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked
         there, at the last moment, and held until that turn is over.
         """
-
         given_up = threading.Event()
 
         async def sent() -> Answer:
@@ -152,8 +164,10 @@ class RosLink:
             self.ros.send_on_ready(self._module.Message(message))
 
     def call(self, service: str, kind: str, request: Message) -> Message:
-        """Call a service and wait. Raises InvalidInput where it refuses or does not answer in
-        time."""
+        """Call a service and wait.
+
+        Raises InvalidInput where it refuses or does not answer in time.
+        """
         client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
         try:
             return dict(client.call(self._module.ServiceRequest(request), timeout=self.timeout_s))
@@ -163,7 +177,11 @@ class RosLink:
     def ask(
         self, service: str, kind: str, request: Message, callback: Callable[[Message], None]
     ) -> None:
-        """Call a service and wait for nothing. callback: gets the answer, if one comes."""
+        """Call a service and wait for nothing.
+
+        Arguments:
+            callback: gets the answer, if one comes.
+        """
         if self.alive:
             client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
             client.call(
@@ -174,7 +192,8 @@ class RosLink:
 
     def answers(self, timeout_s: float) -> bool:
         """Tell whether a rosbridge has read all that was sent to it until now: it answers what is
-        asked after that."""
+        asked after that.
+        """
         done = threading.Event()
         if not self.alive:
             return False

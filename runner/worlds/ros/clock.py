@@ -1,5 +1,6 @@
 """The clock by which a robot stamps its messages, as it is seen from here: it need not agree with
-ours."""
+ours.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ told by it."""
 
 class RobotClock:
     """Stamps [s] of a publisher's messages against the times at which they came,
-    ``time.monotonic``."""
+    ``time.monotonic``.
+    """
 
     def __init__(self) -> None:
         self._heard: deque[tuple[float, float]] = deque(maxlen=KEPT)  # arrival, and stamp
@@ -61,7 +63,8 @@ class RobotClock:
 
     def _steady(self) -> bool:
         """Tell whether it goes as fast as ours: the quickest messages of both halves took the same
-        time."""
+        time.
+        """
         heard = list(self._heard)
         half = len(heard) // 2
         if half < FEW:

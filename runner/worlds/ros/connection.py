@@ -16,9 +16,10 @@ from roslibpy.comm import select_factory
 class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
     """A connection to a rosbridge, begun at once and never begun anew.
 
-    complain: told of a message that cannot be read, and of an error that the rosbridge reports;
-    lose: told that something could not be sent. Both are called in the thread that reads, or that
-    sends.
+    Arguments:
+        complain: told of a message that cannot be read, and of an error that the rosbridge reports.
+        lose: told that something could not be sent. Both are called in the thread that reads, or
+            that sends.
     """
 
     def __init__(

@@ -1,5 +1,6 @@
 """State that a joint trajectory controller publishes: its joints, where it wants them, and where it
-measures them."""
+measures them.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +44,9 @@ class ControllerState:
     by one thread.
 
     names: its joints, empty before the first message. clock: the one that it judges commands by.
-    late_s: after which a command that was sent is acted on, or never.
+
+    Arguments:
+        late_s: after which a command that was sent is acted on, or never.
     """
 
     def __init__(
@@ -63,8 +66,10 @@ class ControllerState:
         self._differ = np.zeros((2, len(joints)))
 
     def take(self, message: Any) -> None:
-        """A control_msgs/JointTrajectoryControllerState of any version. Raises InvalidInput for
-        nonsense."""
+        """A control_msgs/JointTrajectoryControllerState of any version.
+
+        Raises InvalidInput for nonsense.
+        """
         names = message.get("joint_names") if isinstance(message, dict) else None
         if not isinstance(names, list):
             raise InvalidInput(f"expected joint_names to be a list, got {shown(names, 40)}")
@@ -100,13 +105,15 @@ class ControllerState:
 
     def wants(self, positions: Array) -> bool | None:
         """Tell whether it wants the joints there, shape (J,) as ROS counts, or whole turns away;
-        None where it does not say."""
+        None where it does not say.
+        """
         with self._lock:
             return None if self._desired is None else _same(self._desired, positions)
 
     def sent(self, positions: Array) -> None:
         """Note a target that is sent, shape (J,) as ROS counts; the first one is gone to from where
-        it is now."""
+        it is now.
+        """
         now = time.monotonic()
         with self._lock:
             if not self._sent and self._desired is not None:
@@ -117,7 +124,8 @@ class ControllerState:
 
     def trouble(self) -> str | None:
         """Fault of a controller that takes no commands, follows somebody else, or measures joints
-        elsewhere than they are sent; None for none of these."""
+        elsewhere than they are sent; None for none of these.
+        """
         with self._lock:
             if self._unheard.max() >= FOREIGN and self._desired is not None:
                 index = int(np.argmax(self._unheard))
@@ -141,8 +149,10 @@ class ControllerState:
         return None
 
     def busy(self) -> str | None:
-        """Why nobody should send it anything now: it moves joints already. None where it does
-        not."""
+        """Why nobody should send it anything now: it moves joints already.
+
+        None where it does not.
+        """
         with self._lock:
             index = int(np.argmax(self._wanted))
             if self._wanted[index] <= BUSY_RAD_S:
@@ -151,7 +161,8 @@ class ControllerState:
 
     def _beside(self, sent: Sequence[tuple[float, Array]]) -> Array:
         """Tell which joints it wants elsewhere than at any of these targets, or between them, shape
-        (J,)."""
+        (J,).
+        """
         if not sent or self._desired is None:
             return np.zeros(len(self._joints), dtype=bool)
         targets = np.array([positions for _, positions in sent])
@@ -178,7 +189,8 @@ def _point(
     message: Any, names: list[str], mapping: Mapping, *keys: str
 ) -> tuple[Array | None, Array]:
     """Positions and velocities of one of these points in the robot's order; None, and NaN, where it
-    has none."""
+    has none.
+    """
     unknown = np.full(len(mapping.names), np.nan)
     point: dict[str, Any] = next(
         (message[key] for key in keys if isinstance(message.get(key), dict)), {}

@@ -40,8 +40,9 @@ mapped wrong."""
 
 
 class RosWorld(HardwareWorld):
-    """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come
-    from another thread.
+    """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves.
+
+    ``hold`` may come from another thread.
 
     estop: how the e-stop of the setup is known to work before the robot is armed; evidence: what is
     known of it then. pending: what may still move the robot after ``hold``. beat: called while
@@ -98,9 +99,13 @@ class RosWorld(HardwareWorld):
         """Connect, check the controller's joints, measure; nothing is sent that could move the
         robot.
 
-        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is
-        taken to be. Raises InvalidInput where no rosbridge is, where it answers nonsense, for
-        joints that do not match, angles beyond limits, and an e-stop that is pressed.
+        Arguments:
+            angles_rad: not used, the measured ones come back.
+            position_m, rotation: where the body is taken to be.
+
+        Raises:
+            InvalidInput: where no rosbridge is, where it answers nonsense, for joints that do not
+                match, angles beyond limits, and an e-stop that is pressed.
         """
         self.close()
         self._robot = self._made()
@@ -174,12 +179,16 @@ class RosWorld(HardwareWorld):
         """Hand a whole trajectory over, from the pose held now, and wait for its end, where the
         robot is at rest.
 
-        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J).
-        on_state: gets a state for every feedback. Before the first one a goal that holds the pose
-        is sent and cancelled, to see that it can be. Raises InvalidInput, before any motion, for a
-        trajectory beyond limits or longer than the setup's alone_s, and where goals cannot be
-        cancelled; HardwareFault for one that did not succeed: a trouble on the way, or ``hold``,
-        cancels it.
+        Arguments:
+            times_s: shape (T,), from the start, increasing from above 0.
+            angles_rad: shape (T, J).
+            on_state: gets a state for every feedback. Before the first one a goal that holds the
+                pose is sent and cancelled, to see that it can be.
+
+        Raises:
+            InvalidInput: before any motion, for a trajectory beyond limits or longer than the
+                setup's alone_s, and where goals cannot be cancelled; HardwareFault for one that did
+                not succeed: a trouble on the way, or ``hold``, cancels it.
         """
         if not self.armed:
             raise InvalidInput("world: expected torque(True) before run_trajectory")
@@ -218,7 +227,10 @@ class RosWorld(HardwareWorld):
         self.pending = self._robot.settle(1.0 / self.rate_hz, self.beat)
 
     def relax(self) -> None:
-        """Switch the controller off. Raises HardwareFault where that cannot be done."""
+        """Switch the controller off.
+
+        Raises HardwareFault where that cannot be done.
+        """
         self.armed = False
         self._follower.stop()
         if self._open:

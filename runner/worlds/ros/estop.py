@@ -1,5 +1,6 @@
 """An emergency stop on a topic of std_msgs/Bool: heard, and before a robot is armed known to be
-heard."""
+heard.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ POLL_S = 0.01
 
 class Estop:
     """An e-stop on a topic; ``subscribe`` first. pressed: whether it was; letting go of it changes
-    nothing."""
+    nothing.
+    """
 
     def __init__(self, link: RosLink, topic: str) -> None:
         self.topic, self.pressed = topic, False
@@ -40,12 +42,18 @@ class Estop:
         self._asked_s = -float("inf")
 
     def subscribe(self, kind: str) -> None:
-        """Listen. kind: the type of the topic, as this ROS names it."""
+        """Listen.
+
+        Arguments:
+            kind: the type of the topic, as this ROS names it.
+        """
         self._link.subscribe(self.topic, kind, self._take)
 
     def confirm(self, how: EstopCheck) -> str:
-        """See that it would be heard; what is known of it. Raises InvalidInput where that is too
-        little."""
+        """See that it would be heard; what is known of it.
+
+        Raises InvalidInput where that is too little.
+        """
         if self.pressed:
             raise InvalidInput(f"e-stop pressed on {self.topic}")
         if how == "without":

@@ -30,7 +30,10 @@ REPLACED_S = 0.5
 
 
 class Follower:
-    """Sends goals to one robot, one at a time. ``stop`` may be called from another thread."""
+    """Sends goals to one robot, one at a time.
+
+    ``stop`` may be called from another thread.
+    """
 
     def __init__(self, robot: RosRobot) -> None:
         self._robot = robot
@@ -47,12 +50,15 @@ class Follower:
     def follow(
         self, first_rad: Array, times_s: Array, angles_rad: Array, on_feedback: Callable[[], None]
     ) -> None:
-        """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape
-        (J,).
+        """Send a trajectory and wait for its end.
 
-        on_feedback: called after feedback. Raises InvalidInput where the robot does not cancel
-        goals, HardwareFault for one that did not succeed, after cancelling it; Stopped after a
-        stop, before it was sent.
+        Arguments:
+            first_rad: where the robot is held now, shape (J,).
+            on_feedback: called after feedback.
+
+        Raises:
+            InvalidInput: where the robot does not cancel goals, HardwareFault for one that did not
+                succeed, after cancelling it; Stopped after a stop, before it was sent.
         """
         if not self._cancels:
             self._probe(first_rad)
@@ -153,7 +159,8 @@ class Follower:
 
     def _cancel(self, goal: Goal, link: RosLink) -> None:
         """Cancel once it is active, and again until it has ended; one that does not is replaced,
-        where that can be."""
+        where that can be.
+        """
         begin = time.monotonic()
         end = begin + self._robot.setup.timeout_s
         while not goal.done.is_set() and time.monotonic() < end and link.alive:

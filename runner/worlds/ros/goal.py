@@ -1,5 +1,6 @@
 """Goals of FollowJointTrajectory over a rosbridge: actions of its protocol for ROS 2, actionlib's
-topics for ROS 1."""
+topics for ROS 1.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ ROS2_ENDS = {4: "succeeded", 5: "cancelled", 6: "aborted"}
 class Goal(ABC):
     """One goal from its sending to its end. active: set once the robot acts on it, or it has ended:
     a cancel that comes earlier may be lost. ended: how, None while it goes on; "succeeded" if it
-    did."""
+    did.
+    """
 
     def __init__(self) -> None:
         self.done, self.active = threading.Event(), threading.Event()
@@ -81,7 +83,10 @@ class Ros2Goal(Goal):
         )
 
     def cancel(self, link: RosLink) -> None:
-        """Ask that it stop. Not by roslibpy's own verb, which knows one connection only."""
+        """Ask that it stop.
+
+        Not by roslibpy's own verb, which knows one connection only.
+        """
         link.send({"op": "cancel_action_goal", "id": self.id, "action": self._client.name})
 
     def _resulted(self, message: Any) -> None:
@@ -94,8 +99,10 @@ class Ros2Goal(Goal):
 
 
 class Ros1Goal(Goal):
-    """A goal of actionlib. It ends with its result and a final status: the result of a rejected
-    goal looks like one."""
+    """A goal of actionlib.
+
+    It ends with its result and a final status: the result of a rejected goal looks like one.
+    """
 
     def __init__(self, client: Any, goal: Message, on_feedback: Callable[[Message], None]) -> None:
         from roslibpy.ros1 import actionlib
@@ -134,7 +141,10 @@ class Ros1Goal(Goal):
 
 
 class Goals:
-    """Sender of goals. Raises InvalidInput for a ROS 1 action server that is not there."""
+    """Sender of goals.
+
+    Raises InvalidInput for a ROS 1 action server that is not there.
+    """
 
     def __init__(self, link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
         self._link, self._action, self._ros = link, f"{controller}/follow_joint_trajectory", ros
@@ -151,7 +161,11 @@ class Goals:
                 ) from None
 
     def send(self, goal: Message, on_feedback: Callable[[Message], None]) -> Goal:
-        """Send a goal. on_feedback: gets its feedback, in roslibpy's thread."""
+        """Send a goal.
+
+        Arguments:
+            on_feedback: gets its feedback, in roslibpy's thread.
+        """
         if self._ros == 1:
             return Ros1Goal(self._client, goal, on_feedback)
         return Ros2Goal(self._link, self._action, goal, on_feedback)
@@ -159,13 +173,16 @@ class Goals:
 
 def ready_to_cancel(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
     """Say that goals may be cancelled: in ROS 1 a cancel on a topic that was not advertised comes
-    late, or never."""
+    late, or never.
+    """
     if ros == 1:
         link.advertise(f"{controller}/follow_joint_trajectory/cancel", "actionlib_msgs/GoalID")
 
 
 def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
-    """Cancel every goal of a controller, whoever sent it. Raises InvalidInput where nobody answers.
+    """Cancel every goal of a controller, whoever sent it.
+
+    Raises InvalidInput where nobody answers.
 
     In ROS 2 by the action's own service, which knows no connections: a rosbridge cancels only goals
     that came over it.
@@ -188,12 +205,14 @@ def trajectory(
     ros: Literal[1, 2],
     stamp_s: float = 0.0,
 ) -> Message:
-    """A JointTrajectory; shapes (T,), (T, J), (T, J). Without velocities the controller goes in
-    straight lines.
+    """A JointTrajectory; shapes (T,), (T, J), (T, J).
 
-    stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
-    dropped. A stamp of 0 is "from when it arrives". Where it is left out, a rosbridge writes its
-    own clock's time into it.
+    Without velocities the controller goes in straight lines.
+
+    Arguments:
+        stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
+            dropped. A stamp of 0 is "from when it arrives". Where it is left out, a rosbridge
+            writes its own clock's time into it.
     """
     points = [
         {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
@@ -206,7 +225,8 @@ def trajectory(
 
 def standstill(names: tuple[str, ...], ros: Literal[1, 2]) -> Message:
     """A JointTrajectory without points, at which a controller of ROS 1 holds where it is, whatever
-    it was doing."""
+    it was doing.
+    """
     return trajectory(names, np.zeros(0), np.zeros((0, len(names))), None, ros)
 
 
@@ -242,7 +262,8 @@ def duration(seconds: float, ros: Literal[1, 2]) -> Message:
 
 def speeds(times_s: Array, angles_rad: Array, first_rad: Array) -> Array:
     """Velocities at the points of a trajectory that begins and ends at rest, shape (T, J)
-    [rad/s]."""
+    [rad/s].
+    """
     result = np.gradient(
         np.vstack([first_rad, angles_rad]), np.concatenate([[0.0], times_s]), axis=0
     )[1:]

@@ -1,5 +1,6 @@
 """Publishers of topics, as ``/rosapi`` lists them beside a rosbridge; None for whatever it does
-not."""
+not.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ TRIES = 2
 
 class RosGraph:
     """Questions to ``/rosapi`` over a connection; a rosapi that is not there answers none of
-    them."""
+    them.
+    """
 
     def __init__(self, link: RosLink) -> None:
         self._link, self._missing = link, False
@@ -37,7 +39,8 @@ class RosGraph:
 
     def watch_publishers(self, topic: str, heard: list[list[str]]) -> None:
         """Ask who publishes a topic, and wait for no answer: it is appended to ``heard`` when it
-        comes."""
+        comes.
+        """
 
         def answered(message: Message) -> None:
             names = _names(message, "publishers")

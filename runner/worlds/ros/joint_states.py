@@ -1,5 +1,6 @@
 """The joints as ROS measures them: newest angles, rates and efforts, how old they are, and nonsense
-refused by name."""
+refused by name.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class JointStates:
     """The newest of every joint, put together from messages that may each speak of some; written by
     one thread.
 
-    velocity_rad_s: the greatest that a joint can have, shape (J,).
+    Arguments:
+        velocity_rad_s: the greatest that a joint can have, shape (J,).
     """
 
     def __init__(self, mapping: Mapping, joints: Sequence[str], velocity_rad_s: Array) -> None:
@@ -49,8 +51,9 @@ class JointStates:
         self.others: set[str] = set()
 
     def take(self, message: Any) -> None:
-        """A sensor_msgs/JointState. Raises InvalidInput for nonsense about one of the robot's
-        joints.
+        """A sensor_msgs/JointState.
+
+        Raises InvalidInput for nonsense about one of the robot's joints.
 
         Nonsense is also an angle that its joint cannot have come to since it was measured last.
         """
@@ -101,7 +104,8 @@ class JointStates:
 
     def as_told(self) -> tuple[Array, Array, Array]:
         """Angles and rates as ROS counts, and when they were measured (-inf for never), each shape
-        (J,)."""
+        (J,).
+        """
         with self._lock:
             return self._table[0].copy(), self._table[1].copy(), self._seen_s.copy()
 
@@ -112,7 +116,8 @@ class JointStates:
 
     def period_s(self) -> float:
         """Time between two measurements of the joint that is measured most rarely [s]; 0 before it
-        is known."""
+        is known.
+        """
         return max((clock.period_s() for clock in self._clocks.values()), default=0.0)
 
     def moved_s(self) -> float:
@@ -133,8 +138,9 @@ class JointStates:
     ) -> None:
         """Raise InvalidInput for joints that are measured where they cannot have come to.
 
-        times_s: when they were measured, and when that was heard. slack_s: how wrong the former may
-        be.
+        Arguments:
+            times_s: when they were measured, and when that was heard.
+            slack_s: how wrong the former may be.
         """
         measured_s, now_s = times_s
         before, seen_s = self._table[0, indices], self._seen_s[indices]

@@ -1,5 +1,6 @@
 """The controller manager of ros_control: whether a controller runs, over which joints, and
-switching it on and off."""
+switching it on and off.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +19,12 @@ DEFAULT = "/controller_manager"
 
 @dataclass(frozen=True, kw_only=True)
 class Listed:
-    """A controller as its manager lists it. state: "running" or "active" where it is; joints: that
-    it moves."""
+    """A controller as its manager lists it.
+
+    Arguments:
+        state: "running" or "active" where it is.
+        joints: that it moves.
+    """
 
     state: str
     joints: frozenset[str]
@@ -40,7 +45,8 @@ class ControllerManager:
     def listed(self, manager: str | None = None) -> Listed | None:
         """Entry of the setup's controller; None where nobody answers, or does not know it.
 
-        manager: another one to ask.
+        Arguments:
+            manager: another one to ask.
         """
         name = manager or self._setup.controller_manager or DEFAULT
         try:
@@ -53,8 +59,10 @@ class ControllerManager:
         return None
 
     def switch(self, on: bool, sending: AbstractContextManager[None] | None = None) -> None:
-        """Switch the controller on or off, within ``sending``. Raises HardwareFault where that is
-        refused, or nobody is there to ask."""
+        """Switch the controller on or off, within ``sending``.
+
+        Raises HardwareFault where that is refused, or nobody is there to ask.
+        """
         manager, ros = self._setup.controller_manager, self._setup.ros
         if manager is None:
             raise HardwareFault(

@@ -1,5 +1,6 @@
 """A robot behind a rosbridge: its controller, what it says of its joints, its e-stop, and what is
-wrong with any."""
+wrong with any.
+"""
 
 from __future__ import annotations
 
@@ -52,11 +53,17 @@ JOINT_STATE, STATE = (
 
 
 class RosRobot:
-    """One connection to one robot. ``listen`` first; a robot that is lost stays lost. J joints.
+    """One connection to one robot.
 
-    velocity_rad_s: the greatest of the joints, shape (J,). latch: whatever moves it passes this.
-    stopped: its controller, which the manager can switch on, does not run. Raises InvalidInput for
-    a setup that lacks joints, and without roslibpy.
+    ``listen`` first; a robot that is lost stays lost. J joints.
+
+    Arguments:
+        velocity_rad_s: the greatest of the joints, shape (J,).
+        latch: whatever moves it passes this. stopped: its controller, which the manager can switch
+            on, does not run.
+
+    Raises:
+        InvalidInput: for a setup that lacks joints, and without roslibpy.
     """
 
     def __init__(
@@ -76,7 +83,10 @@ class RosRobot:
         self._sent_s, self._void_s = -np.inf, -np.inf
 
     def connect(self) -> None:
-        """Connect and subscribe; nothing is sent that could move the robot. Raises InvalidInput."""
+        """Connect and subscribe; nothing is sent that could move the robot.
+
+        Raises InvalidInput.
+        """
         setup = self.setup
         self.link.open()
         self.link.subscribe(setup.joint_states, self.kind(*JOINT_STATE), self._measure)
@@ -93,7 +103,10 @@ class RosRobot:
 
     @property
     def goals(self) -> Goals:
-        """Sender of whole trajectories. Raises InvalidInput where nobody takes them."""
+        """Sender of whole trajectories.
+
+        Raises InvalidInput where nobody takes them.
+        """
         if self._goals is None:
             self._goals = Goals(self.link, self.setup.controller, self.setup.ros)
         return self._goals
@@ -146,8 +159,10 @@ class RosRobot:
             raise InvalidInput(f"{self.setup.controller}: {busy}")
 
     def started(self) -> None:
-        """Wait for the controller that was switched on. Raises HardwareFault where it stays silent,
-        or has others' joints."""
+        """Wait for the controller that was switched on.
+
+        Raises HardwareFault where it stays silent, or has others' joints.
+        """
         end = time.monotonic() + self.setup.timeout_s
         while not self.controller.names:
             if time.monotonic() > end:
@@ -162,13 +177,18 @@ class RosRobot:
         self.stopped = False
 
     def confirm(self, how: EstopCheck) -> str:
-        """See that the e-stop would be heard; what is known of it, empty without one. Raises
-        InvalidInput."""
+        """See that the e-stop would be heard; what is known of it, empty without one.
+
+        Raises InvalidInput.
+        """
         return "" if self.estop is None else self.estop.confirm(how)
 
     def trouble(self, *, silence: bool = True) -> str | None:
-        """Present fault, None if there is none. silence: joints that were not heard of lately are,
-        and an e-stop."""
+        """Present fault, None if there is none.
+
+        Arguments:
+            silence: joints that were not heard of lately are, and an e-stop.
+        """
         result = self.link.trouble()
         if result is None and self.estop is not None and self.estop.pressed:
             result = f"e-stop pressed on {self.estop.topic}"
@@ -181,13 +201,21 @@ class RosRobot:
         return result
 
     def fresh(self, period_s: float) -> bool:
-        """Tell whether the newest joint states are young enough to send something. period_s: of the
-        commands."""
+        """Tell whether the newest joint states are young enough to send something.
+
+        Arguments:
+            period_s: of the commands.
+        """
         return bool(self.states.age_s().max() <= PERIODS * max(self.states.period_s(), period_s))
 
     def wake(self, period_s: float) -> None:
-        """Wait for joint states that are fresh enough, before anything is sent. Raises InvalidInput
-        for a trouble, and where none come. period_s: of the commands."""
+        """Wait for joint states that are fresh enough, before anything is sent.
+
+        Raises InvalidInput for a trouble, and where none come.
+
+        Arguments:
+            period_s: of the commands.
+        """
         end = time.monotonic() + self.setup.timeout_s
         while (
             not self.fresh(period_s)
@@ -228,7 +256,6 @@ class RosRobot:
 
     def take_over(self, pose_rad: Array, period_s: float) -> None:
         """Have the controller hold a pose, shape (J,), and wait until it says that it wants that.
-        period_s: of the commands.
 
         Its connection to what a rosbridge publishes may come seconds after its states are heard:
         what is sent before is lost, and with what is sent then it would jump. So it is sent the
@@ -236,6 +263,9 @@ class RosRobot:
         it wanted the pose before, one joint is sent NOTICED_RAD beside it. Raises InvalidInput for
         a controller that takes no commands, HardwareFault for a trouble and for one that says
         nothing, Stopped after a stop.
+
+        Arguments:
+            period_s: of the commands.
         """
         pose, begin_s = pose_rad.copy(), time.monotonic()
         if self.controller.wants(self.mapping.to_ros(pose)):
@@ -275,9 +305,11 @@ class RosRobot:
         return False
 
     def _readvertise(self) -> None:
-        """Have the rosbridge publish commands anew. A subscriber of ROS 1 that did not come to
-        connect when it was told of a publisher does not try again before it is told of another
-        one."""
+        """Have the rosbridge publish commands anew.
+
+        A subscriber of ROS 1 that did not come to connect when it was told of a publisher does not
+        try again before it is told of another one.
+        """
         self.link.unadvertise(self._command)
         end = time.monotonic() + FORGOTTEN_S
         while time.monotonic() < end and self.trouble(silence=False) is None:
@@ -287,16 +319,23 @@ class RosRobot:
 
     def halt(self, link: RosLink | None = None) -> None:
         """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits
-        for it; one of ROS 2 knows no such command. link: another connection."""
+        for it; one of ROS 2 knows no such command.
+
+        Arguments:
+            link: another connection.
+        """
         if self.setup.ros == 1:
             kind = self.kind("trajectory_msgs", "JointTrajectory")
             (link or self.link).publish(self._command, kind, standstill(self.mapping.names, 1))
 
     def settle(self, period_s: float, beat: Callable[[], None]) -> str:
         """Wait until nothing moves any more; what may still come, empty where nothing may.
-        period_s: of the commands; beat: called while it waits.
 
         A rosbridge that is late is sent a command to hold, for what waits in it.
+
+        Arguments:
+            period_s: of the commands.
+            beat: called while it waits.
         """
         if self._sent_s == -np.inf:
             return ""
@@ -331,8 +370,11 @@ class RosRobot:
         )
 
     def switch(self, on: bool) -> None:
-        """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is
-        there to ask; and Stopped after a stop, for on."""
+        """Switch the controller on or off.
+
+        Raises HardwareFault where that is refused, or nobody is there to ask; and Stopped after a
+        stop, for on.
+        """
         self.manager.switch(on, self.latch.sending() if on else None)
 
     def kind(self, package: str, name: str) -> str:

@@ -1,5 +1,6 @@
 """Files ``stancekit/ros/1``: where a rosbridge is, which controller moves the robot, and what it
-calls the joints."""
+calls the joints.
+"""
 
 from __future__ import annotations
 
@@ -34,16 +35,22 @@ class RosJoint:
 class RosSetup(SetupFile):
     """A robot behind a rosbridge.
 
-    host, port: of the rosbridge. ros: 1 (actionlib topics) or 2 (actions of the rosbridge
-    protocol). controller: a joint trajectory controller. joint_states: where angles are published.
-    estop: topic of std_msgs/Bool, true for pressed; None for none. controller_manager: switches the
-    controller off, as near as ROS comes to torque off.
-
-    lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and
-    goes on no longer when the connection is lost. stale_s: oldest measurement that is good enough.
-    alone_s: longest trajectory that is handed over as a whole: when the connection is lost nobody
-    can stop it. timeout_s: for answers. path_rad, goal_rad: how far a joint may be off on the way
-    and at the end of a whole trajectory; goal_s: how long after its end it may still arrive.
+    Arguments:
+        host, port: of the rosbridge.
+        ros: 1 (actionlib topics) or 2 (actions of the rosbridge protocol).
+        controller: a joint trajectory controller.
+        joint_states: where angles are published.
+        estop: topic of std_msgs/Bool, true for pressed; None for none.
+        controller_manager: switches the controller off, as near as ROS comes to torque off.
+        lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and
+            goes on no longer when the connection is lost.
+        stale_s: oldest measurement that is good enough.
+        alone_s: longest trajectory that is handed over as a whole: when the connection is lost
+            nobody can stop it.
+        timeout_s: for answers.
+        path_rad, goal_rad: how far a joint may be off on the way and at the end of a whole
+            trajectory.
+        goal_s: how long after its end it may still arrive.
     """
 
     format: Literal["stancekit/ros/1"] = FORMAT
@@ -77,7 +84,8 @@ class RosSetup(SetupFile):
 
 def same_names(joints: Sequence[str], **settings: Any) -> RosSetup:
     """A setup whose controller calls the joints as the robot does, e.g. ``LF_yaw``, and counts the
-    same way."""
+    same way.
+    """
     return RosSetup(joints={name: RosJoint(name=name) for name in joints}, **settings)
 
 

@@ -1,5 +1,6 @@
 """Drawn courses: equal for equal seeds, within what was asked for, and climbable where that is
-promised."""
+promised.
+"""
 
 from __future__ import annotations
 

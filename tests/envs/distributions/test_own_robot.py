@@ -1,5 +1,6 @@
 """Scenes for a robot's file: where they stand, how they grow with it, which are cut from a terrain,
-what is refused."""
+what is refused.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +125,8 @@ def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: 
 
 def test_a_robot_of_any_size_and_weight_sees_the_same_scenes(dog: str) -> None:
     """What policies see and boxes are of is non-dimensional: it stays where all lengths and the
-    mass are others."""
+    mass are others.
+    """
     small = StandingRobot.of(dog)
 
     def limb(one: Limb, k: float) -> Limb:
@@ -299,7 +301,8 @@ def test_other_legs_of_the_paper_are_still_refused_by_name() -> None:
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(ground):
     """Turned back about the body, corners of patches are as far apart in height as the ground is
-    there: places are its own, and the data set is named after it."""
+    there: places are its own, and the data set is named after it.
+    """
     drawn = distribution("terrain-3", terrain=ground)
     assert drawn.name == f"terrain-3-on-{ground.replace(':', '-')}"
     field = named_terrain(ground)

@@ -1,5 +1,6 @@
 """Export: the expert's episodes are those of the environment, and Minari reads them back without
-Stancekit's help."""
+Stancekit's help.
+"""
 
 import os
 import subprocess

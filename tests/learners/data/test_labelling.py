@@ -1,5 +1,6 @@
 """Labelling: the rows follow from the plan alone, whoever draws them and however often they are
-interrupted."""
+interrupted.
+"""
 
 import hashlib
 import itertools
@@ -106,7 +107,8 @@ def natural(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def contents(path: Path) -> dict[str, str]:
     """Digest of every file that must follow from the plan, and the names of all others but the
-    times."""
+    times.
+    """
     kept = [file for file in sorted(path.iterdir()) if not file.name.startswith("timing-")]
     return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in kept}
 
@@ -260,7 +262,8 @@ def ledger_stream(shard: int) -> np.random.Generator:
 
 def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) -> None:
     """Without the key ``witness`` the digest is that of before, so older shards belong to their
-    header."""
+    header.
+    """
     plan = replace(PLAN, feasible=4, infeasible=0, shard_size=2)
     label(plan, tmp_path)
     header = json.loads((tmp_path / "header.json").read_text())
@@ -304,7 +307,8 @@ def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folders by the deaths of the runs that filled them, each in a process of its own, started
-    from one."""
+    from one.
+    """
     path = tmp_path_factory.mktemp("killed")
     task = json.dumps([asdict(PLAN), str(path), [death[:2] for death in DEATHS]])
     done = subprocess.run(

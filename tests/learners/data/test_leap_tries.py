@@ -1,5 +1,6 @@
 """Labels of leaps: tries follow from the plan alone, and the verifier judges each one's evidence
-without a solver."""
+without a solver.
+"""
 
 import hashlib
 import json

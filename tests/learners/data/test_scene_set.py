@@ -1,5 +1,6 @@
 """Exported scenes: what is read back is what was drawn, and the verdicts are those of the
-courses."""
+courses.
+"""
 
 from __future__ import annotations
 

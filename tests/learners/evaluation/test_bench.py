@@ -1,5 +1,6 @@
 """The bench: every row from held-out terrains, nothing done twice, nothing reused that does not
-belong together."""
+belong together.
+"""
 
 import json
 from dataclasses import replace

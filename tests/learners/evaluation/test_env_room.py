@@ -1,5 +1,6 @@
 """Room of environments whose scenes are postures and climbs: episodes that are those of other
-judges."""
+judges.
+"""
 
 import json
 

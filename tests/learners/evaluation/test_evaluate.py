@@ -1,5 +1,6 @@
 """Rollouts: one function for every selector, the same figures anywhere, and the environment's own
-rewards."""
+rewards.
+"""
 
 import json
 from pathlib import Path

@@ -1,5 +1,6 @@
 """The bench of planners of leaps: its rows are those of planners, it goes on where it was, and its
-shares add up."""
+shares add up.
+"""
 
 import json
 from dataclasses import replace

@@ -1,5 +1,6 @@
 """The bench of scenes: cells are kept, rows say what the verifier says, and the page has every
-row."""
+row.
+"""
 
 from __future__ import annotations
 

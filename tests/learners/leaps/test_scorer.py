@@ -1,5 +1,6 @@
 """Learned scores of candidates: symmetries that hold by construction, a planted rule that is found,
-and files."""
+and files.
+"""
 
 from dataclasses import replace
 

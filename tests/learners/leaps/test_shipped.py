@@ -1,5 +1,6 @@
 """Scores that ship are those of their cards: the file, its class, about the figures; they go by
-name everywhere."""
+name everywhere.
+"""
 
 import hashlib
 import re
@@ -44,7 +45,8 @@ def test_a_scorer_is_the_one_of_its_card(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
     """Of 40 scenes; what is 4 standard errors below the lower end of the card's interval would be
-    another scorer."""
+    another scorer.
+    """
     env, scorer, solved = (
         LeapChoiceEnv(problem=scorer_card(name)["problem_class"], tries=1),
         LeapScorer.read(name),

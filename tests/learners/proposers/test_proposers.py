@@ -1,5 +1,6 @@
 """Proposers: their sums are the verifier's, training is without labels and repeatable, labels do
-not move."""
+not move.
+"""
 
 import numpy as np
 import pytest

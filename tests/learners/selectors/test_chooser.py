@@ -1,5 +1,6 @@
 """A chooser gives each terrain one box of a set; its costs are counted mistakes, and its file is
-not trusted."""
+not trusted.
+"""
 
 import itertools
 import pickle

@@ -1,5 +1,6 @@
 """What ``fit`` returns and what a file defines is copied and pickled, also to processes that have
-not run the file."""
+not run the file.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """P1's verdicts with and without earlier proofs are the same, and every proof holds against an
-independent check."""
+independent check.
+"""
 
 from __future__ import annotations
 

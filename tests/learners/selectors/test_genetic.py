@@ -1,5 +1,6 @@
 """Paper E's genetic algorithm: its operators, its repeatability, its checkpoints; and the baselines
-on its fitness."""
+on its fitness.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Boxes that descend P1's margins: the gradient is the loss's own, the loss is what it says, and
-boxes get better."""
+boxes get better.
+"""
 
 import numpy as np
 import pytest

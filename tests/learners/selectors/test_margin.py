@@ -1,5 +1,6 @@
 """P1's margin as a layer of torch: its gradient is that of finite differences, and a short loop
-learns by it."""
+learns by it.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
 
 def some(name: str, count: int, *, with_margin: bool = True) -> list[Scaled]:
     """Problems of which P̄ has an answer, so that P1 has a margin; or those of which it has
-    none."""
+    none.
+    """
     rng, programs, found = np.random.default_rng(3), Programs(), list[Scaled]()
     while len(found) < count:
         problem = Scaled.of(distribution(name).sample(rng))

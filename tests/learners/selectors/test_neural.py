@@ -1,5 +1,6 @@
 """Neural selectors: symmetric by construction, exact gradients, calibrated, repeatable, and no file
-is trusted."""
+is trusted.
+"""
 
 import itertools
 import pickle

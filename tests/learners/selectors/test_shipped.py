@@ -53,7 +53,8 @@ def test_a_selector_is_the_one_of_its_card(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_fresh_scenes_fare_as_the_card_says(name: str) -> None:
     """Of 30 scenes; what is 4 standard errors below the lower end of the card's interval would be
-    another selector."""
+    another selector.
+    """
     known, source, rng = (
         card(name),
         SampledScenes(distribution(card(name).problem_class)),

@@ -1,5 +1,6 @@
 """One list of methods: each learns a selector that is written and read back and answers the
-same."""
+same.
+"""
 
 from pathlib import Path
 

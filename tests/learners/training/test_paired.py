@@ -1,5 +1,6 @@
 """The paired score function: the gradient it estimates, runs that go on bit for bit, and what is
-refused."""
+refused.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,5 +1,6 @@
 """Reinforcement learns what it should, resumes bit for bit, and its files are read without
-pickle."""
+pickle.
+"""
 
 import json
 import warnings

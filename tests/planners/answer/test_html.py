@@ -1,5 +1,6 @@
 """What notebooks show of answers, reports, plans and walks: one line in text, a picture and a table
-in HTML."""
+in HTML.
+"""
 
 from xml.etree import ElementTree
 

@@ -1,5 +1,6 @@
 """Trajectories as values and as files: what was written comes back to the last bit, what was
-changed is refused."""
+changed is refused.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ COUNT = 21  # no power of two: batches are filled up
 
 def problems(name, program):
     """Problems with a box each, some far too small: P1 feasible, infeasible, and without any
-    answer."""
+    answer.
+    """
     rng, sampler = np.random.default_rng(4), distribution(name)
     scaled = [Scaled.of(sampler.sample(rng)) for _ in range(COUNT)]
     middle, half = (

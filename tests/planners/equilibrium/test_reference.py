@@ -1,5 +1,6 @@
 """The programs that plan are the readable reference: every row is an equation of it, and so are
-optima and rays."""
+optima and rays.
+"""
 
 from __future__ import annotations
 
@@ -96,7 +97,8 @@ def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[obje
 
 def pushed(course: Problem) -> Problem:
     """The same with a push of a tenth of the weight in every stance, and toes drawn to where they
-    are as it stands."""
+    are as it stands.
+    """
     shoulders = np.array([limb.shoulder_m for limb in course.robot.limbs])
     standing = np.tile(shoulders + np.array([0.02, 0.01, -0.2]), (course.frames, 1, 1))
     weights = replace(course.weights, stance=0.3)
@@ -105,7 +107,8 @@ def pushed(course: Problem) -> Problem:
 
 def loaded_with_wrench(problem: Problem) -> Problem:
     """The same with another force and moment on the body at every frame, up to a third of the
-    weight."""
+    weight.
+    """
     unit = problem.weight_n * np.array([1.0, 1.0, 1.0, *(problem.length_scale_m,) * 3])
     wrench = np.random.default_rng(5).uniform(-0.3, 0.3, (problem.frames, 6)) * unit
     return (
@@ -194,7 +197,8 @@ def left_over(term: cp.Constraint) -> np.ndarray:
 
 def at_random(program, model, given, seed: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """One point as the program has it, x, and as the model has it, with toes where their weights
-    put them."""
+    put them.
+    """
     rng, columns = np.random.default_rng(seed), program.rows.columns
     x = rng.normal(size=program.rows.shape[1])
     for term in model.terms.values():
@@ -297,7 +301,8 @@ def test_the_small_form_of_the_lift_is_the_whole_one(drawn):
 
 def in_rows(program, given, solution) -> tuple[np.ndarray, np.ndarray]:
     """x and z of a solution in the order of the rows; toes, where they are columns, and their rows'
-    multipliers."""
+    multipliers.
+    """
     hessian, q, matrix, b = loaded(program, given)
     x, z = np.zeros(len(q)), np.zeros(len(b))
     for rows, values in ((program.rows.columns, x), (program.rows.groups, z)):
@@ -331,7 +336,8 @@ def symmetric(upper):
 @pytest.mark.parametrize("engine", ["rows", "cvxpy"])
 def test_multipliers_are_optimal_whoever_found_them(answers, engine):
     """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z <
-    0."""
+    0.
+    """
     for answer in answers:
         solution = answer.solutions[engine]
         hessian, q, matrix, b = loaded(answer.program, answer.given)

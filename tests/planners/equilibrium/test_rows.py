@@ -1,5 +1,6 @@
 """Programs written as rows, against closed forms, optimality conditions and cvxpy's solve of the
-same program."""
+same program.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ ROWS, COLUMNS = 7, 3
 
 class LinearProgram:
     """min c·x, A x ≤ b, with data made from its own optimum: COLUMNS active rows, multipliers of
-    0.5 and more."""
+    0.5 and more.
+    """
 
     def __init__(self, keep=True):
         self.rows = rows = Rows[dict](keep=keep)
@@ -47,7 +49,8 @@ class LinearProgram:
 
 class Blend:
     """Every kind of group at once: an equality, bounds, a batch of cones, squares alone and of
-    differences."""
+    differences.
+    """
 
     def __init__(self, keep=True):
         self.rows = rows = Rows[dict](keep=keep)

@@ -113,7 +113,8 @@ def test_force_boxes_are_those_that_are_given_and_nothing_else_changes(rough):
 
 def test_what_is_worked_out_once_is_worked_out_anew_for_a_part(rough):
     """Arms, pieces and whether the box is implied are kept on a problem, and must not be handed on
-    to its parts."""
+    to its parts.
+    """
     scaled = Scaled.of(rough(0, regions=2))
     whole = (scaled.arms, scaled.pieces, scaled.patches, scaled.box_implied)
     part = scaled.with_piece(1, scaled.pieces[1] + 0.01).with_force_box(

@@ -1,5 +1,6 @@
 """Archives in bounds: what numpy writes comes back to the bit, and a header is believed as far as
-the bytes go."""
+the bytes go.
+"""
 
 import io
 import struct

@@ -1,5 +1,6 @@
 """A class says its fields once, and files, readers and the reference of keys have them from
-there."""
+there.
+"""
 
 from __future__ import annotations
 

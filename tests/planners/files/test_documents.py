@@ -1,5 +1,6 @@
 """Documents in bounds: YAML, JSON and what is shown of a value, each against what it must cost and
-say."""
+say.
+"""
 
 import time
 

@@ -1,5 +1,6 @@
 """Whatever is given where a file is expected, and is none: one line, and nobody waits for a
-pipe."""
+pipe.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Files are replaced whole or not at all: under a full disk or a kill at every call, and with two
-writers."""
+writers.
+"""
 
 from __future__ import annotations
 

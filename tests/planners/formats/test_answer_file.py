@@ -1,5 +1,6 @@
 """Files: every way in which one can be bad has its line, and what is written is written whole or
-not at all."""
+not at all.
+"""
 
 from __future__ import annotations
 

@@ -54,7 +54,8 @@ def seal(data):
 
 def resealed(path, change_header=lambda data: None, change_arrays=lambda arrays: None):
     """A file that a program changed, sums and all, so that only a look at the content can refuse
-    it."""
+    it.
+    """
     data = json.loads(path.read_text())
     arrays = stored(data)
     change_arrays(arrays)
@@ -333,7 +334,8 @@ def test_a_plan_file_is_known_by_its_format(written, tmp_path):
 
 def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
     """Written before hulls were in files, of a robot whose shanks are meshes in a folder that is
-    gone."""
+    gone.
+    """
     pytest.importorskip("pinocchio")
     pytest.importorskip("coal")
     path = Path(__file__).parent / "older" / "plan-2.json"

@@ -1,5 +1,6 @@
 """Plan files of a robot's own legs: verified from the file alone, and forgeries, sums and all,
-refused or told."""
+refused or told.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def path(plan: Plan, tmp_path: Path) -> Path:
 
 def forged(path: Path, forge: Forgery) -> None:
     """The file as a program leaves it that knows every sum: model, verdict and file are of the
-    forged content."""
+    forged content.
+    """
     header = json.loads(path.read_text())
     with np.load(io.BytesIO(base64.b64decode(header["arrays"]["npz"]))) as stored:
         arrays = dict(stored)

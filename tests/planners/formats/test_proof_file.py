@@ -1,5 +1,6 @@
 """Proof files: the same to the last bit when read back, checked anew whatever they say, refused in
-one line if odd."""
+one line if odd.
+"""
 
 from __future__ import annotations
 

@@ -39,7 +39,8 @@ def task(terrain: HeightField, friction: float, goal=(0.5, 0.2), **options) -> W
 @pytest.mark.parametrize(("share", "turn"), product((1.1, 1.3, 2.0), TURNS))
 def test_nobody_stands_on_a_ramp_steeper_than_friction_holds(share: float, turn: float) -> None:
     """The angle of friction is the angle of repose: tan of it is ν (0.02 of it are the
-    verifier's)."""
+    verifier's).
+    """
     friction = 0.4
     said = forbidden(task(ramp(share * friction + 0.02, turn), friction), GaitSettings())
     assert said.startswith(
@@ -57,7 +58,8 @@ def test_ice_is_forbidden_where_pushing_and_braking_do_not_bring_the_body_there(
     duration_s: float,
 ) -> None:
     """On level ground ν g T²/4 is the farthest from rest to rest, pushed half the time and braked
-    the other half."""
+    the other half.
+    """
     level, friction, foot = ramp(0.0, 0.0), 0.001, anymal().feet
     reach = max(
         np.linalg.norm(np.maximum(np.abs(each.reach_min_m), np.abs(each.reach_max_m)))
@@ -91,7 +93,8 @@ def test_ice_is_forbidden_where_pushing_and_braking_do_not_bring_the_body_there(
 
 def test_suction_that_does_not_hold_the_weight_is_no_way_up() -> None:
     """On a ramp of angle α a foot's pull s adds no more than s to what the angle of friction
-    lacks."""
+    lacks.
+    """
     friction, sticks = 0.3, (True, True, False, False)
     steep, weight = ramp(0.9, 0.0), anymal().weight_n
     said = [

@@ -1,5 +1,6 @@
 """A plan over time: in balance at every sample, smooth, its feet clear of the terrain and its ends
-where toes are."""
+where toes are.
+"""
 
 from dataclasses import replace
 

@@ -1,5 +1,6 @@
 """Joint angles of walks, against pinocchio: feet are where the walk has them, on ground that is not
-level."""
+level.
+"""
 
 from dataclasses import replace
 

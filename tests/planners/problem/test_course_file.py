@@ -1,5 +1,6 @@
 """Course files: laid out as they say, climbable where they come with the package, refused key by
-key and by frame."""
+key and by frame.
+"""
 
 from __future__ import annotations
 

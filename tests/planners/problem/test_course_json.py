@@ -1,5 +1,6 @@
 """A course comes back from its JSON form to the last bit, and what is wrong with a file is named
-key by key."""
+key by key.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def patches(draw):
 @st.composite
 def courses(draw):
     """Courses of any shape: 1 to 4 limbs, 1 to 4 frames, any limbs lifted, 1 to 3 candidates, some
-    toes that stand."""
+    toes that stand.
+    """
     names = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
     limbs = tuple(
         Limb(name=name, shoulder_m=np.array(draw(POINTS)), reach_m=draw(POSITIVE)) for name in names

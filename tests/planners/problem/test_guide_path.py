@@ -47,7 +47,8 @@ def floor(x0, x1, y0, y1, z=0.0) -> Patch:
 
 def box(x0, x1, y0, y1, z0, z1) -> list[Patch]:
     """The five surfaces of a box that are not its underside, and that where it is above the
-    ground."""
+    ground.
+    """
     made = [
         floor(x0, x1, y0, y1, z1),
         patch([(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0)], (-1, 0, 0), (0, 0, 1)),

@@ -1,5 +1,6 @@
 """Robots, patches and posture problems: what goes in comes out to the last bit, and what is wrong
-is named."""
+is named.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A problem of one frame and a course are one type: what is made as one is read, scaled and judged
-as the other."""
+as the other.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def problem(drawn) -> Problem:
 
 def rebuilt(problem: Problem) -> Problem:
     """The same by the constructor, which looks at everything, as one that nothing was worked out
-    of."""
+    of.
+    """
     return replace(problem)
 
 

@@ -1,5 +1,6 @@
 """Published scenes as courses: every one is laid out as its phases say, and what contradicts itself
-is refused."""
+is refused.
+"""
 
 from __future__ import annotations
 

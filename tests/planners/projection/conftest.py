@@ -1,5 +1,6 @@
 """What the tests of projections share: points off the bilinear surface to start from, and the plan
-of a quadruped."""
+of a quadruped.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The middle of what held toes leave: on the balances, inside, stationary, the same from anywhere
-and as cvxpy's."""
+and as cvxpy's.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Distances along a plan's path against finite differences, and a beam over the path that plans go
-under."""
+under.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +79,8 @@ def test_slopes_are_those_of_finite_differences(
     walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the path alone, whose joints follow body and toes. What the centre of mass moves by with
-    the legs, and what feet roll, is left out of the slopes, and out of this."""
+    the legs, and what feet roll, is left out of the slopes, and out of this.
+    """
     plan = with_joints(walk(3))
     monkeypatch.setattr(
         clearance, "_with_keys", lambda path, moments, postures: (moments, postures)
@@ -123,7 +125,8 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the
-    same left out."""
+    same left out.
+    """
 
     def stretched(leg: Leg, feet: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         away = feet - leg.hip_m
@@ -222,7 +225,8 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the
-    nearest, and .5 mm more. Hips, always 25 mm from it, are left out."""
+    nearest, and .5 mm more. Hips, always 25 mm from it, are left out.
+    """
     outcome = TwoStageCoursePlanner().solve(read_course("walls"))
     assert outcome.solution is not None
     plan = with_joints(outcome.solution)

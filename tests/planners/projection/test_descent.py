@@ -1,5 +1,6 @@
 """Descent over plans: it ends on better plans, never on worse ones, and where it ends there is no
-way down."""
+way down.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Forces distributed with a reserve of friction: balance, cones, and the least of all, by a model
-written again."""
+written again.
+"""
 
 from dataclasses import replace
 

@@ -1,5 +1,6 @@
 """The programs that hold a part of a point: each is the one written again from the problem, and
-what it says it is."""
+what it says it is.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ def test_fix_f_is_the_program_written_again(programs, starts, written, index):
 @given(SEEDS)
 def test_the_linear_model_of_scp_is_the_tangent_of_the_moment(programs, starts, seed):
     """About a posture on the surface the step's residual is 0, and its linearisation is exact in
-    each factor."""
+    each factor.
+    """
     rng = np.random.default_rng(seed)
     _, scaled, start = starts[int(rng.integers(len(starts)))]
     step = programs.get(Linearised, scaled.layout, True).solve(scaled, start)
@@ -77,7 +79,8 @@ def test_the_linear_model_of_scp_is_the_tangent_of_the_moment(programs, starts, 
 
 def test_three_feet_on_level_ground_share_the_weight_by_the_lever_rule(drawn):
     """A closed form: vertical forces f_i with Σ f_i = w and Σ f_i (q_i − c) = 0 are the barycentric
-    shares of c."""
+    shares of c.
+    """
     toes = np.array([[0.5, 0.0, -0.3], [-0.2, 0.4, -0.3], [-0.3, -0.5, -0.3]])
     com, upright = (
         np.array([[0.05, -0.02, 0.0]]),

@@ -85,7 +85,8 @@ def test_fix_toes_keeps_the_toes_in_the_world(programs, starts):
 
 def test_each_has_at_most_the_residual_of_what_it_starts_with(programs, starts):
     """Each frees more than nothing: the start itself is among its choices, and fix-toes frees all
-    that fix-p does."""
+    that fix-p does.
+    """
     for _, scaled, start in starts:
         here = np.max(np.abs(moment(scaled, start)))
         found = {

@@ -1,5 +1,6 @@
 """Quadrupeds that do not balance on an edge: their feet press, and their bodies are inside of what
-carries them."""
+carries them.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 def shares(plan: Plan, stance: int) -> Array:
     """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates,
-    shape (3,)."""
+    shape (3,).
+    """
     of = plan.problem.stances[stance]
     corners = plan.toes_at(of.frame)[list(of.limbs), :2]
     rows = np.vstack([corners.T, np.ones(3)])

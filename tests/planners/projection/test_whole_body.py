@@ -1,5 +1,6 @@
 """Joints and spared joints: angles that reach, forces that are the best for the weakest joint by
-another model; whole plans that are bent to torque limits, and never to worse ones."""
+another model; whole plans that are bent to torque limits, and never to worse ones.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

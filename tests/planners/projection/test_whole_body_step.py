@@ -1,5 +1,6 @@
 """A step's rows to first order: feet and torques against differences of pinocchio's own; restored
-plans are exact."""
+plans are exact.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
 @pytest.fixture
 def about(plan: Plan) -> WholeBodyGiven:
     """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order
-    anywhere."""
+    anywhere.
+    """
     restoration, solver = restoration_of(plan)
     rng, point = np.random.default_rng(0), restoration.point()
     tilted = replace(point, rotation=rng.uniform(-0.3, 0.3, point.rotation.shape))
@@ -261,7 +263,8 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
 @pytest.mark.parametrize("each", [False, True])
 def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, each: bool) -> None:
     """The body of a quadruped on level ground is held beside its feet, at the last key frame
-    alone."""
+    alone.
+    """
     restoration, _ = restoration_of(with_joints(dog_plan))
     point, scaled = restoration.point(), scaled_of(dog_plan)
     beside = point.com + np.outer(np.arange(len(point.com)) == len(point.com) - 1, [1.0, 1.0, 0.0])

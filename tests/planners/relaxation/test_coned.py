@@ -1,5 +1,6 @@
 """P1 with friction cones times the box: it admits what is true, cuts off more, and moves with its
-box as it says."""
+box as it says.
+"""
 
 import numpy as np
 import pytest

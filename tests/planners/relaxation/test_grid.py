@@ -1,5 +1,6 @@
 """The grid of cells: two neighbours at most, planes around and inside cones, tangents below
-squares, domains."""
+squares, domains.
+"""
 
 from __future__ import annotations
 

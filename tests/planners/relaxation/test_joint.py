@@ -1,5 +1,6 @@
 """P1 joined with the lift: it keeps every solution, cuts off what either lets through, and starts
-projections well."""
+projections well.
+"""
 
 from __future__ import annotations
 

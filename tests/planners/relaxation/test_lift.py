@@ -1,5 +1,6 @@
 """The lift: a bound that is never too high, tight where it must be, and proved by its own
-multipliers; for a posture, and over key frames against the same model written a second time."""
+multipliers; for a posture, and over key frames against the same model written a second time.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ def forms(scaled):
 
 def lift_again(model):
     """The lift in its own words: per vertex a share λ and a force λ f in the cone and in λ times
-    the box."""
+    the box.
+    """
     problem = model.problem
     slack = cp.Variable()
     moment, rows = 0.0, [model.balance, *model.body, *model.on_patches, *model.in_reach]
@@ -89,7 +91,8 @@ def test_the_scenes_above_are_of_all_sorts(programs, drawn, mixed):
 
 def around_a_posture(seed):
     """A random posture in balance of forces, and a problem whose every other constraint it
-    meets."""
+    meets.
+    """
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 4))
     com, rotation = rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.2, 0.2, 3)
@@ -281,7 +284,8 @@ def test_repeated_corners_change_nothing(drawn, implied, seed):
 
 def test_a_limb_that_may_not_push_must_stand_on_its_patch_all_the_same(programs, drawn):
     """A force box without size leaves the shares free unless λ ≥ 0 is asked for: the patch would be
-    its whole plane."""
+    its whole plane.
+    """
     scaled = Scaled.of(drawn("wall-3", 0))
     nothing = np.zeros(3)
     corners = scaled.pieces[0]

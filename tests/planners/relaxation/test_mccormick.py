@@ -50,7 +50,8 @@ def around(point, width):
 
 def p1_again(model, boxes):
     """Least t over boxes, one binary each: McCormick rows relaxed by t, and off for a box that is
-    not chosen."""
+    not chosen.
+    """
     count = len(model.problem.contacts)
     t = cp.Variable()
     products = [cp.Variable((3, 3)) for _ in range(count)]  # m_jk, rows j of p, columns k of f
@@ -189,7 +190,8 @@ def test_a_larger_box_admits_what_a_smaller_one_admits_with_no_larger_margin(
     programs, witnesses, seed
 ):
     """Only where t ≤ 0: outside a box its rows are no bounds on p f, so that a positive margin may
-    even grow."""
+    even grow.
+    """
     rng = np.random.default_rng(seed)
     scaled, point = witnesses[int(rng.integers(len(witnesses)))]
     box = around(point, rng.exponential(0.02, (3, 6)))

@@ -1,5 +1,6 @@
 """Mode switching: z from boxes in world axes, against enumeration and against what the terrain
-is."""
+is.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def planner(modes):
 @pytest.fixture(scope="module")
 def small():
     """A small climb, two boxes over it that cost something, and P1 with each of their eight
-    choices."""
+    choices.
+    """
     course = read_course("walls", frames=2)
     scaled = Scaled.of(course)
     domain = domain_of(scaled, "world")

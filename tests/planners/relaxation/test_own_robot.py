@@ -1,5 +1,6 @@
 """Envelopes of a robot's file: P1 with half-spaces of reach, boxes in the course's units, and whose
-they are."""
+they are.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ from stancekit.planners.verify import check_postures
 
 def walled(problem: Problem, shift_m: float = 0.0) -> Problem:
     """The problem with legs that reach little but their patches' middles, or places beside them,
-    and a name."""
+    and a name.
+    """
     contacts = []
     for i, contact in enumerate(problem.contacts):
         normals = np.vstack([np.eye(3), -np.eye(3)])

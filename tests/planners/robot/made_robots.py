@@ -31,7 +31,8 @@ R = 0.02
 @dataclass(frozen=True, kw_only=True)
 class Made:
     """A robot: its URDF, files beside it, keys of a YAML file about it, and whether it is sound or
-    what is wrong."""
+    what is wrong.
+    """
 
     name: str
     urdf: str
@@ -45,7 +46,8 @@ class Made:
 
     def write(self, folder: Path) -> Path:
         """Write it into a folder; returns what a person would name: the YAML file where there is
-        one."""
+        one.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in {"robot.urdf": self.urdf, **self.files}.items():
             (folder / name).write_text(text)
@@ -57,7 +59,8 @@ class Made:
 
 def obj(points: Array) -> str:
     """An OBJ file of the hull of points, shape (K, 3) [m]; all of them are corners of it or
-    inside."""
+    inside.
+    """
     from scipy.spatial import ConvexHull
 
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points]
@@ -158,7 +161,8 @@ def quadruped(
     y_up: bool = False,
 ) -> str:
     """A robot of legs of three joints, .2 m of thigh and of shank; the trunk's x is ahead and z up,
-    or y up."""
+    or y up.
+    """
     parts = []
     if root in ("floating", "planar", "fixed"):
         parts.append(
@@ -268,7 +272,8 @@ def made_robots() -> Iterator[Made]:
 
 def _described() -> Iterator[Made]:
     """Feet that are no balls, with what touches in a YAML file: balls around them, and points that
-    are not."""
+    are not.
+    """
     around = np.sqrt(3.0) * R + 1e-4
     yield Made(
         name="box-in-a-ball",

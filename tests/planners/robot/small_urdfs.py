@@ -1,5 +1,6 @@
 """URDFs written in place: a quadruped whose limbs may come in any order, and what can be wrong with
-one."""
+one.
+"""
 
 from collections.abc import Sequence
 
@@ -38,13 +39,15 @@ def limit(name: str, effort: float = 40.0) -> str:
 
 def small(link: str, mass: float, is_small: bool = True) -> str:
     """A link with moments of inertia of a mass within some centimetres, in place of some
-    decimetres."""
+    decimetres.
+    """
     return link.replace('".01"', f'"{1e-4 * mass}"') if is_small else link
 
 
 def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> str:
     """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different. bone:
-    shape of its links, about each one's origin."""
+    shape of its links, about each one's origin.
+    """
     x, y = HIPS[name]
     side = 0.05 if y > 0 else -0.05
     return "".join(

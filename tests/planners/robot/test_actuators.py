@@ -1,5 +1,6 @@
 """Actuators: files say which joint has which, in one line where they do not; a URDF says less than
-a data sheet."""
+a data sheet.
+"""
 
 from pathlib import Path
 

@@ -1,5 +1,6 @@
 """ANYmal's legs agree with its boxes, and its walks are judged whole; walks of the boxes are judged
-as ever."""
+as ever.
+"""
 
 from __future__ import annotations
 

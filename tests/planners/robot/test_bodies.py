@@ -1,5 +1,6 @@
 """Bodies inside each other: depths in closed form, pairs that are left out, and MuJoCo's own
-collisions."""
+collisions.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +74,8 @@ def bodies(shapes: Sequence[Shape], *patches: Patch, **changes: object) -> Bodie
 
 def standing(made: Bodies, height: float, *, toes: object = None, turn: object = None) -> WholeBody:
     """The posture in which it stands, its base at a height; its feet on level ground where toes are
-    given."""
+    given.
+    """
     legs = made.model.legs
     return WholeBody(
         rotation=np.eye(3) if turn is None else np.asarray(turn),
@@ -215,7 +217,8 @@ def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
 
 def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_the_way() -> None:
     """Against the closed form of two balls, at a thousand moments of ways on which joints turn by
-    .3 rad."""
+    .3 rad.
+    """
     rng, radius, found = np.random.default_rng(4), 0.01, list[bool]()
     for _ in range(60):
         ball = shape("LF_SHANK", "sphere", [radius], at=[0.0, 0.05, -0.15])
@@ -346,7 +349,8 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
 
 def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
     """Bodies are placed by chains of our own, as joints are found; pinocchio's links are the
-    independent word."""
+    independent word.
+    """
     import pinocchio as pin
 
     sound = [each for each in made_robots() if each.sound][::3]

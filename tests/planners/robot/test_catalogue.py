@@ -1,5 +1,6 @@
 """Robots with a name: each file fits its URDF, and a package that is missing is named with the
-command for it."""
+command for it.
+"""
 
 from pathlib import Path
 

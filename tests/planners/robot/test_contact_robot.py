@@ -1,5 +1,6 @@
 """Contact planning for a robot's file: inner and outer sets, a climb that its own legs reach, and
-what is refused."""
+what is refused.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Feet that are meshes: balls are found, whatever has corners is not, and the robot in a plan's
-file keeps them."""
+file keeps them.
+"""
 
 from __future__ import annotations
 

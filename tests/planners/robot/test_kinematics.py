@@ -1,5 +1,6 @@
 """Inverse kinematics and torques, against rotations by scipy, finite differences and virtual
-work."""
+work.
+"""
 
 import sys
 from dataclasses import replace
@@ -42,7 +43,8 @@ def plan() -> Plan:
 
 def foot_by_hand(limb: int, angles: np.ndarray) -> np.ndarray:
     """The foot's centre in the body frame: shoulder, then yaw about z, hip about y, roll about x,
-    knee about y."""
+    knee about y.
+    """
     owner = ROBOT.limbs[limb]
     thigh, shank = link_lengths(owner)
     yaw, hip, roll, knee = angles
@@ -137,7 +139,8 @@ def test_a_joint_that_would_have_to_go_beyond_its_limit_is_said_by_how_much() ->
 
 def test_joints_at_a_limit_wait_and_the_others_reach(kinematics: Kinematics) -> None:
     """Four joints a leg: with the hip at its limit three are left, and a start beyond it is no
-    answer."""
+    answer.
+    """
     rng, count = np.random.default_rng(0), len(kinematics.robot.limbs)
     lower, upper = (
         limit.reshape(count, 4) for limit in (kinematics.lowest_rad, kinematics.highest_rad)
@@ -197,7 +200,8 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
     plan: Plan, kinematics: Kinematics, limb: int
 ) -> None:
     """It begins with the knee at the far side of its circle about the line from shoulder to
-    foot."""
+    foot.
+    """
     usual, its = plan_angles(plan), slice(4 * limb, 4 * limb + 4)
     foot = kinematics.feet(usual[0].angles)[limb] - SHOULDERS[limb]
     outward = rotation_of([0.0, 0.0, outward_rad(ROBOT.limbs[limb])])

@@ -156,7 +156,8 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
 
 def test_an_older_plan_with_joints_is_judged_with_the_legs_that_it_had(tmp_path: Path) -> None:
     """Before a file could ask for drawn-up legs, all limbs had them: joints of a plan are
-    theirs."""
+    theirs.
+    """
     drawn = build_course(spec_from(four(torque_nm=40.0)))
     found = plan_course(drawn, TwoStageCoursePlanner()).solution
     assert found is not None
@@ -195,7 +196,8 @@ def test_a_plan_of_unknown_legs_has_no_joints(plan: Plan) -> None:
 
 def test_a_robot_pickles_as_its_source_and_never_as_a_solvers_objects() -> None:
     """Text, angles and corners go over; what pinocchio has made of them is made again where it is
-    asked for."""
+    asked for.
+    """
     own = model_of(quadruped())
     for robot in (robot_of(own), hexapod(), build_course(spec_from(FOUR)).robot):
         names = joint_names(robot)

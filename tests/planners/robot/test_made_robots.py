@@ -1,5 +1,6 @@
 """Robots of our own making: what is read of them, what is refused, and that the sound ones stand
-where plans say."""
+where plans say.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Meshes of links: few triangles on the same surface, outsides outside, kept once read, and files
-that are none."""
+that are none.
+"""
 
 from pathlib import Path
 

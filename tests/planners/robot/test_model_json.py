@@ -1,5 +1,6 @@
 """A robot's own model inside a course: the same robot when read back, and whatever was forged about
-it refused."""
+it refused.
+"""
 
 import hashlib
 import json

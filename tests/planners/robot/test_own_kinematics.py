@@ -1,5 +1,6 @@
 """Kinematics of robots' own legs, of any numbers of joints in any order, against chains,
-differences and work."""
+differences and work.
+"""
 
 from dataclasses import replace
 
@@ -143,7 +144,8 @@ def test_torques_of_accelerations_are_the_change_of_momentum(
     model: RobotModel, kinematics: Kinematics
 ) -> None:
     """A leg's power is the change of its kinetic energy, by the masses where the chains put
-    them."""
+    them.
+    """
     rng = np.random.default_rng(4)
     angles = np.concatenate(drawn(model, rng))
     velocity, acceleration = rng.uniform(-1.0, 1.0, (2, len(angles)))

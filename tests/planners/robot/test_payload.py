@@ -1,5 +1,6 @@
 """A robot with a payload: heavier by what was asked for, on its body, and read so by whoever reads
-its URDF."""
+its URDF.
+"""
 
 from pathlib import Path
 

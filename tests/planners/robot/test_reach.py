@@ -1,5 +1,6 @@
 """Workspaces as half-spaces: what is refused, and that the convex sets for plans and for proofs are
-what they say."""
+what they say.
+"""
 
 from __future__ import annotations
 

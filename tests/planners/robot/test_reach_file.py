@@ -1,5 +1,6 @@
 """Reach polytopes from files: the published half-spaces, the ball that holds them, and files that
-are none."""
+are none.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ def test_every_file_of_the_package_is_read_as_its_faces_say(robot):
 @pytest.mark.parametrize("robot", LIMBS)
 def test_the_ball_holds_the_set_and_hardly_more(robot):
     """The farthest point of the set in a direction, by a linear program, is in the ball, and one is
-    at its border."""
+    at its border.
+    """
     sets = read_reach(folder_of(robot), LIMBS[robot])
     rng = np.random.default_rng(0)
     for limb in LIMBS[robot][:2]:
@@ -75,7 +77,8 @@ def test_the_ball_holds_the_set_and_hardly_more(robot):
 
 def test_feet_are_paired_and_signs_are_those_of_the_paper():
     """A toe below the body's own corner, and the other feet where those of a trotting stance are,
-    are in reach."""
+    are in reach.
+    """
     sets = read_reach(folder_of("anymal"), LIMBS["anymal"])
     assert [(each.limb, each.other) for each in sets.feet] == [
         (limb, other) for limb in LIMBS["anymal"] for other in LIMBS["anymal"] if other != limb

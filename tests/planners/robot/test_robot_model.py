@@ -1,5 +1,6 @@
 """Robots from URDF without a word of configuration, joints by name, corrections, and what is
-refused."""
+refused.
+"""
 
 from itertools import pairwise, permutations
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Walkers from robots' models: boxes that legs reach and that do not cross, old and new files, and
-what is refused."""
+what is refused.
+"""
 
 import json
 from pathlib import Path

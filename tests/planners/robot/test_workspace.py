@@ -1,5 +1,6 @@
 """Sets of a leg's foot: nothing reachable outside the outer one, nothing out of reach in the inner
-one."""
+one.
+"""
 
 from dataclasses import replace
 from pathlib import Path

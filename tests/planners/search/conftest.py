@@ -1,5 +1,6 @@
 """What the tests of searches share: posture problems as courses of one frame, also with patches to
-choose from."""
+choose from.
+"""
 
 from __future__ import annotations
 

@@ -80,7 +80,8 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
     programs, rough
 ):
     """A foothold with one candidate has nothing to weigh; what is missing has no entry in any
-    cut."""
+    cut.
+    """
     course = rough(0, regions=3)
     scaled = Scaled.of(course)
     counts = np.array([len(put.candidates) for put in course.footholds])

@@ -1,5 +1,6 @@
 """Cuts in space: postures as courses of one frame, courses of several, and every proof through the
-verifier."""
+verifier.
+"""
 
 from __future__ import annotations
 
@@ -109,7 +110,8 @@ def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and
 
 def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
     """The verifier takes it off every bound: where the least moment is as small, the patch is not
-    to be cut."""
+    to be cut.
+    """
     course = rough(775284, regions=2)
     share = 0.85
     footholds = tuple(

@@ -1,5 +1,6 @@
 """The decoupled planner: plans where forces come easily, fails where friction decides, proves what
-has no positions."""
+has no positions.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
 
 def walls_of_ice(seed):
     """The built-in walls with two candidates a toe, one of which grips: the nearer or the farther,
-    by chance."""
+    by chance.
+    """
     rng, course = np.random.default_rng(seed), read_course("icy-walls", frames=2)
     footholds = []
     for put in course.footholds:

@@ -1,5 +1,6 @@
 """P1 over envelopes for key frames: mirrored boxes, the signed margin of a course, and what a
-relaxation promises."""
+relaxation promises.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def reflected(problem):
 
 def points_of(plan):
     """[p, f] of every bearing at a plan, f in contact frames, from the plan's own SI numbers, shape
-    (B, 6)."""
+    (B, 6).
+    """
     course, rows = plan.problem, []
     for index, stance in enumerate(course.stances):
         for limb in stance.limbs:

@@ -1,5 +1,6 @@
 """The exact planners: against statics on paper, IPOPT and SCIP, and never without a witness or a
-proof."""
+proof.
+"""
 
 from __future__ import annotations
 
@@ -108,7 +109,8 @@ def confirm(problem, outcome):
 @pytest.mark.parametrize("offset", [0.0, 0.119, 0.121, 0.2, 0.3])
 def test_one_foot_holds_the_body_exactly_where_it_can_stand_below_the_com(planner, offset):
     """Patch half width .04, COM radius .08: nearer than .12 m the toe is under the COM; .6 m is the
-    unit of levers."""
+    unit of levers.
+    """
     foot = rectangle(
         "RF", (offset, 0, -0.2), [(0.04, 0, 0), (0, 0.04, 0)], (0, 0, 1), (1, 0, 0), friction=0.6
     )
@@ -138,7 +140,8 @@ def test_a_foot_on_a_slope_slips_beyond_the_angle_of_friction(planner, degrees, 
 
 def brace(distance, ahead, height, friction, most):
     """Two facing walls at ±distance, patches of this height; the COM is fixed ``ahead`` of the
-    middle."""
+    middle.
+    """
     contacts = []
     for leg, side in (("LM", 1), ("RM", -1)):
         sides = [(0.03, 0, 0), (0, 0, 0.5 * height)]
@@ -193,7 +196,8 @@ def test_walls_without_friction_hold_nothing(planner):
 @pytest.mark.parametrize("friction", [0.3, 1e-3, 0.0])
 def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction):
     """Both level patches begin .15 m ahead of the COM: the moment is .15 m of the .6 m unit at the
-    least."""
+    least.
+    """
     feet = [
         rectangle(
             leg,
@@ -381,7 +385,8 @@ def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length
 @pytest.mark.parametrize("quarters", [1, 2, 3])
 def test_a_turned_scene_has_the_same_answer(planner, drawn, mixed, quarters):
     """Quarter turns about z, since the residual is the largest component and the tilt limit a
-    box."""
+    box.
+    """
     turn = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), quarters)
 
     def turned(contact):
@@ -563,7 +568,8 @@ def test_scip_finds_the_same_best_plan_and_its_bound_does_not_exclude_it(seed, c
 
 def scip(course, *, nodes):
     """Best objective and bound [m²] that SCIP has for the true bilinear problem, written from the
-    course's numbers."""
+    course's numbers.
+    """
     pyscipopt = pytest.importorskip("pyscipopt")
     model = pyscipopt.Model()
     model.hideOutput()

@@ -1,5 +1,6 @@
 """Farkas cuts: a table that refutes no more than the verifier does, and whose blame is its own
-entries'."""
+entries'.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
 
 def pulled(course: Problem, share: float) -> Problem:
     """The course with another force and moment on the body at every frame, of up to this share of
-    the weight."""
+    the weight.
+    """
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(0.3 * course.length_scale_m,) * 3])
     wrench = np.random.default_rng(7).uniform(-share, share, (course.frames, 6)) * unit
     return replace(course, wrench=wrench) if share else course

@@ -1,5 +1,6 @@
 """Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may
-be and no more."""
+be and no more.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

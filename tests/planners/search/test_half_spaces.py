@@ -1,5 +1,6 @@
 """Reach as half-spaces, from a file to an answer: closed forms, a second formulation, proofs, and
-forged answers."""
+forged answers.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def planner(programs):
 
 def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
     """One foot on level ground, which has to be below a fixed COM, of a limb whose box begins
-    ``ahead_m`` ahead."""
+    ``ahead_m`` ahead.
+    """
     square = 0.2 * np.array(
         [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
     )
@@ -71,7 +73,8 @@ def test_without_a_tilt_a_half_space_decides_to_the_millimetre(planner, ahead_m,
 
 def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planner):
     """The row is −d_x − Θ_y d_z ≥ ahead with the toe at d = (0, 0, −h): it holds for Θ_y ≥ ahead /
-    h."""
+    h.
+    """
     tilt, found = 0.2, {}
     for share in (0.5, 0.9, 0.99, 1.01, 1.2, 2.0):
         outcome = planner.solve(on_one_foot(share * tilt * HEIGHT_M, tilt))
@@ -86,7 +89,8 @@ def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planne
 
 def test_a_box_is_its_six_rows_and_what_it_does_not_cut_changes_nothing(planner, drawn):
     """Rows that touch the ball from outside change no verdict; a box inside the ball makes the ball
-    idle."""
+    idle.
+    """
     verdicts = {Status.FEASIBLE: 0, Status.INFEASIBLE: 0}
     for seed in range(16):
         problem = replace(drawn("wall-3", seed), tilt_limit_rad=0.0)
@@ -149,7 +153,8 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(
 
 def worst_row(problem: Problem, posture: Plan) -> float:
     """How far a toe is beyond a half-space that was turned with the body, one after the other
-    [m]."""
+    [m].
+    """
     turn = np.eye(3) + np.cross(posture.rotation_rad[0], np.eye(3)).T
     beyond = [
         (turn @ normal) @ (toe - posture.com_m[0]) - bound
@@ -163,7 +168,8 @@ def worst_row(problem: Problem, posture: Plan) -> float:
 
 def test_no_proof_is_one_of_a_problem_with_a_posture(planner, drawn, bounded):
     """Proofs of problems with half-spaces, noise and all, against the same with these farther out,
-    which have one."""
+    which have one.
+    """
     rng, tried = np.random.default_rng(5), 0
     for seed in range(16):
         stiff = replace(drawn("wall-3", seed), tilt_limit_rad=0.0)
@@ -242,7 +248,8 @@ def test_a_plan_is_refused_where_a_toe_leaves_a_half_space(planned):
 
 def test_the_way_between_two_frames_is_looked_at_where_it_bows_out(walk):
     """Both ends lean as the row allows, the way between them does not: found without a point on the
-    way."""
+    way.
+    """
     plan = walk(2, "shift")
     limb, toe = plan.problem.robot.limbs[0], plan.toes_m[0]
     turn = np.array([[0.0, 0.05, 0.0], [0.0, -0.05, 0.0]])

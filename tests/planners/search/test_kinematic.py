@@ -1,5 +1,6 @@
 """Planners without forces: what they place is within the published sets, and what they choose is
-allowed."""
+allowed.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +82,8 @@ def test_feet_and_body_are_where_the_published_sets_have_them(choice):
 @pytest.mark.parametrize("solver", ["highs", "scip"])
 def test_the_mixed_integer_program_chooses_surfaces_that_slacks_of_least_sum_leave_open(solver):
     """Published of the inclined surfaces: SL1M does not converge, the mixed-integer program
-    does."""
+    does.
+    """
     pytest.importorskip({"highs": "highspy", "scip": "pyscipopt"}[solver])
     course = part("anymal-inclined-surfaces", 26)
     placed, message = KinematicPlanner("mip", solver=solver).place(course, Clock.start())

@@ -1,5 +1,6 @@
 """A limit of the body's step in one axis: plans, proofs, forged ones, the reference, the NLP,
-files."""
+files.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def largest_yaw(plan) -> float:
 @pytest.fixture
 def turning(climb):
     """Climbs whose plans turn about the vertical by more than ``YAW_RAD`` where nothing keeps them
-    from it."""
+    from it.
+    """
     return [climb(seed, frames=3) for seed in range(12)]
 
 

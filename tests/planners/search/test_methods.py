@@ -1,5 +1,6 @@
 """Contract of every planner: its status speaks of the posture problem, and carries what can be
-checked."""
+checked.
+"""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
 """The mixed-integer baseline: its grid leaves nothing out, and its claims are never taken for
-answers."""
+answers.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ TWO = MicpGrid(intervals=2)
 @pytest.fixture(scope="module")
 def scenes():
     """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left
-    out."""
+    out.
+    """
     rng, exact = np.random.default_rng(1), ExactPlanner()
     answered = [
         (problem, exact.solve(problem))
@@ -76,7 +78,8 @@ def walls():
 @pytest.fixture(scope="module")
 def learned():
     """A box for the legs of wall-3 such as is learned, written down: the mirror image of the
-    course's own tripod."""
+    course's own tripod.
+    """
     course = read_course("walls", frames=3)
     problem = course.posture_problem(
         replace(course.stances[1], limbs=(3, 5, 1)), np.zeros(12, dtype=int)

@@ -1,5 +1,6 @@
 """IPOPT on postures and whole plans: agreement with what is proved, and no claim that it cannot
-show."""
+show.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ from stancekit.planners.verify import check_plan
 @pytest.fixture(scope="module")
 def scenes():
     """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left
-    out."""
+    out.
+    """
     rng, exact = np.random.default_rng(1), ExactPlanner()
     drawn = [DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(20)]
     answered = [(problem, exact.solve(problem)) for problem in drawn]

@@ -1,5 +1,6 @@
 """Nogoods: what one stance refutes is refuted in the course, on every part of the candidates that a
-nogood covers."""
+nogood covers.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def learned(programs, course, *choices):
 @pytest.fixture(scope="module")
 def hard(programs, drawn, as_course, rough):
     """(course, its nogoods) of courses that have some: of one frame with candidates to choose from,
-    and of two; the last with patches cut, too."""
+    and of two; the last with patches cut, too.
+    """
     made = [as_course(drawn(*scene), count, 0, spread) for scene, count, spread in SCENES]
     made.append(rough(2))
     found = [(course, learned(programs, course)) for course in made]

@@ -1,5 +1,6 @@
 """Long courses in pieces: one plan that the verifier accepts, shared frames, and what goes on after
-a stop."""
+a stop.
+"""
 
 from __future__ import annotations
 

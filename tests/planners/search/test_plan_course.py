@@ -1,5 +1,6 @@
 """One function answers a course: within inner sets, proved over outer ones, bent, judged, and
-within its time."""
+within its time.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ terrain: {{kind: flat, friction: 0.7}}
 @pytest.fixture(scope="module")
 def high(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Path]:
     """The file of a course on which a quadruped stands so high [m]: 0.58 is out of its inner sets,
-    0.66 of all."""
+    0.66 of all.
+    """
     folder = tmp_path_factory.mktemp("high")
     (folder / "dog.urdf").write_text(quadruped())
 

@@ -1,5 +1,6 @@
 """A course planned window by window: every window begins where the last one ended, and the walk is
-a plan again."""
+a plan again.
+"""
 
 from __future__ import annotations
 

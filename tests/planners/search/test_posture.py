@@ -292,7 +292,8 @@ def test_planners_are_made_by_name(learned):
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
     """Where a residual is bounded away from 0 but below the gap, nothing is refused and nothing
-    found."""
+    found.
+    """
     problem, exact = next((p, o) for p, o in truth if 1e-3 < o.bound < 1.0)
     planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)

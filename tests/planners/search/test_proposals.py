@@ -1,5 +1,6 @@
 """Proposals: what the verifier accepts is used, what it refuses changes nothing, and nobody is
-believed."""
+believed.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -41,7 +42,8 @@ class Said:
 
 class Knowing(Said):
     """A proposer that was told the answers: postures and proofs of these outcomes, in the order of
-    the batch."""
+    the batch.
+    """
 
     def __init__(self, batch, outcomes):
         scaled = ScaledBatch.of(batch)

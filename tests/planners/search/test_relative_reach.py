@@ -1,5 +1,6 @@
 """Reach of feet from one another, from a course to an answer: closed forms, proofs, forged answers,
-other planners."""
+other planners.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +83,8 @@ def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(
 
 def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, programs):
     """All limbs have room but one pair, whose distance along x is pinned beyond what the patches
-    leave."""
+    leave.
+    """
     planner = TwoStageCoursePlanner(programs=programs, time_limit_s=10.0)
     free = next(
         c

@@ -114,7 +114,8 @@ def test_frames_that_there_are_not_are_refused(course):
 
 def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
     """Windows of two steps, each from where the one before ended, where the second asks for more
-    than 10 Nm."""
+    than 10 Nm.
+    """
     pytest.importorskip("pinocchio")
     limits, state, bent = WholeBodyLimits(torque_nm=10.0), None, 0
     for frame in (0, 2):

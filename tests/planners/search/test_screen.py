@@ -1,5 +1,6 @@
 """What is said before a lift is solved, and by searches that only want one answer, is what the
-exact planner says."""
+exact planner says.
+"""
 
 import numpy as np
 import pytest
@@ -99,7 +100,8 @@ def test_a_search_for_one_answer_gives_that_answer_to_the_last_bit_and_else_neve
 
 def test_a_search_for_a_proof_ends_at_a_point_that_no_proof_can_be_above():
     """A problem whose least moment residual lies between what is feasible and what can be
-    proved."""
+    proved.
+    """
     source, rng = distribution("wall-3"), np.random.default_rng(5)
     source.skip(rng, 73 * 64)
     numbers, planner = ScaledBatch.of(source.batch(rng, 64)).problem(52), ExactPlanner(max_nodes=40)

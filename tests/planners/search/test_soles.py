@@ -1,5 +1,6 @@
 """Soles from a file to an answer: the support polygon in closed form, yaws that are chosen, proofs,
-forged answers."""
+forged answers.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +96,8 @@ def ground(size_m: float = 1.0) -> Patch:
 
 def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) -> Problem:
     """A sole whose centre is held at the origin, and a fixed COM above a point so far away in that
-    direction."""
+    direction.
+    """
     com = np.array([away_m * np.cos(direction), away_m * np.sin(direction), HEIGHT_M])
     contact = Contact(
         leg="RF",
@@ -117,7 +119,8 @@ def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) ->
 )
 def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
     """The edge of a rectangle at this yaw, in this direction: a quarter turn swaps length and
-    width."""
+    width.
+    """
     turned = direction - yaw
     edge = min(
         half / max(abs(part), 1e-12)
@@ -208,7 +211,8 @@ def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
 
 def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, walk):
     """Nothing would judge them, or worse: a batch would judge the forces at them in place of those
-    on the feet."""
+    on the feet.
+    """
     _, posture = stood
     point = on_one_sole(0.0, 0.0, sole=None)
     held = Plan.of_posture(
@@ -247,7 +251,8 @@ def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
 
 def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
     """Also those in which only point feet carry, or only soles with fewer points than others
-    have."""
+    have.
+    """
     plan, soles = walk(3), {"RF": SOLE, "RR": SOLE[:3], "LM": SOLE}
     robot = plan.problem.robot
     limbs = tuple(
@@ -289,7 +294,8 @@ def test_answers_and_problems_come_back_from_their_files(stood):
 @pytest.mark.parametrize("name", PROJECTIONS.names())
 def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, name):
     """From the lift's point, or near it; what the program calls balanced the verifier calls a
-    posture."""
+    posture.
+    """
     arrived = 0
     for seed in range(10):
         problem = soled(drawn("wall-5", seed), seed) if seed != 3 else on_one_sole(0.03, 0.1)
@@ -311,7 +317,8 @@ def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, 
 
 def test_a_sole_holds_whatever_a_point_foot_at_its_centre_holds(planner, soled, drawn):
     """The centre is a convex combination of the points, and forces of no bound that matters are
-    shared out by it."""
+    shared out by it.
+    """
     wide = {"force_min": np.array([0.0, -9.0, -9.0]), "force_max": np.full(3, 9.0)}
     feasible = refuted = 0
     for seed in range(24):
@@ -372,7 +379,8 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
 
 def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Problem:
     """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one
-    frame."""
+    frame.
+    """
     problem = on_one_sole(com_y, 0.5 * np.pi)
     limb = Limb(name="RF", shoulder_m=problem.contacts[0].shoulder_m, reach_m=BALL_M, sole_m=SOLE)
     return Problem(

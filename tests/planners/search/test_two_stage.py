@@ -1,5 +1,6 @@
 """The two-stage planner of courses: plans at their bounds, answers that are checked, and the same
-ones every time."""
+ones every time.
+"""
 
 from __future__ import annotations
 

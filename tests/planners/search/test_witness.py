@@ -1,5 +1,6 @@
 """Canonical witnesses are postures that follow from their problems alone; batches are decided as
-one by one."""
+one by one.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +90,8 @@ def test_the_same_witness_is_found_in_fewer_steps_where_it_is_found(name):
 @NAMES
 def test_no_solver_takes_part_in_a_witness(name, programs):
     """What another solver, with other settings, would make of the problem cannot move it: labels
-    are its check."""
+    are its check.
+    """
     batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), batch)

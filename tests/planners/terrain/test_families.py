@@ -1,5 +1,6 @@
 """Families of terrain: equal for equal seeds, what their figures say, harder only where the level
-says so."""
+says so.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +87,8 @@ def test_a_gap_wider_than_a_shoulder_and_its_legs_reach_has_no_footing():
 
 def test_walls_have_no_footing_just_where_one_is_out_of_reach_of_a_corner_leg():
     """The outermost of a front toe: its shoulder's y, moved by the COM's ball and √3 · tilt · ‖s‖,
-    and its reach."""
+    and its reach.
+    """
     limb = hexapod().limbs[0]
     course = read_course("walls:0:0")
     moved = course.com_radius_m[0] + np.sqrt(3.0) * course.tilt_limit_rad * np.linalg.norm(
@@ -127,7 +129,8 @@ def test_what_a_scene_is_made_of_is_what_its_figures_say():
 
 def test_all_that_a_limb_may_reach_is_offered():
     """Points of the terrain at random: one within a limb's reach of some place of its shoulder is
-    in a candidate."""
+    in a candidate.
+    """
     course = read_course("rubble:0.5:3")
     rng, foothold = np.random.default_rng(0), course.footholds[0]
     limb, offered = hexapod().limbs[0], 0
@@ -192,7 +195,8 @@ def test_walls_are_no_height_field():
 
 def under(pieces, rng, count=20):
     """Places at random under every patch that faces up, shape (K, 3) [m], and how far each is from
-    its border [m]."""
+    its border [m].
+    """
     places, borders = [], []
     for patch in pieces:
         if patch.normal[2] < UPRIGHT:
@@ -207,7 +211,8 @@ def under(pieces, rng, count=20):
 
 def below_an_edge(places, patches):
     """Which places are where something higher falls off, within its drop over SLOPE, a radius and
-    two grid lines."""
+    two grid lines.
+    """
     found = np.zeros(len(places), dtype=bool)
     for patch in patches:
         if patch.normal[2] < UPRIGHT:
@@ -223,7 +228,8 @@ def below_an_edge(places, patches):
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
     """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 20 draws, levels from 0.05 to
-    1."""
+    1.
+    """
     rng, looked = np.random.default_rng(0), 0
     for seed in range(20):
         level = (seed + 1) / 20

@@ -1,5 +1,6 @@
 """Footholds are where one may stand: free above, outside of solids, flat; of broken meshes and
-noisy maps as well."""
+noisy maps as well.
+"""
 
 import numpy as np
 import pytest
@@ -111,7 +112,8 @@ TRUTH = {
 
 def good_share(found, truth, limits, rng):
     """Share of points on footholds about which the true terrain keeps to the foothold's plane under
-    a foot."""
+    a foot.
+    """
     counts = np.zeros(2)
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
@@ -193,7 +195,8 @@ def islands(step):
 
 def test_islands_are_of_one_plane_only_as_far_as_each_fits_it():
     """Sheets that rise by 0.15 mm each are pairwise of one plane, and 2.85 mm from end to end are
-    not."""
+    not.
+    """
     sheets, found = islands(1.5e-4)
     assert found.refused_m2["inside"] == 0.0  # the higher one of a plane is not above the lower one
     assert found.area_m2 == pytest.approx(20 * 0.04, rel=1e-6)

@@ -1,5 +1,6 @@
 """Solids that show their insides: told apart where they touch, whatever their file keeps of what
-hangs together."""
+hangs together.
+"""
 
 from itertools import product
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Solids of maps and clouds: what was drawn is found, ground is none, and what hangs over it may be
-walked below."""
+walked below.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Mesh files become the convex facets that their shapes have, and what is no terrain is refused in
-one line."""
+one line.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Readers of mesh files: what trimesh writes is read as it was, and what is damaged is refused,
-never believed."""
+never believed.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Beams, bars of gratings and rungs are footholds for feet that fit; each area that is none has a
-true reason."""
+true reason.
+"""
 
 import numpy as np
 import pytest

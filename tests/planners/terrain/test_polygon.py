@@ -1,5 +1,6 @@
 """Convex polygons cut and shrunk as half-planes say (scipy's Qhull), and surfaces that hand out
-pieces of them."""
+pieces of them.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 def polygon_of(rng):
     """A convex polygon of 3 to about 8 corners within a metre or so, its corners either way
-    round."""
+    round.
+    """
     points = rng.normal(size=(int(rng.integers(3, 12)), 2)) * rng.uniform(0.1, 1.0, 2)
     corners = points[ConvexHull(points).vertices] + rng.normal(size=2)
     return corners if rng.random() < 0.5 else corners[::-1]
@@ -38,7 +40,8 @@ def polygon_of(rng):
 
 def intersection(normals, offsets):
     """Area and corners of an intersection of half-planes by Qhull; None where it has no interior to
-    speak of."""
+    speak of.
+    """
     lengths = np.linalg.norm(normals, axis=1)
     found = linprog(
         [0.0, 0.0, -1.0],

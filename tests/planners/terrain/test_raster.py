@@ -1,5 +1,6 @@
 """The upper side of triangles on a grid, against one triangle after the other; and meshes that are
-read as maps."""
+read as maps.
+"""
 
 import numpy as np
 import pytest

@@ -30,7 +30,8 @@ def test_a_sole_looks_forward_at_yaw_zero_and_turns_to_the_left():
 @pytest.mark.parametrize("seed", range(6))
 def test_the_centre_is_where_all_points_are_on_the_patch(seed):
     """Against every point's own place on polygons of all slopes, by the side of each edge that it
-    is on."""
+    is on.
+    """
     rng = np.random.default_rng(seed)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     count = int(rng.integers(3, 8))

@@ -1,5 +1,6 @@
 """The one reader: clouds, units, axes, crops and holes mean the same from every format, and bad
-files are one line."""
+files are one line.
+"""
 
 import time
 

@@ -1,5 +1,6 @@
 """Plans judged by bodies: a block in the way is found with link, depth and frame, in a file as in
-Python."""
+Python.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Proofs that a course has no plan: accepted where true, worthless where not, whatever multipliers
-and trees say."""
+and trees say.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ LEAF = (0, 0, 0, 0, 0)
 @pytest.fixture(scope="module")
 def slippery():
     """``slippery(friction, regions=1)``: the built-in walls of two frames, and the planner's
-    answer."""
+    answer.
+    """
     base = read_course("walls", frames=2)
 
     def made(friction, regions=1):

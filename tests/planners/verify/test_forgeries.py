@@ -1,5 +1,6 @@
 """No forged walk is accepted: every kind, one size each; ``benchmarks/forgeries.py`` has all of
-them."""
+them.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Leaps on the robot's own body: what the judge measures, against momentum worked out anew, and what
-it refuses."""
+it refuses.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -72,7 +72,8 @@ def test_a_table_tips_about_its_nearest_side(com_m: tuple[float, float]) -> None
 @pytest.mark.parametrize("yields_m", [0.05, 0.2])
 def test_a_table_that_gives_way_tips_earlier(yields_m: float) -> None:
     """F h = w (d − y F / w): the weight bears nearer to the side, the more the harder the push
-    is."""
+    is.
+    """
     (margin,) = stance_margins(table((0.05, 0.0), friction=5.0), yields_m=yields_m)
     assert margin.push_n == pytest.approx(
         WEIGHT_N * (HALF_M - 0.05) / (HEIGHT_M + yields_m), rel=0.02
@@ -122,7 +123,8 @@ def climb() -> Plan:
 
 def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
     """Whether a stance bears a push, by the program that distributes forces, which has other
-    rows."""
+    rows.
+    """
     course = plan.problem
     arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
     patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]

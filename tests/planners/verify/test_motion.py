@@ -1,5 +1,6 @@
 """The motion between key frames as a group of the verdict: what only it sees, and what is not
-judged."""
+judged.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ def test_joints_along_a_path_are_looked_for_until_the_time_ends(walk: Callable[.
 
 def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:
     """A bead where the shank of a limb is in the middle of its swing, which no link is in at any
-    key frame."""
+    key frame.
+    """
     plan = with_joints(walk(3))
     solver = Kinematics(plan.problem.robot)
     moments, postures = JointPath(PlanPath(plan), solver).judged()

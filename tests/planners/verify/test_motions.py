@@ -1,5 +1,6 @@
 """The verifier of motions from elsewhere: ours hold, with and without contacts and forces; spoiled
-ones are found."""
+ones are found.
+"""
 
 from __future__ import annotations
 

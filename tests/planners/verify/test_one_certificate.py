@@ -1,5 +1,6 @@
 """One certificate for postures and courses: the same bounds on either, old forms, and no proof of
-what is not so."""
+what is not so.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ LEAF = (0, 0, 0, 0, 0)
 @pytest.fixture(scope="module")
 def refuted():
     """Natural problems that the exact planner refutes, one of them by a tree, with their
-    certificates."""
+    certificates.
+    """
     rng, planner, found = np.random.default_rng(1), ExactPlanner(), []
     while len(found) < 9 or not any(len(proof.multipliers) > 1 for _, proof in found):
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[len(found) % 3]].sample(rng)
@@ -254,7 +256,8 @@ def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_pat
 
 def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(refuted):
     """Each cut may move a border by a rounding: 160,000 of them, far from the origin, left out
-    where a toe stood."""
+    where a toe stood.
+    """
     problem, _ = refuted[0]
     depth = 201
     tree = [(2, 0, 0, 0.5, 1.0)] * depth + [LEAF] * (depth + 1)  # the first child is cut again

@@ -1,5 +1,6 @@
 """The verifier of plans: accepts a walk in closed form, and names the group, frame and limb of
-every single fault."""
+every single fault.
+"""
 
 from __future__ import annotations
 

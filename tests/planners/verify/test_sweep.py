@@ -115,7 +115,8 @@ def test_many_postures_at_once_are_judged_as_each_alone():
 
 def test_a_toe_off_a_patch_of_many_corners_is_measured_in_no_time():
     """Triangles of three corners would be 2.7 million; the figure is that of a flat disc within its
-    rounding."""
+    rounding.
+    """
     angles = 2 * np.pi * np.arange(256) / 256
     disc = np.round(np.column_stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), 0.0 * angles]), 4)
     disc[:, 2] = np.random.default_rng(0).choice([0.0, 1e-4], 256)
@@ -131,7 +132,8 @@ def test_a_toe_off_a_patch_of_many_corners_is_measured_in_no_time():
 @settings(max_examples=40, deadline=None)
 def test_the_distance_from_a_thin_body_is_that_from_its_nearest_face(seed):
     """Of four points: 0 in the tetrahedron, else the least of four triangles, by projection onto
-    planes and edges."""
+    planes and edges.
+    """
     rng = np.random.default_rng(seed)
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 0.05
     corners[:, 2] = rng.uniform(-1e-4, 1e-4, 4)

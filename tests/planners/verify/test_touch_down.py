@@ -1,5 +1,6 @@
 """Toes find their footholds on grounds that are drawn from the certainty of the patches that they
-stand on."""
+stand on.
+"""
 
 from dataclasses import replace
 

@@ -1,5 +1,6 @@
 """The verifier of trajectories against motions in closed form, each group made to fail by one
-fault."""
+fault.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +91,8 @@ def carrying(arms, weight_n) -> np.ndarray:
 
 def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
     """Still on a plane, the torso along it, the feet at their nominal places, the forces straight
-    up and exact."""
+    up and exact.
+    """
     body, terrain = robot(), plane(slope_x, slope_y)
     normal = np.array([-slope_x, -slope_y, 1.0])
     normal = normal / np.linalg.norm(normal)
@@ -119,7 +121,8 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
 
 def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2.4)) -> Trajectory:
     """Through the air, the feet held still under the body, the spin by Euler's equations
-    (integrated by scipy)."""
+    (integrated by scipy).
+    """
     body = robot(inertia=inertia)
     moments = np.array(inertia)
 
@@ -163,7 +166,8 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
 
 def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
     """On level ground, the torso bobbing and rolling about its x by sines, the forces from their
-    second derivatives."""
+    second derivatives.
+    """
     still = standing()
     body = still.robot
     phase = rate * TIMES_S
@@ -183,7 +187,8 @@ def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
 
 def stepping() -> Trajectory:
     """Standing, but the left forefoot swings up and ahead from .15 s to .35 s; the others carry
-    what they can."""
+    what they can.
+    """
     still = standing()
     feet, forces, contact = (
         np.array(array) for array in (still.feet_m, still.forces_n, still.contact)
@@ -365,7 +370,8 @@ def test_a_step_is_accepted_and_its_swing_may_not_press():
 
 def test_curved_ground_is_met_at_its_true_normal():
     """One foot on a dome: the normal of a sphere of radius r is known, and so is the distance of a
-    point from it."""
+    point from it.
+    """
     radius = 5.0
     dome = HeightField.from_function(
         lambda x, y: np.sqrt(radius**2 - x**2 - y**2) - radius, 2.0, 0.05
@@ -637,7 +643,8 @@ def test_a_reflection_is_no_rotation():
 
 def test_a_fault_of_one_sample_is_not_averaged_away_over_ten_seconds():
     """RMS over a long trajectory forgives one sample's impulse; the limit on the single sample does
-    not."""
+    not.
+    """
     still = standing()
     long = 2001
     stretched_out = replace(
@@ -805,7 +812,8 @@ def test_json_holds_every_group_with_its_limit():
 
 def test_scales_follow_the_robot():
     """Forces are judged in units of m·g, so a robot of twice the mass with twice the forces is
-    judged the same."""
+    judged the same.
+    """
     light, heavy = standing(), standing()
     heavy = replace(heavy, robot=robot(mass_kg=60.0), forces_n=2.0 * heavy.forces_n)
     limit = 1.0 + WalkLimits().impulse_rate + WalkLimits().impulse_s / 0.495
@@ -913,7 +921,8 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
 def test_footing_is_reported_of_places_and_of_what_is_beside_them_and_refuses_nothing() -> None:
     """A plane needs its own slope; a cliff 10 mm beside a foot that stands on level ground counts,
     one 40 mm away does not, and feet that stick need no friction. The line says so, and what was
-    accepted stays accepted."""
+    accepted stays accepted.
+    """
     walk = standing(0.3, 0.1)
     assert check_trajectory(walk).figures["footing_friction"] == pytest.approx(
         np.hypot(0.3, 0.1), abs=1e-6

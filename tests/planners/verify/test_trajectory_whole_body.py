@@ -1,5 +1,6 @@
 """Walks judged by the robot's own legs: joints, torques, bodies, and what legs that weigh something
-change."""
+change.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +63,8 @@ def test_the_whole_robots_centre_of_mass_is_where_the_walk_has_it() -> None:
 
 def test_torques_at_rest_are_what_the_energy_of_the_posture_changes_by() -> None:
     """τ = ∂/∂q (m g z − Σ fᵢ·pᵢ) with the base held, by differences; z of the centre of mass, pᵢ of
-    the feet."""
+    the feet.
+    """
     walk = stepping()
     solver, body = Kinematics(robot_of(own(walk))), measured(walk)
     angles, forces = body.postures.angles[5], walk.forces_n[5]
@@ -78,7 +80,8 @@ def test_torques_at_rest_are_what_the_energy_of_the_posture_changes_by() -> None
 
 def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
     """d/dt (T + U) = τ·q̇ + Σ f·v + w·v_B: what the base lacks, w, is the residual of the walk's
-    balances."""
+    balances.
+    """
     walk = swaying()
     body = measured(walk)
     model = pin.buildModelFromXML(own(walk).urdf, pin.JointModelFreeFlyer())
@@ -114,7 +117,8 @@ def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
 
 def test_moments_of_legs_that_weigh_are_those_of_their_links() -> None:
     """L = Σ mᵢ (pᵢ − c) × vᵢ + Rᵢ Iᵢ Rᵢᵀ ωᵢ over the links, placed by chains of our own, by
-    differences."""
+    differences.
+    """
     walk = swaying()
     body, model = measured(walk), own(walk)
     masses = {
@@ -200,7 +204,8 @@ def test_links_that_go_through_each_other_are_told_with_their_names() -> None:
 
 def test_depth_in_heights_is_that_of_a_box_in_a_slope() -> None:
     """A box's lowest corner below a plane, along its normal; nothing of a box that is above is
-    looked at."""
+    looked at.
+    """
     line, slope = np.linspace(-2.0, 2.0, 33), np.array([0.3, -0.2])
     ground = Ground(HeightField(line, line, slope[0] * line[:, None] + slope[1] * line, "slope"))
     point = np.array([0.4, 0.7, -0.1])

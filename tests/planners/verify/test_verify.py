@@ -267,7 +267,8 @@ def hull_distance(vertices, point):
 
 def polygon_patch(rng, *, bend=0.0, corners=None):
     """A convex polygon in any plane, in either direction, its corners off the plane by up to
-    ``bend`` diameters."""
+    ``bend`` diameters.
+    """
     count = corners or int(rng.integers(3, 9))
     angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     flat = np.column_stack([0.08 * np.cos(angles), 0.05 * np.sin(angles)])[:: rng.choice([-1, 1])]
@@ -369,7 +370,8 @@ def test_a_report_goes_to_json():
 
 def random_forces(rng, count):
     """Directions, boxes and frictions with every degeneracy: zeros, thin boxes, no friction, boxes
-    off the cone."""
+    off the cone.
+    """
     a = rng.normal(size=(count, 3)) * rng.choice([0, 1, 1, 1, 0.01], size=(count, 3))
     lower = rng.uniform(-1, 1, size=(count, 3))
     lower[:, 0] = rng.choice([0, 0, -0.2, 0.1, 0.4], size=count)
@@ -383,7 +385,8 @@ def random_forces(rng, count):
 
 def least_work_by_search(a, lower, upper, friction):
     """Primal: for a fixed f_n the best corner of rectangle and disc; zoom in on f_n, in which it is
-    convex."""
+    convex.
+    """
     (_, y0, z0), (top, y1, z1) = lower, upper
     bottom = max(lower[0], 0.0)
     nearest = np.hypot(max(y0, -y1, 0), max(z0, -z1, 0))
@@ -558,7 +561,8 @@ def test_a_leaf_is_called_empty_just_where_no_force_is_in_box_and_cone():
 
 def lift_certificate(problem):
     """The root relaxation by cvxpy, sharing nothing with the planners: its least moment residual
-    and its duals."""
+    and its duals.
+    """
     length, w = problem.length_scale_m, problem.weight_n / problem.force_scale_n
     com, theta, left = cp.Variable(3), cp.Variable(3), cp.Variable(3)
     rows = [cp.norm(com - problem.com_nominal_m[0] / length) <= problem.com_radius_m[0] / length]
@@ -937,7 +941,8 @@ def test_the_pieces_of_random_cuts_cover_the_patch(seed):
 @settings(max_examples=40, deadline=None)
 def test_a_bent_patch_is_not_refuted_in_the_gap_between_its_pieces(seed):
     """A toe inside the hull of a bent patch but off all pieces: the proof that no piece is there
-    must not count."""
+    must not count.
+    """
     rng = np.random.default_rng(seed)
     patch = polygon_patch(rng, bend=1.5e-3, corners=4)
     one, other = cut(patch.vertices_m, 0.0, 2.0)
@@ -983,7 +988,8 @@ def test_no_point_of_a_rounded_patch_is_further_from_its_pieces_than_the_sag(see
 
 def _by_all_tetrahedra(vertices: np.ndarray, point: np.ndarray) -> float:
     """Distance from a hull by every tetrahedron at its first corner and every triangle: exact, and
-    cubic in corners."""
+    cubic in corners.
+    """
     away = point - vertices[0]
     corners = vertices[list(itertools.combinations(range(1, len(vertices)), 3))] - vertices[0]
     corners = corners[np.abs(np.linalg.det(corners)) > 1e-12 * np.ptp(vertices, axis=0).max() ** 3]

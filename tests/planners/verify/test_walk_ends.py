@@ -1,5 +1,6 @@
 """The ends of a walk's file: swings that they cut off, headings, and robots that are called as the
-package's own."""
+package's own.
+"""
 
 from __future__ import annotations
 

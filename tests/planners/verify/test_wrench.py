@@ -1,5 +1,6 @@
 """External wrenches: closed forms, proofs that nobody can carry one, and what a stance holds of it
-at most."""
+at most.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ CORNERS = {"LF": (1, 1), "LR": (-1, 1), "RR": (-1, -1), "RF": (1, -1)}
 
 def table(friction: float = 5.0, legs: Sequence[str] = tuple(CORNERS)) -> Problem:
     """Feet on small squares at the corners of a square on level ground, the body fixed above its
-    middle."""
+    middle.
+    """
     contacts = []
     for leg in legs:
         x, y = CORNERS[leg]
@@ -155,7 +157,8 @@ def test_a_table_holds_what_statics_says(
 
 def test_a_certificate_is_one_of_its_own_wrench_alone() -> None:
     """What proves that a wrench is too much proves nothing of half of it, of none, or of another
-    direction."""
+    direction.
+    """
     problem = table(friction=0.1).posture_with(wrench=[0, 0.15 * WEIGHT_N, 0, 0, 0, 0])
     certificate = stancekit.solve(problem).certificate
     assert certificate is not None
@@ -207,7 +210,8 @@ def test_what_is_not_the_wrenchs_fault_is_not_said_of_it() -> None:
 
 def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> tuple[float, float]:
     """Push and support of the table with its feet in the middle of the squares; forces do not
-    matter."""
+    matter.
+    """
     problem = table(friction).posture_with(wrench=wrench)
     plan = standing(problem.course(), np.zeros((4, 3)))
     (margin,) = stance_margins(plan)
@@ -216,7 +220,8 @@ def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> 
 
 def test_margins_are_those_of_the_loaded_robot() -> None:
     """A load at the centre of mass weighs the table down; one at a corner takes of what is left; a
-    wind pushes, too."""
+    wind pushes, too.
+    """
     plain_n, plain_m = loaded_margin(None)
     below_n, below_m = loaded_margin(at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0, 0, 0)))
     assert below_n == pytest.approx(1.2 * plain_n, rel=0.03)
@@ -233,7 +238,8 @@ def test_margins_are_those_of_the_loaded_robot() -> None:
 @pytest.fixture
 def pulled(walk: Callable[..., Plan]) -> Plan:
     """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads
-    alone."""
+    alone.
+    """
     plan = walk()
     course = plan.problem
     wrench = np.zeros((course.frames, 6))
@@ -263,7 +269,8 @@ def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Plan) 
 
 def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None:
     """An oblique rope whose force and arm change: forces that go over linearly carry it all the
-    way."""
+    way.
+    """
     course = read_course("stairs", 4)
     unit = course.weight_n * np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
     wrench = np.random.default_rng(0).uniform(-0.1, 0.1, (course.frames, 6)) * unit

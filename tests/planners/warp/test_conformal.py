@@ -1,5 +1,6 @@
 """The product's maps: injective and exact at the ground, measured by other means than their
-report's."""
+report's.
+"""
 
 import json
 

@@ -1,5 +1,6 @@
 """Energies and methods: gradients by finite differences, what each method promises, and what the
-paper leaves out."""
+paper leaves out.
+"""
 
 from itertools import pairwise
 

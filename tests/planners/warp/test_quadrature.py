@@ -1,5 +1,6 @@
 """The finite elements: adjoints, exact integrals, and a separable solve that solves its least
-squares."""
+squares.
+"""
 
 import numpy as np
 import pytest

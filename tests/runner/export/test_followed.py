@@ -1,5 +1,6 @@
 """An exported walk is followed by a few lines that know nothing of the package: MuJoCo, NumPy and
-the two files."""
+the two files.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Motions leave as other programs read them: each format is read back by somebody who knows nothing
-of the package."""
+of the package.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Who may change a playground, and what with: a bare client on its websocket says what a browser
-would, or worse."""
+would, or worse.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The playground in headless Chromium: opened, dragged and read; what is saved the other commands
-accept."""
+accept.
+"""
 
 from __future__ import annotations
 

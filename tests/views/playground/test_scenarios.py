@@ -1,5 +1,6 @@
 """Scenes that are changed: what is asked for is what was dragged and slid, and files give the same
-course again."""
+course again.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The newest change wins: nothing is queued, what is stale is dropped, and judging goes on beside
-it."""
+it.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Walks in the playground: planned beside the page, dropped when something else is asked for, saved
-as the verifier accepts them."""
+as the verifier accepts them.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Rows of torque and of bodies: at the point they are about they are what the verifier measures
-there, and beside it what it measures then, as far as a tangent goes."""
+there, and beside it what it measures then, as far as a tangent goes.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Attempts end where the optimiser ends and say what the verifier says; what is interrupted goes on
-from there."""
+from there.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """A portfolio gives what the verifier accepts or nothing, within its caps, and goes on where it was
-stopped."""
+stopped.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Walks in pieces along a guide path: one walk that the verifier accepts, what goes on after a
-stop, other ways."""
+stop, other ways.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Solves end to end: success as in the paper, the verifier's word, repeatability, child
-processes."""
+processes.
+"""
 
 import os
 import subprocess

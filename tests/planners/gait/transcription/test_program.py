@@ -1,5 +1,6 @@
 """Every term's derivatives by finite differences, over every chart, form of the dynamics and kind
-of timing."""
+of timing.
+"""
 
 from collections.abc import Callable
 

@@ -1,5 +1,6 @@
 """Taylor maps: the terrain's and the warp map's values and derivatives, against the numeric ones
-and differences."""
+and differences.
+"""
 
 import casadi as cs
 import numpy as np
@@ -31,7 +32,8 @@ def warp(request: pytest.FixtureRequest, rough: HeightField) -> SplineMap:
 
 def expanded(chart_map: TaylorMap, order: int) -> cs.Function:
     """Value, Jacobian and the Jacobian of the Jacobian of the Taylor polynomial about a point,
-    there."""
+    there.
+    """
     point, base = cs.SX.sym("x", chart_map.inputs), cs.SX.sym("b", chart_map.inputs)
     jet = cs.SX.sym("j", chart_map.size(order))
     value, jacobian = chart_map.polynomial(order)(point, base, jet)

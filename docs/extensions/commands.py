@@ -1,4 +1,4 @@
-"""The reference of the command: what every verb's ``--help`` says, as it says it."""
+"""The reference of the command: what every command's ``--help`` says, as it says it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import re
 from contextlib import redirect_stdout
 
-from stancekit.cli.main import VERBS, main
+from stancekit.cli.main import COMMANDS, main
 
 SUBCOMMANDS = {"bench": ("envelopes", "planner", "scenes", "gait"), "emulate": ("bus", "rosbridge")}
 WIDTH = 100
@@ -33,16 +33,21 @@ def said(*arguments: str) -> str:
 
 def page() -> str:
     """The page, Markdown."""
-    lines = ["# The command", "", "What `stancekit --help` and `stancekit VERB --help` print.", ""]
+    lines = [
+        "# The command",
+        "",
+        "What `stancekit --help` and `stancekit COMMAND --help` print.",
+        "",
+    ]
     lines += ["```text", said("--help"), "```", ""]
-    for verb in VERBS:
-        lines += [f"## stancekit {verb}", "", "```text", said(verb, "--help"), "```", ""]
-        for what in SUBCOMMANDS.get(verb, ()):
+    for command in COMMANDS:
+        lines += [f"## stancekit {command}", "", "```text", said(command, "--help"), "```", ""]
+        for what in SUBCOMMANDS.get(command, ()):
             lines += [
-                f"### stancekit {verb} {what}",
+                f"### stancekit {command} {what}",
                 "",
                 "```text",
-                said(verb, what, "--help"),
+                said(command, what, "--help"),
                 "```",
                 "",
             ]
