@@ -27,13 +27,18 @@ KNOT_S = 0.02
 class LeapRun:
     """A leap of a robot whose legs are known, over time; ``Samples.frame`` counts seconds.
 
-    stances: what every foothold is called. Raises InvalidInput for a robot without legs of its own.
+    Arguments:
+        plan: the leap.
+        settle_s: how long it rests before and after [s].
+
+    Raises:
+        InvalidInput: for a robot without legs of its own.
     """
 
     counted = "seconds"
 
-    def __init__(self, plan: LeapPlan) -> None:
-        self.plan, self.body = plan, LeapBody(plan)
+    def __init__(self, plan: LeapPlan, settle_s: float = SETTLE_S) -> None:
+        self.plan, self.body, self.settle_s = plan, LeapBody(plan), settle_s
         self._feet_alone = LeapMotion(plan)
         self.solids: tuple[Solid, ...] = ()
         leap = plan.problem
@@ -44,7 +49,7 @@ class LeapRun:
     @property
     def duration_s(self) -> float:
         """Duration [s]."""
-        return float(self.plan.times_s[-1]) + 2.0 * SETTLE_S
+        return float(self.plan.times_s[-1]) + 2.0 * self.settle_s
 
     @property
     def last_frame(self) -> float:
@@ -75,14 +80,14 @@ class LeapRun:
         if not air.any():
             return np.inf, np.inf
         first = max(int(np.argmax(air)) - 1, 0)
-        return float(ends[first]) + SETTLE_S, self.duration_s
+        return float(ends[first]) + self.settle_s, self.duration_s
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""
         body = self.body
         times = np.asarray(times_s, dtype=np.float64)
-        when = np.clip(times - SETTLE_S, body.times_s[0], body.times_s[-1])
-        moves = (when == times - SETTLE_S)[..., None]
+        when = np.clip(times - self.settle_s, body.times_s[0], body.times_s[-1])
+        moves = (when == times - self.settle_s)[..., None]
         base = self._feet_alone.at(when)
         vectors, rates, centres, normals = self._tables
         stands = base.stands[..., None]
