@@ -193,7 +193,7 @@ def verify(
             old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
             return check_certificate(answer.of(subject))
         case LeapPlan(), None:
-            return check_leap(subject)
+            return check_leap(subject, body=True)
         case Plan(), None:
             return check_plan(subject, tolerance=tolerance, joints=True, margins=True)
         case Trajectory(), None:

@@ -156,7 +156,9 @@ def plan(
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
     if isinstance(course, str | Path) and is_leap_file(course):
-        course = read_leap(course).leap
+        if isinstance(robot, Robot):
+            raise InvalidInput("robot: expected a name or a file with a leap, got a Robot")
+        course, robot = read_leap(course, robot).leap, None
     if isinstance(course, Leap):
         beside_leap = {
             "start_xy_m": start_xy_m,
@@ -176,7 +178,7 @@ def plan(
             )
         if body != WholeBodyLimits():
             raise InvalidInput(
-                "body: expected none with a leap, whose joints and bodies are not judged yet"
+                "body: expected none with a leap, whose limits are those of its robot's file"
             )
         return _leap(course, method, beside_leap, time_limit_s)
     if isinstance(method, LeapFinder):
@@ -261,7 +263,13 @@ def _leap(
         method = LeapFinder()
     if not isinstance(method, LeapFinder):
         raise InvalidInput(f"method: expected a LeapFinder for a leap, got {shown(method)}")
-    return find_leap(leap, method, time_limit_s=time_limit_s)
+    deadline = time.perf_counter() + time_limit_s
+    answer = find_leap(leap, method, time_limit_s=time_limit_s)
+    if answer.solution is None or not leap.robot.source.own:
+        return answer
+    from stancekit.planners.leap.bend import judged_answer  # reads robots, and is slow to import
+
+    return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
 
 
 def _made(

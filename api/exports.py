@@ -196,7 +196,7 @@ def check_accepted(subject: Subject, source: str) -> None:
         case Plan():
             what, report = "plan", judged(subject)
         case LeapPlan():
-            what, report = "leap", check_leap(subject)
+            what, report = "leap", check_leap(subject, body=True)
         case Trajectory():
             what, report = "gait", check_trajectory(subject)
     if not report.accepted:

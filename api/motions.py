@@ -7,17 +7,19 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
+from stancekit.planners.formats.leap_file import is_leap_file
 from stancekit.planners.formats.trajectory_file import is_trajectory
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.runner.acceptance import Accepted, AcceptedGait
+from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
-Motion = Plan | Trajectory | Accepted | AcceptedGait
+Motion = Plan | Trajectory | LeapPlan | Accepted | AcceptedGait | AcceptedLeap
 """What can be run; of the accepted ones nothing is judged again."""
 LIFT = "lift"
 
@@ -157,7 +159,7 @@ def run(
         if policy is None:
             assert not isinstance(request, Problem)
             return runner.run(request, _ground(request, settings))
-        assert not isinstance(request, AcceptedGait)
+        assert not isinstance(request, AcceptedGait | AcceptedLeap)
         walked = request.plan.problem if isinstance(request, Accepted) else request
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
         first = request if isinstance(request, Accepted) else None
@@ -166,7 +168,7 @@ def run(
 
 
 def check_run(
-    asked: Accepted | AcceptedGait | Problem,
+    asked: Accepted | AcceptedGait | AcceptedLeap | Problem,
     world: str | World,
     settings: RunSettings,
     *,
@@ -200,21 +202,23 @@ def check_run(
             f"policy: expected a world that answers to what is done, got {name}",
         ),
         (
-            isinstance(asked, AcceptedGait) and settings.timing != Timing(),
-            "timing: expected key frames: a gait runs as planned, or not at all",
+            isinstance(asked, AcceptedGait | AcceptedLeap) and settings.timing != Timing(),
+            f"timing: expected key frames: a {'gait' if isinstance(asked, AcceptedGait) else 'leap'} runs as planned, or "
+            "not at all",
         ),
     ):
         if wrong:
             raise InvalidInput(message)
 
 
-def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait:
-    """A motion that the verifier accepts, judged as it comes in.
-
-    Raises InvalidInput for anything else.
+def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait | AcceptedLeap:
+    """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything
+    else.
     """
-    if isinstance(motion, Accepted | AcceptedGait):
+    if isinstance(motion, Accepted | AcceptedGait | AcceptedLeap):
         return motion
+    if isinstance(motion, LeapPlan):
+        return AcceptedLeap.verified(motion, motion.problem.name)
     if isinstance(motion, Plan):
         return Accepted.verified(motion, motion.problem.name)
     if isinstance(motion, Trajectory):
@@ -223,6 +227,8 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
         raise InvalidInput(
             f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy"
         )
+    if is_leap_file(motion):
+        return AcceptedLeap.from_file(motion)
     data = _json_of(motion)
     if is_trajectory(data):
         return AcceptedGait.from_file(motion)
@@ -247,8 +253,9 @@ def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
     ):
         return read_course(str(motion))
     request = accepted_of(motion)
-    if isinstance(request, AcceptedGait):
-        raise InvalidInput("policy: expected key frames: a gait runs as planned, or not at all")
+    if isinstance(request, AcceptedGait | AcceptedLeap):
+        what = "gait" if isinstance(request, AcceptedGait) else "leap"
+        raise InvalidInput(f"policy: expected key frames: a {what} runs as planned, or not at all")
     return request
 
 
@@ -286,16 +293,16 @@ def _is_course(path: str | Path, data: object) -> bool:
     return spec or (isinstance(data, dict) and data.get("format") == Problem.FORMAT)
 
 
-def _ground(asked: Accepted | AcceptedGait, settings: RunSettings) -> Terrain:
+def _ground(asked: Accepted | AcceptedGait | AcceptedLeap, settings: RunSettings) -> Terrain:
     """Ground of the world: the terrain with a share of its friction."""
-    if isinstance(asked, AcceptedGait):
+    if isinstance(asked, AcceptedGait | AcceptedLeap):
         return asked.ground(settings.friction_share)
     return slippery(asked.plan.problem, settings.friction_share).terrain
 
 
 def _world(
     world: str | World,
-    asked: Accepted | AcceptedGait | Problem,
+    asked: Accepted | AcceptedGait | AcceptedLeap | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
 ) -> World:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, cast
 
+from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.errors import InvalidInput
 
-from .console import complain, counted, emit, out, progress
+from .console import as_options, complain, counted, emit, out, progress
 from .options import check_drawn
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.leap_plan import LeapPlan
     from stancekit.planners.problem.leap import Leap
@@ -21,6 +24,7 @@ USES = (
     "course",
     "planner",
     "policy",
+    "robot",
     "reserve",
     "time_limit_s",
     "out",
@@ -42,12 +46,13 @@ def plan_leap(asked: PlanCourse) -> int:
     from stancekit.planners.answer.answer import Status
     from stancekit.planners.formats.leap_file import read_leap, write_leap
 
-    leap = read_leap(asked.course).leap
     method = _method(asked)
+    with as_options("robot"):
+        leap = read_leap(asked.course, asked.robot).leap
     with progress(f"plan {leap.name} by {method.order}"):
         outcome = plan(leap, method, time_limit_s=asked.time_limit_s)
     if asked.out is not None and outcome.solution is not None:
-        write_leap(asked.out, leap, outcome.solution)
+        write_leap(asked.out, outcome.solution.problem, outcome.solution)
     if asked.proof is not None and outcome.certificate is not None:
         write_leap(asked.proof, leap, None, outcome.certificate)
     reason = _reason(outcome)
@@ -61,6 +66,9 @@ def plan_leap(asked: PlanCourse) -> int:
         )
         if outcome.solution is not None and outcome.report is not None:
             out.print(f"verifier: {outcome.report.message}", highlight=False)
+            if outcome.solution.problem.robot.source.own:
+                for line in _body_lines(outcome, leap):
+                    out.print(line, highlight=False)
     if outcome.solution is not None:
         _draw(asked, outcome.solution)
     pictures = [(path, outcome.solution) for path in (asked.picture, asked.video, asked.html)]
@@ -75,9 +83,35 @@ def plan_leap(asked: PlanCourse) -> int:
                 if there is not None
                 else f"{path}: not written, since there is none"
             )
-    if outcome.solution is None:
+    if outcome.status is not Status.FEASIBLE:
         complain(f"stancekit: no plan: {leap.name}: {reason}")
     return int(outcome.status is not Status.FEASIBLE)
+
+
+def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
+    """Lines about the robot's own body: each group with what it was before bending, and what was
+    bent.
+    """
+    assert outcome.report is not None
+    assert outcome.solution is not None
+    for group in outcome.report.groups:
+        if group.name not in LEAP_BODY:
+            continue
+        before = outcome.details.get(f"{group.name}_before")
+        was = "" if before is None else f", before bending {before:.3g}"
+        where = f" ({group.where}, {group.when:.2f} s)" if group.where and group.when else ""
+        unit = "" if group.unit == "1" else f" {group.unit}"
+        said = (
+            group.message
+            if group.verdict == "not checked"
+            else (f"{group.value:.3g} of {group.limit:g}{unit}{where}{was}")
+        )
+        yield f"{group.name}: {group.verdict}: {said}"
+    yield "torque: effort and velocity of the robot's file with a line between them; no motor is looked up"
+    plan = outcome.solution
+    timing, own = plan.problem.timings_s[plan.timing], asked.timings_s
+    if timing not in own:
+        yield f"bent: phases of {', '.join(f'{s:.2f}' for s in timing)} s"
 
 
 def _draw(asked: PlanCourse, plan: LeapPlan) -> None:

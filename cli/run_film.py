@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 from .console import complain, progress
 
 if TYPE_CHECKING:
-    from stancekit.runner.acceptance import Accepted, AcceptedGait
+    from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
     from stancekit.runner.report import RunReport
 
 
-def film(path: Path | None, request: Accepted | AcceptedGait, report: RunReport) -> None:
+def film(
+    path: Path | None, request: Accepted | AcceptedGait | AcceptedLeap, report: RunReport
+) -> None:
     """Write it, where it was asked for and the robot moved."""
     if path is None:
         return
@@ -20,8 +22,8 @@ def film(path: Path | None, request: Accepted | AcceptedGait, report: RunReport)
         complain(f"stancekit: no film: {report.message or 'nothing was measured'}")
         return
     from stancekit.pictures import film as write
-    from stancekit.runner.acceptance import Accepted
+    from stancekit.runner.acceptance import AcceptedGait
 
-    motion = request.plan if isinstance(request, Accepted) else request.trajectory
+    motion = request.trajectory if isinstance(request, AcceptedGait) else request.plan
     with progress(f"film {path}") as bar:
         write(motion, path, report.execution, progress=bar)

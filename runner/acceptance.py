@@ -8,23 +8,27 @@ trusts).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
+from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
+from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.tipping import tipping
 from stancekit.planners.verify.trajectories import check_trajectory
 
@@ -158,6 +162,59 @@ class AcceptedGait:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcceptedLeap:
+    """A leap that may be run. digest: the verifier's; source: for messages."""
+
+    plan: LeapPlan
+    digest: str
+    source: str
+    gravity_m_s2: float = GRAVITY_M_S2
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that leaps."""
+        return self.plan.problem.robot
+
+    @property
+    def name(self) -> str:
+        """Name of the leap."""
+        return self.plan.problem.name
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> AcceptedLeap:
+        """Read a leap's file. Raises InvalidInput for one without a plan, or whose plan the
+        verifier rejects.
+        """
+        plan = read_leap(path).plan
+        if plan is None:
+            raise InvalidInput(f"{path}: expected a leap with a plan, got none")
+        return cls.verified(plan, str(path))
+
+    @classmethod
+    def verified(cls, plan: LeapPlan, source: str) -> AcceptedLeap:
+        """Verify a leap now. Raises InvalidInput for one that is rejected, or whose whole body was
+        not judged.
+        """
+        report = check_leap(plan, body=True)
+        if not report.accepted:
+            raise InvalidInput(
+                f"{source}: expected a leap that the verifier accepts, {_said(report)}"
+            )
+        if report.unchecked:
+            left = ", ".join(report.unchecked)
+            raise InvalidInput(
+                f"{source}: expected a leap that was judged with legs, {left} not checked: plan it with --robot FILE"
+            )
+        return cls(plan=plan, digest=report.digest, source=source)
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
+        """The surfaces that are taken, with this share of their friction."""
+        leap = self.plan.problem
+        patches = [leap.patch(j, self.plan.choice) for j in range(len(leap.footholds))]
+        return tuple(replace(patch, friction=friction_share * patch.friction) for patch in patches)
+
+
 def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
     """Raise InvalidInput for what is accepted and no runner executes."""
     if report.hindrance:
@@ -174,7 +231,7 @@ def judged(plan: Plan) -> Report[Plan]:
     return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
 
 
-def _said(report: Report[Plan]) -> str:
+def _said(report: Report[Plan] | Report[LeapPlan]) -> str:
     return f"{report.message}; {report.body_message}" if report.body_message else report.message
 
 

@@ -13,12 +13,13 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .acceptance import Accepted, AcceptedGait, check_joints
+from .acceptance import Accepted, AcceptedGait, AcceptedLeap, check_joints
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
@@ -42,7 +43,7 @@ from .worlds.drives import Drives
 from .worlds.world import Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
-PlannedMotion = PlanMotion | GaitMotion
+PlannedMotion = PlanMotion | GaitMotion | LeapRun
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
@@ -289,6 +290,51 @@ def prepare_gait(
         clearance_m=settings.timing.clearance_m,
         terrain=ground,
         surfaces=(ground,),
+    )
+
+
+def prepare_leap(
+    accepted: AcceptedLeap, world: SafeWorld, settings: RunSettings
+) -> Prepared[LeapRun]:
+    """A leap for a world that it fits: it was judged with its legs, and runs as planned. Raises
+    InvalidInput for a world that has another robot, and for one in which it hangs or counts steps.
+    """
+    check_settings(settings, world)
+    for wrong, message in (
+        (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
+        (settings.hung, "hung: expected a plan or a gait, got a leap"),
+        (
+            world.real and not world.dry,
+            f"world: expected a simulation for a leap, whose stop in the air lands first, got {world.name}",
+        ),
+    ):
+        if wrong:
+            raise InvalidInput(message)
+    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
+    motion, sees = LeapRun(accepted.plan), sees_feet(world, settings)
+    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+    tracker = Tracker(
+        motion,
+        kinematics,
+        world.rate_hz,
+        replace(settings.feedback, **WALKING) if sees else STEADY,
+        settings.body,
+        None,
+        world.drives,
+    )
+    ground = accepted.ground()
+    return Prepared(
+        digest=accepted.digest,
+        source=accepted.source,
+        name=accepted.name,
+        motion=motion,
+        kinematics=kinematics,
+        tracker=tracker,
+        first=tracker.start(),
+        sees=sees,
+        clearance_m=settings.timing.clearance_m,
+        terrain=ground,
+        surfaces=tuple(patch.solid for patch in ground),
     )
 
 

@@ -20,13 +20,14 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted, AcceptedGait
+from .acceptance import Accepted, AcceptedGait, AcceptedLeap
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
@@ -39,6 +40,7 @@ from .prepared import (
     Tracked,
     body_from,
     prepare_gait,
+    prepare_leap,
     prepare_plan,
 )
 from .record import Record
@@ -89,7 +91,9 @@ class Runner:
         self._prepared: Prepared[PlannedMotion] | None = None
         self.state: State | None = None
 
-    def run(self, accepted: Accepted | AcceptedGait, terrain: Terrain | None = None) -> RunReport:
+    def run(
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap, terrain: Terrain | None = None
+    ) -> RunReport:
         """One plan, or gait, from its beginning to its end.
 
         Arguments:
@@ -156,9 +160,13 @@ class Runner:
     @overload
     def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
     @overload
-    def prepare(self, accepted: Accepted | AcceptedGait) -> Prepared[PlannedMotion]: ...
+    def prepare(self, accepted: AcceptedLeap) -> Prepared[LeapRun]: ...
+    @overload
     def prepare(
-        self, accepted: Accepted | AcceptedGait, resumption: Resumption | None = None
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap
+    ) -> Prepared[PlannedMotion]: ...
+    def prepare(
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap, resumption: Resumption | None = None
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it.
 
@@ -170,6 +178,8 @@ class Runner:
         prepared: Prepared[PlannedMotion]
         if isinstance(accepted, Accepted):
             prepared = prepare_plan(accepted, self.world, self.settings, resumption)
+        elif isinstance(accepted, AcceptedLeap):
+            prepared = prepare_leap(accepted, self.world, self.settings)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared
@@ -248,6 +258,7 @@ class Runner:
         )
         while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
+            self._commit(float(target.sample.frame))
             self._carry(float(target.sample.frame))
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
@@ -261,7 +272,18 @@ class Runner:
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):
                 return False
+        self.latch.lands = False
+        self.latch.check()
         return True
+
+    def _commit(self, time_s: float) -> None:
+        """Tell the latch whether a leap is under way that ends on its feet or not at all: a robot
+        that holds its joints in the air falls, so a stop lands it first.
+        """
+        motion = None if self._prepared is None else self._prepared.motion
+        if isinstance(motion, LeapRun):
+            begins, ends = motion.committed_s
+            self.latch.lands = begins < time_s < ends
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,

@@ -15,6 +15,7 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.leap_motion import LeapMotion
+from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.toes import ToeKinematics
@@ -47,7 +48,9 @@ FPS, PACE, HOLD_S = 25.0, 0.25, 0.4
 """Of films: pictures per second, the pace at which a leap is shown, and for how long its ends are
 held [s]."""
 UNJUDGED = "joints and bodies are not judged"
-"""What every picture of a leap says of its verdict."""
+"""What every picture says of a leap whose robot has limbs alone."""
+JUDGED = "the motion that joints and bodies are judged by"
+"""What it says of a leap of a robot whose legs are known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +64,15 @@ class LeapView:
     plan: LeapPlan
 
     @cached_property
-    def motion(self) -> LeapMotion:
-        """The body as its forces move it."""
-        return LeapMotion(self.plan)
+    def motion(self) -> LeapMotion | LeapRun:
+        """The body as its forces move it, and its legs where they are known."""
+        own = self.plan.problem.robot.source.own
+        return LeapRun(self.plan, settle_s=0.0) if own else LeapMotion(self.plan)
+
+    @property
+    def judged(self) -> str:
+        """What is said of joints and bodies."""
+        return JUDGED if self.plan.problem.robot.source.own else UNJUDGED
 
     @cached_property
     def candidates(self) -> list[Patch]:
@@ -257,7 +266,7 @@ class LeapView:
         times = film_times(self.plan, fps=fps, pace=pace)
         shown = [self.motion.at(float(time_s)) for time_s in times]
         notes = [
-            f"{time_s:.2f} s, {'stance' if now.stands.any() else 'flight'}   ·   {UNJUDGED}   ·   {SCALE}"
+            f"{time_s:.2f} s, {'stance' if now.stands.any() else 'flight'}   ·   {self.judged}   ·   {SCALE}"
             for time_s, now in zip(times, shown, strict=True)
         ]
         return Animation(
@@ -310,7 +319,7 @@ def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None)
     ]
     draw_legend(figure, 12.0, entries, view.friction)
     begin, end = view.flight_s
-    words = [f"takes off at {begin:.2f} s", f"flies for {end - begin:.2f} s", UNJUDGED, SCALE]
+    words = [f"takes off at {begin:.2f} s", f"flies for {end - begin:.2f} s", view.judged, SCALE]
     headline(figure, caption or plan.problem.name, "   ·   ".join(words))
     return figure
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 NOBODY_CARRIES = "nobody carries between frames"
 WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
 """The groups of a walk that ask for a model of the robot's legs."""
+LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
+"""Those of a leap."""
 
 
 def plan_hindrance(plan: Plan) -> str:

@@ -18,6 +18,8 @@ from ..files.validation import shown
 from ..problem.leap import Leap
 
 NUMBERS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
+LATER = ("legs_turn_rad", "gather")
+"""The numbers that a plan may be without."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +37,12 @@ class LeapPlan:
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the
         intervals, which
             follow from the forces; shape (M + 1, 3) each.
+        legs_turn_rad: by how much legs that swing turn the body in every interval, beside L, as far
+        as that is
+            known, shape (M, 3) [rad]; None where legs are taken to weigh nothing.
+        gather: how legs are drawn up in flight, shape (2,): after which share of it, and how long
+        they are then as a
+            share of the shorter of their lengths at both ends; None for (0.3, 0.8).
         provenance: what made it, names to texts or numbers.
     Source:
         Newton and Euler for one rigid body; docs/concepts/leaps.md.
@@ -57,10 +65,14 @@ class LeapPlan:
     rotation_rad: Array
     toes_m: Array
     forces_n: Array
+    legs_turn_rad: Array | None = None
+    gather: Array | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (*NUMBERS, "choice"):
+        for name in (*NUMBERS, "choice", *LATER):
+            if name in LATER and getattr(self, name) is None:
+                continue
             try:
                 kind = np.int_ if name == "choice" else np.float64
                 array: NDArray[Any] = np.array(getattr(self, name), dtype=kind)
@@ -85,6 +97,19 @@ class LeapPlan:
         stands = first >= 0
         return stance_html(
             repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m
+        )
+
+    @property
+    def later(self) -> dict[str, Array]:
+        """The numbers of ``LATER`` that there are, by name."""
+        known = {name: getattr(self, name) for name in LATER}
+        return {name: value for name, value in known.items() if value is not None}
+
+    @property
+    def turned_rad(self) -> Array:
+        """``legs_turn_rad``, 0 where it is not known, shape (M, 3) [rad]."""
+        return (
+            np.zeros((len(self.forces_n), 3)) if self.legs_turn_rad is None else self.legs_turn_rad
         )
 
     @property

@@ -22,7 +22,7 @@ from ..cached import cached_property
 from ..problem import Problem
 from ..robot.urdf import joint_names
 from .certificate import Certificate
-from .hindrance import plan_hindrance, walk_hindrance
+from .hindrance import LEAP_BODY, plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
 from .motion_table import MotionTable
 from .plan import Plan
@@ -262,7 +262,8 @@ class Report(Generic[S]):
         """
         judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
         if isinstance(self.answer, Plan | LeapPlan):
-            return ("contacts", *(name for name in judged if name in WHOLE_BODY))
+            names = WHOLE_BODY if isinstance(self.answer, Plan) else LEAP_BODY
+            return ("contacts", *(name for name in judged if name in names))
         return tuple(judged)
 
     @property
@@ -365,6 +366,7 @@ class Report(Generic[S]):
             from ..problem.leap_json import leap_to_json  # of leaps alone
 
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
+            plan |= {name: value.tolist() for name, value in self.answer.later.items()}
             content = {
                 "leap": leap_to_json(self.answer.problem),
                 "plan": {**plan, "timing": self.answer.timing},
@@ -405,8 +407,10 @@ class Report(Generic[S]):
         if self.contacts and not self.accepted:
             failed = {group.name for group in self.refused}
             reasons = {
-                "the joints cannot do it": {"joints", "torque"},
+                "the joints cannot do it": {"joints", "joint_speed", "torque"},
                 "bodies collide": {"bodies", "motion"},
+                "legs that swing turn the body": {"legs_turn"},
+                "feet scrape": {"take_off", "landing"},
                 "a push is too much": {MARGIN},
             }
             words = " and ".join(reason for reason, names in reasons.items() if names & failed)
@@ -465,15 +469,19 @@ class Report(Generic[S]):
 
     @property
     def _of_body(self) -> list[Group]:
-        """The groups of a plan's whole body and of its margins."""
-        names = (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
-        return [group for group in self.groups if group.name in names]
+        """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
+        return [group for group in self.groups if group.name in self._body_names]
+
+    @property
+    def _body_names(self) -> tuple[str, ...]:
+        if isinstance(self.answer, LeapPlan):
+            return LEAP_BODY
+        return (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
 
     @property
     def _of_contacts(self) -> list[Group]:
-        """All groups but those of a plan's whole body and of its margins."""
-        names = (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
-        return [group for group in self.groups if group.name not in names]
+        """All groups but those of the whole body and of margins."""
+        return [group for group in self.groups if group.name not in self._body_names]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.leap_plan import LATER, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
@@ -21,7 +21,7 @@ from ..files.documents import read_json, read_yaml
 from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem.leap import Leap
-from ..problem.leap_classes import leap_classes
+from ..problem.leap_classes import leap_class, leap_classes
 from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
 from ..robot.robot_file import YAML
 from ..verify import check_certificate, explain
@@ -40,15 +40,23 @@ class LeapFile:
     certificate: Certificate | None = None
 
 
-def read_leap(path: str | Path) -> LeapFile:
+def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
     """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
 
-    Raises InvalidInput, in one line, for anything else.
+    robot: a name or file whose legs are known, in place of the class's robot.
+
+    Raises InvalidInput, in one line, for anything else, and for another robot beside a file.
     """
+    if robot is not None and not _is_drawn(path):
+        raise InvalidInput(f"robot: expected CLASS:SEED with another robot, got the file {path}")
     if _is_drawn(path):
         name, _, seed = str(path).partition(":")
         if not (seed or "0").isdecimal():
             raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
+        if robot is not None:
+            number = int(seed or "0")
+            kind = leap_class(name).on(str(robot))
+            return LeapFile(leap=kind.draw(np.random.default_rng(number), f"{name}-{number}"))
         return LeapFile(
             leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path))
         )
@@ -125,7 +133,7 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
     """
     leap_file = read_leap(path)
     if leap_file.plan is not None:
-        report: Report[Any] = check_leap(leap_file.plan)
+        report: Report[Any] = check_leap(leap_file.plan, body=True)
         return FileCheck(path=str(path), kind="leap", report=report, message=report.message)
     if leap_file.certificate is None:
         raise InvalidInput(
@@ -143,16 +151,14 @@ def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
         "timing": plan.timing,
         "choice": plan.choice.tolist(),
         **numbers,
+        **{name: value.tolist() for name, value in plan.later.items()},
         "provenance": dict(plan.provenance),
     }
 
 
 def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
-    """Read what ``plan_to_json`` wrote.
-
-    Raises InvalidInput.
-    """
-    if not isinstance(data, Mapping) or set(data) != set(PLAN):
+    """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
+    if not isinstance(data, Mapping) or set(data) - set(LATER) != set(PLAN):
         raise InvalidInput(
             f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}"
         )
@@ -162,7 +168,7 @@ def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     if not isinstance(provenance, Mapping):
         raise InvalidInput(f"plan.provenance: expected an object, got {shown(provenance)}")
     numbers: dict[str, Any] = {}
-    for name in ("choice", *NUMBERS):
+    for name in ("choice", *NUMBERS, *(name for name in LATER if name in data)):
         try:
             numbers[name] = plain_numbers(data[name])
         except (TypeError, ValueError, OverflowError):

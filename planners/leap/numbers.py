@@ -51,13 +51,12 @@ class LeapPoint:
 class LeapNumbers:
     """A leap of one timing in numbers.
 
-    Arguments:
-        scaled: patches, limbs and limits by the rows of the layout, every candidate open.
-        lasts: of the intervals, shape (M,) [s].
-        spin: J⁻¹ of the inertia per mass, shape (3, 3).
-        hips: shape (N, 3).
-        speed, power, fold: by limb, power in units of the weight times m/s.
-        start, velocity, momentum: c, Θ (2, 3) and v, L at the start and at the end (2, 3).
+    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the
+    intervals, shape (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3);
+    speed, power, fold: by limb, power in units of the weight times m/s. start, velocity, momentum:
+    c, Θ (2, 3) and v, L at the start and at the end (2, 3). legs_turn: what legs that swing
+    turn the body by, shape (M, 3) [rad]; spins: J⁻¹ in every interval, whose legs are drawn up or
+    not, shape (M, 3, 3).
     """
 
     leap: Leap
@@ -72,20 +71,32 @@ class LeapNumbers:
     start: Array
     velocity: Array
     momentum: Array
+    legs_turn: Array
+    spins: Array
 
     @classmethod
-    def of(cls, leap: Leap, timing: int = 0) -> LeapNumbers:
-        """The numbers of a leap for one of its timings."""
+    def of(
+        cls,
+        leap: Leap,
+        timing: int = 0,
+        *,
+        legs_turn: Array | None = None,
+        spins: Array | None = None,
+    ) -> LeapNumbers:
+        """The numbers of a leap for one of its timings; legs_turn: 0 where it is not said; spins:
+        those of a rigid body.
+        """
         times, robot = leap.times_s(timing), leap.robot
         legs: list[LegLimits] = [leap.leg(limb) for limb in robot.limbs]
         inertia = robot.inertia
         assert inertia is not None
+        spin = np.asarray(np.linalg.inv(inertia / robot.mass_kg), dtype=np.float64)
         return cls(
             leap=leap,
             timing=timing,
             scaled=_scaled(leap),
             lasts=np.diff(times),
-            spin=np.asarray(np.linalg.inv(inertia / robot.mass_kg), dtype=np.float64),
+            spin=spin,
             hips=np.array([leg.hip_m for leg in legs]),
             speed=np.minimum([leg.speed_m_s for leg in legs], UNLIMITED),
             power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, UNLIMITED),
@@ -93,6 +104,8 @@ class LeapNumbers:
             start=np.array([leap.start.com_m, leap.start.rotation_rad]),
             velocity=np.array([leap.start.velocity_m_s, leap.goal.velocity_m_s]),
             momentum=np.array([leap.start.momentum_m2_s, leap.goal.momentum_m2_s]),
+            legs_turn=np.zeros((leap.intervals, 3)) if legs_turn is None else legs_turn,
+            spins=np.tile(spin, (leap.intervals, 1, 1)) if spins is None else spins,
         )
 
     @property
@@ -216,7 +229,43 @@ class LeapNumbers:
             self.lasts[:, None] ** 3 * GRAVITY_M_S2 / 24.0 * cross(sums, self.total(point.forces))
         )
         mean = 0.5 * self.lasts[:, None] * (point.momentum[1:] + point.momentum[:-1])
-        return change, (mean + bend) @ self.spin.T
+        turned = np.matmul(self.spins, (mean + bend)[..., None])[..., 0]
+        return change, np.asarray(turned + self.legs_turn)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointRows:
+    """Joints of the legs that stand, linear about a motion that was judged, at both ends of the
+    interval of every stance contact, first ends first; 2B of them, n joints per leg.
+
+    Of speeds and torques as shares of their limits: faster, spinning: derivatives of a speed's in v
+    and in L, stronger: of a torque's in the force, in its contact frame and units of the weight,
+    shape (2B, n, 3) each. speed_rest, torque_rest: what is left of both without these, shape (2B,
+    n). share: allowed.
+    """
+
+    faster: Array
+    spinning: Array
+    stronger: Array
+    speed_rest: Array
+    torque_rest: Array
+    share: float
+
+    def over(self, given: LeapGiven) -> tuple[Array, Array]:
+        """By how much the worst row of every joint exceeds the share at the point of ``given``,
+        ahead and back, shape (2B, n) each.
+        """
+        point, at = given.point, given.numbers.contact_intervals
+        node = np.concatenate([at, at + 1])
+        frames = np.concatenate([given.scaled.contact_frames] * 2)
+        forces = np.matmul(frames.transpose(0, 2, 1), np.concatenate([point.forces] * 2)[..., None])
+        speed = np.matmul(self.faster, point.velocity[node][..., None])
+        speed += np.matmul(self.spinning, point.momentum[node][..., None])
+        fast = speed[..., 0] + self.speed_rest
+        strong = np.matmul(self.stronger, forces)[..., 0] + self.torque_rest
+        ahead = np.maximum(strong, np.maximum(fast, fast + strong)) - self.share
+        back = np.maximum(-strong, np.maximum(-fast, -fast - strong)) - self.share
+        return ahead, back
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,15 +273,21 @@ class LeapGiven(Given):
     """Data that a leap's program is loaded with: the chosen problem in ``scaled``, its leap and
     where it is linearised.
 
-    Arguments:
-        reserve_m: kept of heights and lengths.
-        toe_radius: how far toes may be from those of the point [m].
+    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point
+    [m]. joints: rows of the joints, where legs were judged.
     """
 
     its: LeapNumbers | None = None
     at: LeapPoint | None = None
     reserve_m: float = 0.0
     toe_radius: float = FREE_M
+    joints: JointRows | None = None
+
+    @property
+    def joint_rows(self) -> JointRows:
+        """``joints``, which is there."""
+        assert self.joints is not None
+        return self.joints
 
     @property
     def numbers(self) -> LeapNumbers:

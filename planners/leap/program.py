@@ -34,11 +34,11 @@ class LeapProgram:
     """A leap with given contacts, bilinear rows linearised about a point with slack; one candidate
     per foothold.
 
-    Arguments:
-        still: whether the first and the last interval are in equilibrium.
+    still: whether the first and the last interval are in equilibrium. joints: how many per leg have
+    rows; 0 where legs were not judged.
     """
 
-    def __init__(self, layout: Layout, still: tuple[bool, bool]) -> None:
+    def __init__(self, layout: Layout, still: tuple[bool, bool], joints: int = 0) -> None:
         self.layout, self.rows = layout, Rows[LeapGiven](keep=False)
         rows = self.rows
         body = BodyVariables(rows, layout)
@@ -55,6 +55,8 @@ class LeapProgram:
         legs.fold()
         legs.speed(turning.momentum)
         legs.power(forces, turning.momentum)
+        if joints:
+            legs.joints(forces, turning.momentum, joints)
         if layout.reach_rows:
             legs.inside()
         forces.in_cones()

@@ -13,6 +13,7 @@ from ..cached import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array, cross
 from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint
 from .program import LeapProgram
@@ -29,6 +30,8 @@ HOLDS = 1e-6
 RADIUS_M, LEAST_RADIUS_M = 0.2, 1e-4
 REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
 """Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
+EDGE_M = 0.02
+"""Kept from the borders of patches by robots whose legs are known: feet land a little off."""
 LEAST_FRICTION = 1e-4
 """Friction below this is raised to it in programs, so that a cone says that forces push."""
 FRICTION_SHARE = 0.8
@@ -87,13 +90,7 @@ def attempt(
         stop: cost of the first step's slack above which there is no second one; inf never stops.
         steps: convex problems at most.
     """
-    scaled = numbers.scaled.chosen(choice)
-    scaled = replace(
-        scaled,
-        reach=scaled.reach - REACH_RESERVE_M,
-        tilt=scaled.tilt - TILT_RESERVE_RAD,
-        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
-    )
+    scaled = reserved(numbers, choice, share)
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
@@ -111,18 +108,9 @@ def attempt(
             solves=1,
             share=share,
         )
-    best, cost, radius, solves = answer.point, cost_of(problem, answer.point), RADIUS_M, 1
-    while cost > HOLDS and first.cost <= stop and solves < steps and radius > LEAST_RADIUS_M:
-        near = _near(problem, best, radius)
-        answer = program.solve(near)
-        solves += 1
-        if answer.point is not None and cost - answer.cost < STUCK * cost:
-            break  # even the step's own rows say that little can be won
-        result = np.inf if answer.point is None else cost_of(near, answer.point)
-        if answer.point is not None and result < cost:
-            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
-        else:
-            radius *= 0.3
+    best, cost, solves = answer.point, cost_of(problem, answer.point), 1
+    if first.cost <= stop:
+        best, cost, solves = descend(program, problem, best, steps=steps)
     return LeapAttempt(
         choice=choice,
         point=best,
@@ -135,7 +123,57 @@ def attempt(
     )
 
 
-def _near(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
+def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
+    """Numbers of chosen contacts, with what plans keep of reach, tilt and friction, and of the
+    borders of patches where feet are to stand on them.
+    """
+    scaled = numbers.scaled.chosen(choice)
+    if numbers.leap.robot.source.own:
+        pieces = [_inside(piece, EDGE_M) for piece in scaled.pieces]
+        scaled = replace(scaled, vertices=np.concatenate(pieces))
+    return replace(
+        scaled,
+        reach=scaled.reach - REACH_RESERVE_M,
+        tilt=scaled.tilt - TILT_RESERVE_RAD,
+        friction=np.maximum(share * scaled.friction, LEAST_FRICTION),
+    )
+
+
+def _inside(border_m: Array, edge_m: float) -> Array:
+    """A convex patch drawn in towards its middle until it is so far from its border, or a tenth as
+    large, shape (U, 3); a point stays one.
+    """
+    middle = border_m.mean(axis=0)
+    along = np.roll(border_m, -1, axis=0) - border_m
+    long = np.linalg.norm(along, axis=1)
+    if len(border_m) < 3 or long.min() < 1e-9:
+        return border_m
+    away = np.linalg.norm(np.cross(middle - border_m, along), axis=1) / long
+    return np.asarray(middle + max(1.0 - edge_m / float(away.min()), 0.1) * (border_m - middle))
+
+
+def descend(
+    program: LeapProgram, given: LeapGiven, point: LeapPoint, *, steps: int = STEPS
+) -> tuple[LeapPoint, float, int]:
+    """Step from a point until all rows hold or little can be won: the best point, its cost, and the
+    convex problems, one more than were solved here.
+    """
+    best, cost, radius, solves = point, cost_of(given, point), RADIUS_M, 1
+    while cost > HOLDS and solves < steps and radius > LEAST_RADIUS_M:
+        near = nearby(given, best, radius)
+        answer = program.solve(near)
+        solves += 1
+        if answer.point is not None and cost - answer.cost < STUCK * cost:
+            break  # even the step's own rows say that little can be won
+        result = np.inf if answer.point is None else cost_of(near, answer.point)
+        if answer.point is not None and result < cost:
+            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
+        else:
+            radius *= 0.3
+    return best, cost, solves
+
+
+def nearby(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
     """The next step's problem: about a point, and not far from it."""
     scaled, goal = given.scaled, given.scaled.com_radius[-1]
     com, radii = point.com.copy(), np.full(len(point.com), 2.0 * radius)
@@ -178,6 +216,8 @@ def _overs(given: LeapGiven) -> dict[str, Array]:
         "power": power - SPEED_RESERVE * numbers.power[contact_limbs],
         "fold": numbers.fold[limb] + given.reserve_m - length,
     }
+    if given.joints is not None:
+        overs["joints"] = np.maximum(*given.joints.over(given))
     if layout.reach_rows:
         which, half = layout.standing_rows
         spaces = given.scaled.half_spaces
@@ -221,7 +261,9 @@ def plan_from(
     )
     change = numbers.turned(moving)[0]
     momentum = numbers.momentum[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(change, axis=0)])
-    turn = numbers.turned(replace(moving, momentum=momentum))[1]
+    moving = replace(moving, momentum=momentum)
+    turn = numbers.turned(moving)[1]
+    rigid = LeapNumbers.of(leap, numbers.timing).turned(moving)[1]
     return LeapPlan(
         problem=leap,
         timing=numbers.timing,
@@ -232,5 +274,6 @@ def plan_from(
         rotation_rad=numbers.start[1] + np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)]),
         toes_m=toes_m,
         forces_n=forces_n,
+        legs_turn_rad=None if np.array_equal(turn, rigid) else turn - rigid,
         provenance={"method": method},
     )

@@ -31,6 +31,8 @@ SPEED_RESERVE = 0.97
 """Share of speeds and powers that plans use: rows ask at the ends of intervals."""
 PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
 """Of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
+PRICES["joints"] = 0.02
+"""Of a share of a joint's speed or torque."""
 SLACKS = tuple(PRICES)
 
 
@@ -161,7 +163,7 @@ class Turning:
             rows.put(
                 turn[:, :, None],
                 columns[:, None, :],
-                lambda d: -0.5 * d.numbers.lasts[:, None, None] * d.numbers.spin,
+                lambda d: -0.5 * d.numbers.lasts[:, None, None] * d.numbers.spins,
             )
         rows.put(turn[at][:, :, None], forces.columns[:, None, :], _bends)
         for columns in (v[1:], v[:-1]):
@@ -175,7 +177,7 @@ class Turning:
             rows.put(
                 middle[:, :, None],
                 columns[:, None, :],
-                _signed(sign / 8.0, lambda d: d.numbers.lasts[:, None, None] * d.numbers.spin),
+                _signed(sign / 8.0, lambda d: d.numbers.lasts[:, None, None] * d.numbers.spins),
             )
 
 
@@ -280,6 +282,43 @@ class Legs:
         rows.put(row, slack, -1.0)
         rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + d.planes[2])
 
+    def joints(self, forces: Forces, momentum: Index, count: int) -> None:
+        """|q̇|/q̇_max, |τ|/τ_max and, where they drive, the sum of both within their share, at both
+        ends of every interval, for ``count`` joints per leg; linear about what a judge measured.
+        """
+        rows, (stance, _, _) = self._rows, self._layout.contacts
+        at = self._layout.stance_frames[stance] // 2
+        node = np.concatenate([at, at + 1])
+        columns = np.concatenate([forces.columns, forces.columns])
+        velocity, spin = self._dynamics.velocity[node], momentum[node]
+        slack = _one_slack(rows, "joints", len(node) * count).reshape(len(node), count)
+        for way, sign in (("ahead", 1.0), ("back", -1.0)):
+            for kind, (fast, strong) in KINDS.items():
+                row = rows.at_most(f"{kind}_{way}", len(node), count)
+                if fast:
+                    rows.put(row[:, :, None], velocity[:, None], _joint(sign, "faster"))
+                    rows.put(row[:, :, None], spin[:, None], _joint(sign, "spinning"))
+                if strong:
+                    rows.put(row[:, :, None], columns[:, None], _joint(sign, "stronger"))
+                rows.put(row, slack, -1.0)
+                rows.right(row, _joint_left(sign, fast, strong))
+
+
+KINDS = {"fast": (True, False), "strong": (False, True), "driven": (True, True)}
+"""Rows of joints: with speeds, with torques, or with the sum of both (the speed–torque line)."""
+
+
+def _joint(sign: float, name: str) -> Callable[[LeapGiven], Array]:
+    return lambda d: sign * getattr(d.joint_rows, name)
+
+
+def _joint_left(sign: float, fast: bool, strong: bool) -> Callable[[LeapGiven], Array]:
+    """What is left of a share beside what does not depend on the variables."""
+    return lambda d: (
+        d.joint_rows.share
+        - sign * (fast * d.joint_rows.speed_rest + strong * d.joint_rows.torque_rest)
+    )
+
 
 def trust(rows: Rows[LeapGiven], layout: Layout, toes: FreeToes) -> None:
     """‖p − p̂‖ ≤ radius of every toe."""
@@ -367,7 +406,7 @@ def _bends(given: LeapGiven) -> Array:
     """−J⁻¹ g dt³/24 [v̂ + v̂′]× R of every stance contact."""
     at, point = given.numbers.contact_intervals, given.point
     sums = (point.velocity[1:] + point.velocity[:-1])[at]
-    spun = np.matmul(given.numbers.spin, np.matmul(skew(sums), given.scaled.contact_frames))
+    spun = np.matmul(given.numbers.spins[at], np.matmul(skew(sums), given.scaled.contact_frames))
     return np.asarray(-GRAVITY_M_S2 / 24.0 * given.numbers.lasts[at][:, None, None] ** 3 * spun)
 
 
@@ -377,16 +416,20 @@ def _bent(standing: Index) -> Callable[[LeapGiven], Array]:
     def values(given: LeapGiven) -> Array:
         total = skew(given.numbers.total(given.point.forces)[standing])
         lasts = given.numbers.lasts[standing][:, None, None]
-        return np.asarray(GRAVITY_M_S2 / 24.0 * lasts**3 * np.matmul(given.numbers.spin, total))
+        return np.asarray(
+            GRAVITY_M_S2 / 24.0 * lasts**3 * np.matmul(given.numbers.spins[standing], total)
+        )
 
     return values
 
 
 def _bend_offset(given: LeapGiven) -> Array:
-    """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂."""
-    point, lasts = given.point, given.numbers.lasts[:, None]
-    bend = np.cross(point.velocity[1:] + point.velocity[:-1], given.numbers.total(point.forces))
-    return np.asarray(-(GRAVITY_M_S2 / 24.0 * lasts**3 * bend) @ given.numbers.spin.T)
+    """−J⁻¹ g dt³/24 (v̂ + v̂′) × F̂, and what legs that swing turn the body by."""
+    point, numbers = given.point, given.numbers
+    sums = point.velocity[1:] + point.velocity[:-1]
+    bend = GRAVITY_M_S2 / 24.0 * numbers.lasts[:, None] ** 3
+    bend = bend * np.cross(sums, numbers.total(point.forces))
+    return np.asarray(numbers.legs_turn - np.matmul(numbers.spins, bend[..., None])[..., 0])
 
 
 def _slack(rows: Rows[LeapGiven], name: str, equal: Index) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..answer.trajectory import Trajectory
 from ..files.arrays import Array
-from ..robot.inverse_kinematics import LegPostures
+from ..robot.inverse_kinematics import LegPostures, descend
 from ..robot.kinematics import Kinematics
 from ..robot.legged import robot_of
 from ..robot.robot_model import RobotModel
@@ -54,23 +54,77 @@ class WalkPostures:
     kinematics: Kinematics
 
 
-def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it.
-
-    Raises InvalidInput as that does.
+class MovingBody:
+    """The robot of a model along a motion of its centre of mass and its toes; it is kept for
+    several motions.
     """
-    model, normals = _model(trajectory), _normals(trajectory)
-    kinematics, solver = Kinematics(robot_of(model)), ToeKinematics(model)
-    rotation, angles = trajectory.rotation, None
-    origin = trajectory.torso_m - rotation @ model.body.com_m
-    for _ in range(ROUNDS):
-        standing = origin + rotation @ model.body.com_m
-        postures = solver.solve(standing, rotation, trajectory.feet_m, normals, near=angles)
-        angles = np.concatenate(postures.angles, axis=1)
-        shift = np.array([kinematics.com_offset(posture) for posture in angles])
-        origin = trajectory.torso_m - np.einsum("kij,kj->ki", rotation, shift)
-    assert angles is not None
-    return WalkPostures(angles=angles, origin_m=origin, normals=normals, kinematics=kinematics)
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.kinematics = model, Kinematics(robot_of(model))
+        self._solver = ToeKinematics(model)
+
+    def postures(
+        self,
+        com_m: Array,
+        rotation: Array,
+        toes_m: Array,
+        normals: Array,
+        *,
+        near: Array | None = None,
+        rounds: int = ROUNDS,
+        steps: int = 0,
+    ) -> WalkPostures:
+        """Postures of K samples, each found from the standing posture or from one that is near.
+
+        Arguments:
+            com_m: of the whole robot, shape (K, 3) [m].
+            rotation: R_WB, shape (K, 3, 3).
+            toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
+            near: angles to begin with, shape (K, J) [rad].
+            rounds: as ``ROUNDS``.
+            steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
+        """
+        body_m, angles = self.model.body.com_m, near
+        origin = com_m - rotation @ body_m
+        if near is not None:
+            origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
+        for _ in range(rounds):
+            standing = origin + rotation @ body_m
+            if steps and angles is not None:
+                feet = self._solver.centres(standing, rotation, toes_m, normals)
+                angles = self._descended(feet, angles, steps)
+            else:
+                postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                angles = np.concatenate(postures.angles, axis=1)
+            origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
+        assert angles is not None
+        return WalkPostures(
+            angles=angles, origin_m=origin, normals=normals, kinematics=self.kinematics
+        )
+
+    def _descended(self, feet: Array, near: Array, steps: int) -> Array:
+        """Angles from those that are near, shape (K, J)."""
+        ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
+        parts = np.split(near, ends, axis=1)
+        return np.concatenate(
+            [
+                descend(leg, feet[:, i], part, steps=steps)[0]
+                for i, (leg, part) in enumerate(zip(self.model.legs, parts, strict=True))
+            ],
+            axis=1,
+        )
+
+    def _shifts(self, angles: Array) -> Array:
+        return np.array([self.kinematics.com_offset(posture) for posture in angles])
+
+
+def walk_postures(trajectory: Trajectory) -> WalkPostures:
+    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that
+    does.
+    """
+    return MovingBody(_model(trajectory)).postures(
+        trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)
+    )
 
 
 def _model(trajectory: Trajectory) -> RobotModel:

@@ -15,7 +15,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
 from ..files.documents import read_yaml
 from ..files.validation import validated
-from ..robot.leg_limits import leaping_robot
+from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import LegLimits, Limb, Robot
 from ..robot.robot_file import YAML
 from ..terrain.families import family_terrain
@@ -28,6 +28,9 @@ from .foothold import Foothold
 from .leap import BodyState, Leap, LeapLimits, Phase
 
 Range = tuple[float, float]
+SPINS, LOWEST = 0.5, 0.55
+"""On another robot: largest momentum per mass over its height squared [1/s], and least height of
+the body in units of that at which it stands."""
 DRAWS = 200
 """Scenes of a family are drawn so often until one has footholds for every toe."""
 MIDDLE_M = float(SCENE[:, 0].mean())
@@ -77,6 +80,29 @@ class LeapClass(BaseModel):
     terrain: str = ""
     level: Range = (0.2, 0.8)
     window_m: float = 0.12
+
+    def on(self, robot: str) -> LeapClass:
+        """The class on another robot, whose legs are known: as far and as high as it says, from
+        where that robot's feet are when it stands.
+
+        robot: a name or a file. Raises InvalidInput for one without legs of its own, or whose file
+        has no limits of their joints.
+        """
+        stands = _robot(robot)
+        model = stands.source.own_model()
+        if unlimited := no_motors(model):
+            raise InvalidInput(f"robot {stands.name}: {unlimited}")
+        feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
+        feet -= model.body.com_m
+        height = float(np.mean([leg.radius_m for leg in model.legs]) - feet[:, 2].mean())
+        ahead, aside = np.abs(feet[:, :2]).mean(axis=0).tolist()
+        limits = self.limits | {
+            "momentum_m2_s": SPINS * height**2,
+            "height_m": LOWEST * height,
+        }
+        return self.model_copy(
+            update={"robot": robot, "height_m": height, "toes_m": (ahead, aside), "limits": limits}
+        )
 
     def draw(self, rng: np.random.Generator, name: str = "leap") -> Leap:
         """Draw a leap of the class."""

@@ -108,6 +108,8 @@ def leap_to_json(leap: Leap) -> dict[str, Any]:
         "identity": leap.robot.identity,
         "limbs": to_json(leap.robot.limbs),
     }
+    if leap.robot.source.own:
+        robot |= leap.robot.source.to_json()
     footholds = tuple(
         _FootholdKeys(limb=one.limb, phase=one.frame, candidates=one.candidates, toe_m=one.toe_m)
         for one in leap.footholds

@@ -21,11 +21,12 @@ from .legged import robot_of
 from .model import LegLimits, Limb, Robot
 from .reach import ReachRows
 from .robot_file import YAML, LegKeys, named_robot, read_keys, robot_path
-from .single_body import GaitRobot
+from .robot_model import RobotModel
+from .single_body import GaitRobot, legged_anymal
 from .urdf_reader import matching
 
 ANGLES = 9
-"""Postures per joint that are looked at for the shortest leg."""
+"""Postures per joint that are looked at for the shortest and the longest leg."""
 
 
 class _File(BaseModel):
@@ -37,14 +38,11 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
     """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and
     length.
 
-    Arguments:
-        robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's
-            legs reach as far as they are long, a ball that holds all that they reach; a walker's
-            file gives boxes. Its key ``legs`` (by name or pattern) says limits; those of a model
-            follow from the efforts and velocities of its joints.
-
-    Raises:
-        InvalidInput: for a robot without inertia.
+    robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
+    reach as far from their hips as their joints let them, in any direction; a walker's file gives boxes, and
+    that of ``anymal`` has the legs of ``configs/robots/anymal.urdf`` besides. Its key ``legs`` (by
+    name or pattern) says limits; those of a model follow from the efforts and velocities of its
+    joints. Raises InvalidInput for a robot without inertia.
     """
     if not isinstance(robot, Robot):
         path = robot_path(robot)
@@ -55,7 +53,8 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
         data = read_yaml(path) if path.suffix in YAML else {}
         keys = validated(_File, data, str(path)).legs
         if data and "urdf" not in data:
-            robot = boxed(GaitRobot.from_yaml(path), keys)
+            walker = legged_anymal() if str(robot) == "anymal" else GaitRobot.from_yaml(path)
+            robot = boxed(walker, keys)
         else:
             keys = read_keys(path).legs if data else {}
             robot = _with_limits(robot_of(named_robot(robot)), keys)
@@ -64,6 +63,24 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
             f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none"
         )
     return robot
+
+
+def no_motors(model: RobotModel) -> str:
+    """What a robot's file lacks of its joints' efforts and velocities, in words; empty where there
+    are all.
+    """
+    slow = [
+        f"joint {joint.name}"
+        for leg in model.legs
+        for joint in leg.joints
+        if joint.velocity_rad_s <= 0.0
+    ]
+    lacks = [*model.lines_of(model.torque_doubts)]
+    if slow:
+        lacks.append(f"no velocity limit of {', '.join(slow[:4])}{' …' * (len(slow) > 4)}")
+    if not lacks:
+        return ""
+    return f"expected limits of its joints' torque and speed, which leaps need: {'; '.join(lacks)}"
 
 
 def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
@@ -89,6 +106,7 @@ def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot
         name=walker.name,
         mass_kg=walker.mass_kg,
         limbs=tuple(limbs),
+        model=walker.model,
         inertia_kgm2=walker.inertia_kgm2,
     )
     return _corrected(robot, keys or {})
@@ -108,12 +126,7 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     velocity = np.array([joint.velocity_rad_s for joint in leg.joints])
     power = float(leg.torque_nm @ velocity)
     speed = float(np.abs(along @ jacobian) @ velocity)
-    lines = [
-        np.linspace(low, high, ANGLES)
-        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
-    ]
-    angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
-    shortest = float(np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1).min())
+    shortest, _ = _lengths(leg)
     return LegLimits(
         hip_m=leg.hip_m - com_m,
         speed_m_s=speed if np.all(velocity > 0.0) else math.inf,
@@ -122,10 +135,24 @@ def limits_of(leg: Leg, com_m: Array) -> LegLimits:
     )
 
 
+def _lengths(leg: Leg) -> tuple[float, float]:
+    """Shortest and longest distance of hip and foot's centre within the joints' limits [m]."""
+    lines = [
+        np.linspace(low, high, ANGLES)
+        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
+    ]
+    angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
+    lengths = np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1)
+    return float(lengths.min()), float(lengths.max())
+
+
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
     model = robot.source.own_model()
     limits = [limits_of(leg, model.body.com_m) for leg in model.legs]
-    limbs = tuple(replace(limb, leg=each) for limb, each in zip(robot.limbs, limits, strict=True))
+    limbs = tuple(
+        replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)
+        for limb, each, leg in zip(robot.limbs, limits, model.legs, strict=True)
+    )
     return _corrected(replace(robot, limbs=limbs), keys)
 
 

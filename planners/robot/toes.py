@@ -37,10 +37,7 @@ class ToeKinematics:
             near: all joints in the model's order, shape (K, J) [rad], in place of those of the
                 standing posture.
         """
-        radii = np.array([[leg.radius_m] for leg in self.model.legs])
-        centres = np.asarray(toes_m) + radii * np.asarray(normals)
-        arms = centres - np.asarray(com_m)[:, None]
-        feet = np.einsum("kji,knj->kni", np.asarray(rotation), arms) + self.model.body.com_m
+        feet = self.centres(com_m, rotation, toes_m, normals)
         standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
         start = (
             np.broadcast_to(standing, (len(feet), len(standing)))
@@ -49,6 +46,18 @@ class ToeKinematics:
         )
         ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
         return self._solver.solve(feet, near=np.split(start, ends, axis=1))
+
+    def centres(
+        self, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike
+    ) -> Array:
+        """Centres of the feet in the base's frame, shape (K, N, 3) [m]; arguments as of
+        ``solve``.
+        """
+        radii = np.array([[leg.radius_m] for leg in self.model.legs])
+        centres = np.asarray(toes_m) + radii * np.asarray(normals)
+        arms = centres - np.asarray(com_m)[:, None]
+        turned = np.einsum("kji,knj->kni", np.asarray(rotation), arms)
+        return np.asarray(turned + self.model.body.com_m)
 
 
 def base_of(model: RobotModel, com_m: Array, rotation: Array) -> Array:

@@ -22,11 +22,8 @@ from .postures import violation
 SUBSTEPS = 16
 TOLERANCE = 1e-3
 """Largest violation that is accepted, without unit."""
-NOT_JUDGED = tuple(
-    Group(name, message="joints and bodies of leaps are not judged yet", verdict="not checked")
-    for name in ("joints", "torque", "bodies")
-)
-"""The groups of the whole body, of which the verdict says that nobody looked."""
+UNJUDGED = "its legs are not judged: its robot has limbs alone"
+"""Said of a leap whose robot has no legs of its own."""
 UNITS = {
     "patch": ("m", 0.1),
     "idle_force": ("N", 1.0),
@@ -50,12 +47,12 @@ UNITS = {
 units of the weight, momenta in those of their limit, power in those of the weight times m/s."""
 
 
-def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
-    """Check a plan of a leap by its toes and forces alone.
+def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
+    """Check a plan of a leap by its toes and forces, and by its joints and bodies. No solver takes
+    part.
 
-    No solver takes part.
-
-    Returns a report; a bad plan is refused in it, and not raised.
+    body: judge the whole body, too, of a robot that has legs of its own; that takes most of the
+    time. Returns a report; a bad plan is refused in it, and not raised.
     """
     defect = _defect(plan)
     if defect:
@@ -64,13 +61,17 @@ def check_leap(plan: LeapPlan) -> Report[LeapPlan]:
             for name, (unit, _) in UNITS.items()
         )
         return Report(groups=tuple(broken), answer=plan, tolerance=TOLERANCE, defect=defect)
+    from .leap_whole_body import unjudged, with_body  # reads robots, and is slow to import
+
     judge = _Judge(plan)
-    return Report(
-        groups=(*judge.groups(), *NOT_JUDGED),
+    own = plan.problem.robot.source.own
+    report = Report(
+        groups=(*judge.groups(), *unjudged("not asked for" if own else UNJUDGED)),
         answer=plan,
         tolerance=TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
     )
+    return with_body(report) if body and own else report
 
 
 def _defect(plan: LeapPlan) -> str:
@@ -81,6 +82,8 @@ def _defect(plan: LeapPlan) -> str:
     shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {
         "choice": (p,)
     }
+    later = {"legs_turn_rad": (m, 3), "gather": (2,)}
+    shapes |= {name: later[name] for name in plan.later}
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
     for name, shape in shapes.items():
@@ -89,6 +92,10 @@ def _defect(plan: LeapPlan) -> str:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
             return f"{name}: expected finite numbers"
+    if plan.gather is not None and not (
+        0.05 <= plan.gather[0] <= 0.5 and 0.1 <= plan.gather[1] <= 1.0
+    ):
+        return f"gather: expected shares of .05 to .5 and of .1 to 1, got {plan.gather.tolist()}"
     for j, foothold in enumerate(leap.footholds):
         if not 0 <= plan.choice[j] < len(foothold.candidates):
             return (
@@ -151,22 +158,20 @@ class _Judge:
                     pushes = pushes + plan.forces_n[k, i] / mass
                     twists = twists + np.cross(plan.toes_m[j], plan.forces_n[k, i] / mass)
             step = (self.ends[k + 1] - self.ends[k]) / SUBSTEPS
+            swung = plan.turned_rad[k] / (self.ends[k + 1] - self.ends[k])
             path = [state]
             for _ in range(SUBSTEPS):
-                one = self._rate(state, pushes, twists)
-                two = self._rate(state + 0.5 * step * one, pushes, twists)
-                three = self._rate(state + 0.5 * step * two, pushes, twists)
-                four = self._rate(state + step * three, pushes, twists)
+                one = self._rate(state, pushes, twists, swung)
+                two = self._rate(state + 0.5 * step * one, pushes, twists, swung)
+                three = self._rate(state + 0.5 * step * two, pushes, twists, swung)
+                four = self._rate(state + step * three, pushes, twists, swung)
                 state = state + step / 6.0 * (one + 2.0 * two + 2.0 * three + four)
                 path.append(state)
             self.paths.append(np.array(path))
 
-    def _rate(self, state: Array, pushes: Array, twists: Array) -> Array:
-        """(v, a, L′, Θ′) of a state.
-
-        Arguments:
-            pushes: Σ f / m.
-            twists: Σ p × f / m, about the world's origin.
+    def _rate(self, state: Array, pushes: Array, twists: Array, swung: Array) -> Array:
+        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's
+        origin; swung: Θ′ by legs that swing.
         """
         x, y, z = state[:3].tolist()
         a, b, c = pushes.tolist()
@@ -177,7 +182,7 @@ class _Judge:
         rate[6] -= y * c - z * b
         rate[7] -= z * a - x * c
         rate[8] -= x * b - y * a
-        rate[9:] = self.spin @ state[6:9]
+        rate[9:] = self.spin @ state[6:9] + swung
         return rate
 
     def _note(

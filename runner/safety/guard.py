@@ -278,7 +278,7 @@ class SafeWorld:
 
     def trip(self, reason: str) -> NoReturn:
         """Stop for this reason, and raise Stopped."""
-        self.latch.trip(reason)
+        self.latch.trip(reason, at_once=True)
         raise Stopped(self.latch.reason)
 
     def within(self, targets_rad: Array) -> Array:
@@ -311,7 +311,9 @@ class SafeWorld:
         self.close()
 
     def _ask(self) -> None:
-        """Raise Stopped where somebody wants it."""
+        """Raise Stopped where somebody wants it; of a leap that is in the air, after it has
+        landed.
+        """
         try:
             self.latch.check()
         except Stopped:

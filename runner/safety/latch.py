@@ -29,13 +29,11 @@ class Stopped(StancekitError):
 class StopLatch:
     """Once tripped it stays so; the first reason counts.
 
-    For any thread, and for signal handlers.
-
-    Arguments:
-        clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all
-            processes of a machine share. sent_s: when the last write had returned, NaN before the
-            first. after, after_s: writes that returned after it was tripped, which were on their
-            way then, and how long after the last of them did.
+    clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of
+    a machine share. sent_s: when the last write had returned, NaN before the first. after, after_s:
+    writes that returned after it was tripped, which were on their way then, and how long after the
+    last of them did. lands: a leap is under way in a simulation, and a stop is obeyed when it has
+    landed.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -44,14 +42,24 @@ class StopLatch:
         self._sources: tuple[Source, ...] = ()
         self._sending, self._asking = threading.RLock(), threading.Lock()
         self.sent_s, self.after, self.after_s = float("nan"), 0, 0.0
+        self.lands = False
+        self._at_once = False
 
-    def trip(self, reason: str) -> None:
-        """Stop.
+    def trip(self, reason: str, *, at_once: bool = False) -> None:
+        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list
+        is atomic.
 
-        Takes no lock, which a signal handler could wait for for ever: appending to a list is
-        atomic.
+        at_once: also where a leap is in the air, which else lands first.
         """
+        self._at_once = self._at_once or at_once
         self._first.append((self._clock(), reason))
+
+    @property
+    def stops(self) -> bool:
+        """Tell whether nothing may be sent any more: it was tripped, and no leap is to land
+        first.
+        """
+        return bool(self._first) and not (self.lands and not self._at_once)
 
     @property
     def tripped(self) -> bool:
@@ -98,7 +106,7 @@ class StopLatch:
     def check(self) -> None:
         """Ask the sources, and raise Stopped once it is tripped."""
         self.poll()
-        if self._first:
+        if self.stops:
             raise Stopped(self.reason)
 
     @contextmanager
@@ -108,7 +116,7 @@ class StopLatch:
         """
         self.poll()
         with self._sending:
-            if self._first:
+            if self.stops:
                 raise Stopped(self.reason)
             try:
                 yield

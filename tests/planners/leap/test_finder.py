@@ -8,6 +8,7 @@ import pytest
 import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
@@ -243,9 +244,9 @@ def test_a_verdict_says_that_nobody_looked_at_the_whole_body_and_limits_of_it_ar
     path.write_text("distribution: leap-given\nseed: 0\n")
     outcome = stancekit.plan(path)
     assert outcome.report.accepted
-    assert outcome.report.unchecked == ("joints", "torque", "bodies")
+    assert outcome.report.unchecked == LEAP_BODY
     assert outcome.report.message.startswith(
-        "accepted as far as checked: joints, torque and bodies are not"
+        "accepted as far as checked: joints, joint_speed, torque"
     )
     with pytest.raises(InvalidInput, match="body: expected none with a leap"):
         stancekit.plan(outcome.problem, body=stancekit.WholeBodyLimits(torque_nm=3.0))

@@ -1,0 +1,200 @@
+"""Leaps with legs: how many that are solved can joints and bodies do, before and after bending, and
+how many of these run in MuJoCo.
+
+    python benchmarks/legged_leaps.py plan CLASS ROBOT FOLDER --scenes 30
+    python benchmarks/legged_leaps.py run FOLDER
+    python benchmarks/legged_leaps.py stop FOLDER FILE
+    python benchmarks/legged_leaps.py table FOLDER
+
+A scene is CLASS:SEED on the robot. A run of the benchmark that is stopped goes on. Shares have
+Wilson's 95 % intervals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import stancekit
+from stancekit.motions import run
+from stancekit.planners.answer.hindrance import LEAP_BODY
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
+from stancekit.planners.formats.leap_file import read_leap, write_leap
+from stancekit.planners.leap.bend import judged_answer
+from stancekit.planners.leap.finder import LeapFinder, find_leap
+from stancekit.runner.acceptance import AcceptedLeap
+from stancekit.runner.run import Runner
+from stancekit.runner.worlds import make_world
+
+LIMIT_S = 400.0
+"""For bending a scene, by the clock."""
+UPRIGHT = 0.9
+"""Least cosine of the tilt of a body that stands."""
+
+
+def plan(kind: str, robot: str, folder: Path, scenes: int, first: int) -> None:
+    """Solve and bend scenes, one line each in FOLDER/plans.jsonl."""
+    folder.mkdir(parents=True, exist_ok=True)
+    log = folder / "plans.jsonl"
+    done = (
+        {json.loads(line)["seed"] for line in log.read_text().splitlines()}
+        if log.exists()
+        else set()
+    )
+    for seed in range(first, first + scenes):
+        if seed in done:
+            continue
+        begin = time.process_time()
+        leap = read_leap(f"{kind}:{seed}", robot).leap
+        answer = find_leap(leap, LeapFinder(solves=50, proof=0))
+        row: dict[str, Any] = {"seed": seed, "solved": answer.solution is not None}
+        if answer.solution is not None:
+            deadline = time.perf_counter() + LIMIT_S
+            judged = judged_answer(answer, programs_of_this_thread(), deadline=deadline)
+            assert judged.report is not None
+            assert judged.solution is not None
+            groups = {group.name: group for group in judged.report.groups}
+            row |= {
+                "before": {
+                    name: judged.details[f"{name}_before"]
+                    for name in LEAP_BODY
+                    if f"{name}_before" in judged.details
+                },
+                "after": {name: groups[name].value for name in LEAP_BODY if name in groups},
+                "fails": [
+                    name
+                    for name in LEAP_BODY
+                    if name in groups and groups[name].verdict == "violated"
+                ],
+                "accepted": judged.report.accepted,
+                "rounds": judged.details["bending_rounds"],
+                "timing": judged.solution.problem.timings_s[judged.solution.timing],
+                "message": judged.message,
+            }
+            if judged.report.accepted:
+                write_leap(folder / f"{kind}-{seed}.json", judged.solution.problem, judged.solution)
+        row["cpu_s"] = time.process_time() - begin
+        with log.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def play(folder: Path) -> None:
+    """Run every accepted leap in MuJoCo, one line each in FOLDER/runs.jsonl."""
+    log = folder / "runs.jsonl"
+    done = (
+        {json.loads(line)["file"] for line in log.read_text().splitlines()}
+        if log.exists()
+        else set()
+    )
+    for path in sorted(folder.glob("leap-*.json")):
+        if path.name in done:
+            continue
+        report = run(path, "mujoco")
+        with log.open("a") as file:
+            file.write(json.dumps({"file": path.name} | outcome(report)) + "\n")
+
+
+def outcome(report: Any) -> dict[str, Any]:
+    """What came of a run."""
+    execution = report.execution
+    if execution is None:
+        return {"succeeded": False, "upright": False, "message": report.message}
+    trace = execution.trace
+    return {
+        "succeeded": report.succeeded,
+        "upright": bool(trace.rotation[-1, 2, 2] > UPRIGHT) and execution.com_final_m < 0.1,
+        "com_worst_m": execution.com_worst_m,
+        "com_final_m": execution.com_final_m,
+        "slip_m": float(np.max(execution.slip_m)),
+        "message": report.message or execution.message,
+    }
+
+
+def stop(path: Path, times: int = 20) -> None:
+    """Press the e-stop at so many instants of a leap, spread evenly over it."""
+    plan = read_leap(path).plan
+    assert plan is not None
+    accepted = AcceptedLeap.verified(plan, str(path))
+    from stancekit.planners.motion.leap_run import LeapRun
+
+    duration = LeapRun(plan).duration_s
+    for when in np.linspace(0.05, 0.95, times) * duration:
+        runners = list[Runner]()
+
+        def pressed(at: float = float(when), runners: list[Runner] = runners) -> str:
+            state = runners[0].state if runners else None
+            return "e-stop" if state is not None and state.time_s >= at else ""
+
+        runners.append(Runner(make_world("mujoco", accepted.robot), sources=(pressed,)))
+        report = runners[0].run(accepted)
+        row = {
+            "pressed_s": round(float(when), 3),
+            "ended_s": report.execution and report.execution.seconds,
+        }
+        print(json.dumps(row | outcome(report)), flush=True)
+
+
+def wilson(k: int, n: int) -> str:
+    """A share with its 95 % interval, in percent."""
+    if not n:
+        return "none"
+    z, p = 1.96, k / n
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    low, high = ((middle + s * half) / (1 + z * z / n) for s in (-1, 1))
+    return f"{k} of {n}, {100 * p:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def table(folder: Path) -> None:
+    """Print shares by group, before and after."""
+    rows = [json.loads(line) for line in (folder / "plans.jsonl").read_text().splitlines()]
+    solved = [row for row in rows if row["solved"]]
+    print("solved", wilson(len(solved), len(rows)))
+    print("accepted after bending", wilson(sum(row["accepted"] for row in solved), len(solved)))
+    for name in LEAP_BODY:
+        medians = []
+        for when in ("before", "after"):
+            values = [row[when][name] for row in solved if name in row[when]]
+            medians.append(f"{np.median(values):.3g}" if values else "-")
+        fails = sum(name in row["fails"] for row in solved)
+        print(f"{name:12} median before {medians[0]}, after {medians[1]}; fails after {fails}")
+    print("binds", Counter(row["fails"][0] for row in solved if row["fails"]))
+    print("CPU-s, median", float(np.median([row["cpu_s"] for row in rows])))
+    runs = folder / "runs.jsonl"
+    if runs.exists():
+        played = [json.loads(line) for line in runs.read_text().splitlines()]
+        print("upright at the end", wilson(sum(row["upright"] for row in played), len(played)))
+        print("run as planned", wilson(sum(row["succeeded"] for row in played), len(played)))
+        for row in played:
+            if not row["upright"]:
+                print("  ", row["file"], row["message"])
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("what", choices=("plan", "run", "stop", "table"))
+    parser.add_argument("names", nargs="+")
+    parser.add_argument("--scenes", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0)
+    asked = parser.parse_args()
+    if asked.what == "plan":
+        kind, robot, folder = asked.names
+        plan(kind, robot, Path(folder), asked.scenes, asked.first)
+    elif asked.what == "run":
+        play(Path(asked.names[0]))
+    elif asked.what == "stop":
+        stop(Path(asked.names[0]))
+    else:
+        table(Path(asked.names[0]))
+
+
+if __name__ == "__main__":
+    print(f"stancekit {stancekit.__version__}", file=sys.stderr)
+    main()

@@ -1,0 +1,415 @@
+"""Leaps that legs can do: a plan is judged on the robot's own body, and what fails is bent before it
+is refused.
+
+A round measures joints along the leap, puts their speeds and torques as rows into the leap's convex
+steps, linear about what was measured, with what legs that swing turn the body by, and solves again.
+Where a timing does not get there, others are tried over the same contacts: longer stances, longer
+or shorter flights. How legs are drawn up is chosen last.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..answer.answer import Answer, Status
+from ..answer.leap_plan import LeapPlan
+from ..answer.report import Group, Report
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..motion.leap_body import LeapBody
+from ..motion.walk_joints import MovingBody
+from ..robot.leg_limits import no_motors
+from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
+from ..verify.leaps import check_leap
+from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint
+from .program import LeapProgram
+from .scp import (
+    FRICTION_SHARE,
+    HEIGHT_RESERVE_M,
+    HOLDS,
+    attempt,
+    cost_of,
+    nearby,
+    plan_from,
+    reserved,
+)
+
+SHARE, LEAST_SHARE = 0.88, 0.5
+"""Of joints' speeds and torques, that rows ask for; less in later rounds, but no less than that."""
+ROUNDS, STEPS = 6, 8
+"""Rounds at most, for one timing, and convex steps at most in each."""
+SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
+"""What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
+STRETCHED = (
+    (1.0, 1.0, 1.0),
+    (1.3, 1.0, 1.3),
+    (1.3, 0.85, 1.3),
+    (1.6, 1.0, 1.6),
+    (1.3, 1.2, 1.3),
+    (1.0, 0.8, 1.0),
+)
+"""Timings that are tried: stances before, flights, stances after, in units of the leap's own."""
+GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
+"""Ways of drawing legs up in flight that are tried."""
+MORE_M, MOST_M = 0.003, 0.1
+"""A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
+NEAR_M = 0.06
+"""Toes move no farther than this in a round."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """A plan with what its whole body does. short_m: by how much the reach of every limb was
+    shortened for it, and has to be for the next, shape (N,).
+    """
+
+    plan: LeapPlan
+    body: LeapBodyMeasurements
+    groups: tuple[Group, ...]
+    shortened_m: Array
+    share: float = SHARE
+
+    @property
+    def next_share(self) -> float:
+        """Share that the next rows ask for: less where it was kept and something between them was
+        not.
+        """
+        over = [
+            group.value / group.limit
+            for group in self.groups
+            if group.name in ("joint_speed", "torque") and group.verdict == "violated"
+        ]
+        return max(self.share / min(max([1.0, *over]), 1.15), LEAST_SHARE)
+
+    @property
+    def short_m(self) -> Array:
+        """What the reach of every limb lacks, with what was known before, shape (N,) [m]."""
+        missed = np.where(self.body.path.contact, self.body.off_toes().values, 0.0).max(axis=0)
+        return np.asarray(
+            np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
+        )
+
+    @property
+    def accepted(self) -> bool:
+        """No group of the whole body is violated."""
+        return not any(group.verdict == "violated" for group in self.groups)
+
+    @property
+    def score(self) -> float:
+        """How far from accepted it is, in units of ``SCALES``."""
+        total = 0.0
+        for group in self.groups:
+            if group.verdict == "violated":
+                total += (group.value - group.limit) / SCALES.get(group.name, 0.1)
+        return total
+
+
+class LeapBender:
+    """Bends one leap's plans. Raises InvalidInput for a robot without legs, or without limits of
+    their joints.
+    """
+
+    def __init__(
+        self,
+        programs: Programs,
+        *,
+        limits: LeapBodyLimits = LeapBodyLimits(),
+        share: float = FRICTION_SHARE,
+        deadline: float = np.inf,
+    ) -> None:
+        self._programs, self._limits, self._share = programs, limits, share
+        self._deadline = deadline
+        self._body: MovingBody | None = None
+        self.rounds = 0
+
+    def judge(
+        self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
+    ) -> Judged:
+        """Joints of a plan, and its bodies where they can do it. shortened_m, share: as of
+        ``Judged``.
+        """
+        model = plan.problem.robot.source.own_model()
+        if self._body is None:
+            if unlimited := no_motors(model):
+                raise InvalidInput(f"robot {plan.problem.robot.name}: {unlimited}")
+            self._body = MovingBody(model)
+        measured = LeapBodyMeasurements(LeapBody(plan, body=self._body, quick=True))
+        if self._hard(measured) > 1.0 > self._hard(measured, air=False) - 0.5:
+            measured = min(
+                (
+                    LeapBodyMeasurements(
+                        LeapBody(
+                            replace(plan, gather=np.array(gather)), body=self._body, quick=True
+                        )
+                    )
+                    for gather in GATHERS
+                ),
+                key=self._hard,
+            )
+            plan = measured.leap_body.plan
+        groups = tuple(measured.groups(self._limits, bodies=False))
+        if not any(group.verdict == "violated" for group in groups):
+            measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
+            groups = tuple(measured.groups(self._limits))
+        none = np.zeros(len(plan.problem.robot.limbs))
+        return Judged(
+            plan=plan,
+            body=measured,
+            groups=groups,
+            shortened_m=none if shortened_m is None else shortened_m,
+            share=share,
+        )
+
+    def _hard(self, measured: LeapBodyMeasurements, *, air: bool = True) -> float:
+        """Largest share of a limit that joints have in the air, or while some limb stands; a foot
+        that is off its path counts a unit per centimetre.
+        """
+        flies = ~measured.path.contact.any(axis=1)
+        rows = (flies if air else ~flies)[1:-1]
+        off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
+        fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / self._limits.joint_speed
+        line = measured.line[rows].max(initial=0.0) / self._limits.torque
+        return float(max(fast, line) + 100.0 * off * (off > self._limits.joints_m))
+
+    def bent(self, plan: LeapPlan) -> tuple[Judged, Judged]:
+        """The plan as it was judged, and the best that bending finds: the first that is accepted,
+        or the one that lacks least.
+        """
+        first = best = self.judge(plan)
+        if first.accepted:
+            return first, best
+        for k, (before, flight, after) in enumerate(STRETCHED):
+            if time.perf_counter() > self._deadline:
+                break
+            start = plan if k == 0 else self._retimed(plan, before, flight, after)
+            if start is None:
+                continue
+            for judged in self._rounds(first if k == 0 else self.judge(start)):
+                if judged.score < best.score:
+                    best = judged
+                if judged.accepted:
+                    return first, judged
+        return first, best
+
+    def _retimed(
+        self, plan: LeapPlan, before: float, flight: float, after: float
+    ) -> LeapPlan | None:
+        """The leap over the same contacts in another timing; None where no step solves it, or the
+        leap says how long it lasts.
+        """
+        leap = plan.problem
+        if leap.duration_s is not None:
+            return None
+        stands = [bool(phase.limbs) for phase in leap.phases]
+        air = stands.index(False) if False in stands else len(stands)
+        stretch = [
+            flight if not stand else before if q < air else after for q, stand in enumerate(stands)
+        ]
+        own = leap.timings_s[plan.timing]
+        timing = tuple(round(s * t, 4) for s, t in zip(stretch, own, strict=True))
+        leap = replace(leap, timings_s=(timing,))
+        numbers = LeapNumbers.of(leap)
+        found = attempt(self._programs, numbers, plan.choice, share=self._share, stop=np.inf)
+        if found.point is None or found.cost > 1e2 * HOLDS:
+            return None
+        return _plan_of(numbers, plan.choice, found.point, plan)
+
+    def _rounds(self, judged: Judged) -> Iterator[Judged]:
+        """Plans of one timing, each judged, from one that was judged."""
+        yield judged
+        best = judged
+        near = NEAR_M
+        for _ in range(ROUNDS):
+            if time.perf_counter() > self._deadline or near < 0.1 * NEAR_M:
+                return
+            plan = self._stepped(best, near, judged.next_share)
+            if plan is None:
+                near *= 0.4
+                continue
+            self.rounds += 1
+            judged = self.judge(plan, best.short_m, judged.next_share)
+            yield judged
+            if judged.accepted:
+                return
+            if judged.score < best.score:
+                best = judged
+            else:
+                near *= 0.4
+
+    def _stepped(self, judged: Judged, near_m: float, share: float) -> LeapPlan | None:
+        """One round: the plan of the convex steps with the joints' rows; None where its own rows do
+        not hold.
+        """
+        plan = judged.plan
+        leap = plan.problem
+        numbers = legged_numbers(judged.body)
+        scaled = reserved(numbers, plan.choice, self._share)
+        scaled = replace(scaled, reach=scaled.reach - judged.short_m)
+        program = self._programs.get(
+            LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
+        )
+        point = point_of(numbers, plan)
+        given = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
+        given = replace(given, joints=joint_rows(judged.body, given, share))
+        radius = near_m
+        for _ in range(STEPS):
+            answer = program.solve(nearby(given, point, radius))
+            if answer.point is None:
+                radius *= 0.5
+                continue
+            point, radius = answer.point, 0.5 * radius
+            if cost_of(replace(given, joints=None), point) <= HOLDS:
+                return _plan_of(numbers, plan.choice, point, plan)
+        return None
+
+
+def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:
+    """The numbers of a leap whose body turns as it was measured to turn: J⁻¹ of the whole robot in
+    every interval, and the rest by legs that swing.
+    """
+    body = measured.leap_body
+    plan = body.plan
+    ends = np.concatenate(
+        [np.searchsorted(body.times_s, plan.times_s[:-1] - 1e-9), [len(body.times_s)]]
+    )
+    spins = np.array([body.spins[a:b].mean(axis=0) for a, b in itertools.pairwise(ends)])
+    mean = LeapNumbers.of(plan.problem, plan.timing, spins=spins)
+    turned = np.diff(measured.turned + plan.rotation_rad, axis=0)
+    return replace(mean, legs_turn=turned - mean.turned(point_of(mean, plan))[1])
+
+
+def _most(legs: Index) -> int:
+    """Joints per leg, of the leg with most."""
+    return int(np.bincount(legs).max())
+
+
+def _plan_of(numbers: LeapNumbers, choice: Index, point: LeapPoint, like: LeapPlan) -> LeapPlan:
+    leap = numbers.leap
+    forces = np.zeros((numbers.intervals, len(leap.robot.limbs), 3))
+    forces[numbers.contact_intervals, numbers.layout.contacts[1]] = point.forces * leap.weight_n
+    method = str(like.provenance.get("method", ""))
+    return replace(plan_from(numbers, choice, point.toes, forces, method), gather=like.gather)
+
+
+def point_of(numbers: LeapNumbers, plan: LeapPlan) -> LeapPoint:
+    """A plan as a point of the programs."""
+    pushes = plan.forces_n[numbers.contact_intervals, numbers.layout.contacts[1]]
+    pushes = pushes / plan.problem.weight_n
+    com, velocity = numbers.ballistic(numbers.total(pushes))
+    rotation = np.zeros_like(com)
+    rotation[::2] = plan.rotation_rad
+    rotation[1::2] = 0.5 * (plan.rotation_rad[1:] + plan.rotation_rad[:-1])
+    return LeapPoint(
+        com=com,
+        rotation=rotation,
+        velocity=velocity,
+        momentum=plan.momentum_m2_s,
+        toes=plan.toes_m,
+        forces=pushes,
+    )
+
+
+def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = SHARE) -> JointRows:
+    """Rows of the joints of legs that stand, about a leap that was measured."""
+    numbers, body, solver = given.numbers, measured.leap_body, measured.kinematics
+    plan, layout = body.plan, given.scaled.layout
+    limbs, at = layout.contacts[1], numbers.contact_intervals
+    count, most = len(at), _most(solver.legs)
+    begins = np.searchsorted(body.times_s, plan.times_s[:-1] + 1e-9)
+    ends = np.searchsorted(body.times_s, plan.times_s[1:] - 1e-9) - 1
+    inner = len(body.times_s) - 2
+    rows = np.clip(np.concatenate([begins[at], ends[at]]), 1, inner)
+    fast, strong = measured.shares
+    weight = plan.problem.weight_n
+    shape = (2 * count, most)
+    faster, spinning, stronger = (np.zeros((*shape, 3)) for _ in range(3))
+    speed_rest, torque_rest = np.zeros(shape), np.zeros(shape)
+    frames = np.concatenate([given.scaled.contact_frames] * 2)
+    for b, (k, i) in enumerate(zip(rows.tolist(), np.tile(limbs, 2).tolist(), strict=True)):
+        joints = np.flatnonzero(solver.legs == i)
+        n = len(joints)
+        levers = solver.loads(body.postures.angles[k], body.rotation[k])[1][joints]
+        turn = np.linalg.pinv(levers.T)  # q̇ = −(∂p/∂q)⁻¹ (v + ω × (p − c)), in world axes
+        arm = body.toes_m[k, i] - body.com_m[k]
+        x, y, z = arm
+        arms = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        limit = solver.velocity_rad_s[joints, None]
+        faster[b, :n] = -turn / limit
+        spinning[b, :n] = turn @ arms @ numbers.spin / limit
+        stronger[b, :n] = -weight * levers @ frames[b] / solver.torque_nm[joints, None]
+        now = faster[b, :n] @ body.velocity_m_s[k] + spinning[b, :n] @ body.momentum_m2_s[k]
+        speed_rest[b, :n] = fast[k - 1, joints] - now
+        force = frames[b].T @ body.forces_n[k, i] / weight
+        torque_rest[b, :n] = strong[k - 1, joints] - stronger[b, :n] @ force
+    return JointRows(
+        faster=faster,
+        spinning=spinning,
+        stronger=stronger,
+        speed_rest=speed_rest,
+        torque_rest=torque_rest,
+        share=share,
+    )
+
+
+def judged_answer(
+    answer: Answer[LeapPlan],
+    programs: Programs,
+    *,
+    share: float = FRICTION_SHARE,
+    bend: bool = True,
+    deadline: float = np.inf,
+) -> Answer[LeapPlan]:
+    """An answer whose plan is judged on the robot's own body, and bent where it fails; undecided
+    where legs cannot do the best of them.
+
+    Raises InvalidInput for a robot whose joints have no limits.
+    """
+    plan = answer.solution
+    if plan is None or not plan.problem.robot.source.own:
+        return answer
+    bender = LeapBender(programs, share=share, deadline=deadline)
+    if bend:
+        first, best = bender.bent(plan)
+    else:
+        first = best = bender.judge(plan)
+    report = _with(check_leap(best.plan), best.groups)
+    details = dict(answer.details) | {"bending_rounds": float(bender.rounds)}
+    for group in first.groups:
+        details[f"{group.name}_before"] = group.value
+    status = Status.FEASIBLE if report.accepted else Status.UNDECIDED
+    return replace(
+        answer,
+        status=status,
+        solution=best.plan,
+        problem=best.plan.problem,
+        report=report,
+        residual=report.worst,
+        details=details,
+        message="" if report.accepted else f"legs cannot do it: {failures(report)}",
+    )
+
+
+def _with(report: Report[LeapPlan], groups: tuple[Group, ...]) -> Report[LeapPlan]:
+    names = {group.name for group in groups}
+    kept = tuple(group for group in report.groups if group.name not in names)
+    return replace(report, groups=(*kept, *groups))
+
+
+def failures(report: Report[LeapPlan]) -> str:
+    """The groups of the whole body that fail, with the limits that bind."""
+    lines = []
+    for group in report.groups:
+        if group.verdict == "violated":
+            unit = "" if group.unit == "1" else f" {group.unit}"
+            when = "" if group.when is None else f" at {group.when:.2f} s"
+            lines.append(
+                f"{group.name} {group.value:.3g} of {group.limit:g}{unit} ({group.where}{when})"
+            )
+    return "; ".join(lines)

@@ -1,0 +1,207 @@
+"""Load of a motion on the robot's own body: one sweep for whatever moves a body and its feet, a walk
+or a leap.
+
+Angles are found over chains of our own; pinocchio puts the feet and the masses where the robot's
+URDF has them, and says what the joints have to give.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cached import cached_property
+from ..files.arrays import Array
+from .bodies import BodyReport, bodies_report, spaced
+from .trajectory_series import Series
+
+if TYPE_CHECKING:
+    from ..motion.walk_joints import WalkPostures
+    from ..robot.overlaps import WholeBody
+    from ..terrain.obstacles import Obstacles
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyPath:
+    """A body and its feet over time: K samples on a uniform grid, N feet.
+
+    times_s: shape (K,) [s]. com_m: centre of mass, shape (K, 3) [m]. rotation: R_WB, shape (K, 3,
+    3). toes_m, normals: where feet touch, or would, and of the surface there, shape (K, N, 3).
+    forces_n: on the robot, shape (K, N, 3) [N]. contact: which feet stand, shape (K, N). feet:
+    their names.
+    """
+
+    times_s: Array
+    com_m: Array
+    rotation: Array
+    toes_m: Array
+    normals: Array
+    forces_n: Array
+    contact: NDArray[np.bool_]
+    feet: tuple[str, ...]
+
+
+class MovingBodyMeasurements:
+    """Measurements of one motion of a robot that has a model; K samples, N legs, J joints.
+
+    Raises InvalidInput without pinocchio.
+    """
+
+    def __init__(self, path: BodyPath, postures: WalkPostures) -> None:
+        from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
+
+        self.path, self.postures, self._pin = path, postures, pinocchio()
+        self.times_s = path.times_s
+        self.step_s = float(path.times_s[-1] - path.times_s[0]) / (len(path.times_s) - 1)
+        self.kinematics = postures.kinematics
+        self._known = self.kinematics.known
+        self._data = self._known.createData()
+        base = self._known.joints[base_joint(self._known)]
+        self._base = slice(base.idx_q, base.idx_q + 7)
+        self._home = self._pin.XYZQUATToSE3(at_rest(self._known)[self._base])
+
+    def off_toes(self) -> Series:
+        """Distance of every foot, as the URDF has it within the joints' limits, from where it
+        touches, (K, N) [m].
+        """
+        radii, path = self.kinematics.radii_m, self.path
+        wanted = path.toes_m + radii[:, None] * path.normals
+        feet = np.array([self.kinematics.feet(angles) for angles in self.postures.angles])
+        placed = self.postures.origin_m[:, None] + np.einsum(
+            "kij,knj->kni", self.path.rotation, feet
+        )
+        return Series(np.linalg.norm(placed - wanted, axis=-1), self.path.feet, self.times_s)
+
+    def speed(self) -> Series:
+        """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
+        (K − 1, J).
+        """
+        most = self.kinematics.velocity_rad_s
+        return Series(
+            np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf),
+            self.kinematics.joints,
+            self.times_s[1:],
+        )
+
+    @cached_property
+    def rates_rad_s(self) -> Array:
+        """Speeds of the joints between samples, shape (K − 1, J) [rad/s, or m/s where one slides]."""
+        turns = np.diff(self.postures.angles, axis=0)
+        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
+        short = np.mod(turns + np.pi, 2.0 * np.pi) - np.pi
+        return np.asarray(np.where(free, short, turns) / self.step_s)
+
+    # ----------------------------------------------------------------------------------------------
+    # dynamics
+
+    @cached_property
+    def _states(self) -> tuple[Array, Array]:
+        """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
+        − 1, nv).
+        """
+        pin, origins = self._pin, self.postures.origin_m
+        states = np.array(
+            [self.kinematics.configuration(angles) for angles in self.postures.angles]
+        )
+        for state, turn, origin in zip(states, self.path.rotation, origins, strict=True):
+            state[self._base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * self._home)
+        velocity = [pin.difference(self._known, a, b) for a, b in pairwise(states)]
+        return states, np.array(velocity) / self.step_s
+
+    @cached_property
+    def torques_nm(self) -> Array:
+        """Torques of the joints at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ
+        fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
+        the feet pressed by its forces; I of the rotors.
+        """
+        pin, known, solver = self._pin, self._known, self.kinematics
+        states, between = self._states
+        velocity, rising = (
+            0.5 * (between[1:] + between[:-1]),
+            np.diff(between, axis=0) / self.step_s,
+        )
+        known.gravity.linear = np.array([0.0, 0.0, -solver.gravity_m_s2])
+        moved = np.array(
+            [
+                pin.rnea(known, self._data, *each)[solver.columns]
+                for each in zip(states[1:-1], velocity, rising, strict=True)
+            ]
+        )
+        angles, rotation, forces = (
+            of[1:-1] for of in (self.postures.angles, self.path.rotation, self.path.forces_n)
+        )
+        levers = np.array(
+            [solver.loads(q, turn)[1] for q, turn in zip(angles, rotation, strict=True)]
+        )
+        turned = solver.rotor_kg_m2 * rising[:, solver.columns]
+        return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
+
+    def torque(self) -> Series:
+        """Torques as a share of the joints' limits, 0 where the limit is not known, (K − 2, J)."""
+        shares = np.abs(self.torques_nm) / self.kinematics.torque_nm
+        return Series(shares, self.kinematics.joints, self.times_s[1:-1])
+
+    def legs_moment(self) -> Series:
+        """dL/dt − Σ (p_i − p) × f_i at the inner samples with L of the whole robot, legs and all,
+        (K − 2, 3) [Nm].
+
+        What legs that swing do to the balance of moments: motions are planned for one rigid body (W
+        §III-A). Forces need no such row, for the centre of mass is the whole robot's.
+        """
+        pin, known = self._pin, self._known
+        states, between = self._states
+        momentum = np.array(
+            [
+                pin.computeCentroidalMomentum(
+                    known,
+                    self._data,
+                    pin.integrate(known, state, 0.5 * self.step_s * velocity),
+                    velocity,
+                ).angular.copy()
+                for state, velocity in zip(states[:-1], between, strict=True)
+            ]
+        )
+        arms = self.path.toes_m - self.path.com_m[:, None]
+        moments = np.cross(arms, self.path.forces_n).sum(axis=1)
+        return Series(
+            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
+            ("x", "y", "z"),
+            self.times_s[1:-1],
+        )
+
+    # ------------------------------------------------------------------------------------------------
+    # bodies
+
+    def bodies(self, obstacles: Obstacles) -> BodyReport:
+        """Judge links against each other and against obstacles, all the way. Raises InvalidInput
+        without coal.
+        """
+        from ..robot.bodies import Bodies
+
+        return bodies_report(Bodies(self.kinematics, obstacles), *self.spaced(), between=True)
+
+    def spaced(self) -> tuple[Array, WholeBody]:
+        """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
+        [s], and they.
+        """
+        points = np.concatenate([self.path.toes_m, self.postures.origin_m[:, None]], axis=1)
+        rows = spaced(points, self.postures.angles)
+        return self.times_s[rows], self.posture(rows)
+
+    def posture(self, samples: NDArray[np.intp] | int) -> WholeBody:
+        """Posture of the whole robot at samples, or at one."""
+        from ..robot.overlaps import WholeBody
+
+        path, postures, k = self.path, self.postures, samples
+        return WholeBody(
+            rotation=path.rotation[k],
+            origin_m=postures.origin_m[k],
+            angles=postures.angles[k],
+            toes_m=path.toes_m[k],
+            normals=postures.normals[k],
+            stands=path.contact[k],
+        )

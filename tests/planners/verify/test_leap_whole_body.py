@@ -1,0 +1,114 @@
+"""Leaps on the robot's own body: what the judge measures, against momentum worked out anew, and what
+it refuses.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.hindrance import LEAP_BODY
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.leap_file import check_file, read_leap, write_leap
+from stancekit.planners.leap.bend import joint_rows, legged_numbers
+from stancekit.planners.leap.bend import point_of as point_of_plan
+from stancekit.planners.leap.numbers import LeapGiven
+from stancekit.planners.leap.scp import reserved
+from stancekit.planners.motion.leap_body import LeapBody
+from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements, with_body
+from stancekit.planners.verify.leaps import check_leap
+
+pytest.importorskip("pinocchio")
+FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
+
+
+@pytest.fixture(scope="module")
+def plan() -> LeapPlan:
+    found = read_leap(FILE).plan
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def measured(plan: LeapPlan) -> LeapBodyMeasurements:
+    return LeapBodyMeasurements(LeapBody(plan))
+
+
+def test_a_leap_that_was_bent_is_accepted_with_its_legs_and_says_so_of_every_group():
+    check = check_file(FILE)
+    assert check.accepted
+    assert check.report.unchecked == ()
+    assert {name: check.report.group(name).verdict for name in LEAP_BODY} == dict.fromkeys(
+        LEAP_BODY, "holds"
+    )
+
+
+def test_the_whole_robot_keeps_its_angular_momentum_in_the_air(measured: LeapBodyMeasurements):
+    import pinocchio as pin
+
+    body = measured.leap_body
+    known, data = measured.kinematics.known, measured.kinematics.known.createData()
+    states, velocity = measured._states
+    air = np.flatnonzero(~body.contact.any(axis=1))[2:-3]
+    assert len(air) > 20
+    mass = body.plan.problem.robot.mass_kg
+    for k in air:
+        middle = pin.integrate(known, states[k], 0.5 * measured.step_s * velocity[k])
+        spins = pin.computeCentroidalMomentum(known, data, middle, velocity[k]).angular
+        wanted = mass * 0.5 * (body.momentum_m2_s[k] + body.momentum_m2_s[k + 1])
+        np.testing.assert_allclose(spins, wanted, atol=0.02)
+
+
+def test_rows_of_joints_say_at_the_plan_what_was_measured_there(measured: LeapBodyMeasurements):
+    plan = measured.leap_body.plan
+    numbers = legged_numbers(measured)
+    scaled = reserved(numbers, plan.choice, 0.8)
+    given = LeapGiven(scaled, its=numbers, at=point_of_plan(numbers, plan))
+    rows = joint_rows(measured, given)
+    ahead, back = rows.over(given)
+    share = np.maximum(ahead, back).max() + rows.share
+    assert share == pytest.approx(measured.line.max(), abs=0.25)
+
+
+def test_a_leap_twice_as_fast_is_refused_by_its_joints(plan: LeapPlan):
+    leap = replace(plan.problem, timings_s=(tuple(0.5 * s for s in plan.problem.timings_s[0]),))
+    fast = replace(plan, problem=leap, velocity_m_s=2.0 * plan.velocity_m_s)
+    groups = {g.name: g for g in LeapBodyMeasurements(LeapBody(fast)).groups(bodies=False)}
+    assert groups["joint_speed"].verdict == "violated"
+    assert groups["joint_speed"].where
+
+
+def test_a_leap_of_limbs_alone_is_not_judged_with_legs_and_says_so():
+    from stancekit.planners.leap.finder import find_leap
+
+    report = check_leap(find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution)
+    assert report.unchecked == LEAP_BODY
+    assert report.message.startswith("accepted as far as checked")
+    assert with_body(report).unchecked == LEAP_BODY
+
+
+def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path):
+    write_leap(tmp_path / "again.json", plan.problem, plan)
+    again = read_leap(tmp_path / "again.json").plan
+    assert again is not None
+    np.testing.assert_array_equal(again.gather, plan.gather)
+    np.testing.assert_array_equal(again.legs_turn_rad, plan.legs_turn_rad)
+    bad = check_leap(replace(plan, gather=np.array([0.0, 0.5])))
+    assert bad.message.startswith("rejected: gather: expected shares")
+
+
+def test_a_robot_without_limits_of_its_joints_is_refused(tmp_path):
+    from stancekit.configs import config_path
+
+    text = config_path("robots/anymal.urdf").read_text().replace('velocity="12"', 'velocity="0"')
+    (tmp_path / "slow.urdf").write_text(text)
+    with pytest.raises(InvalidInput, match="limits of its joints' torque and speed"):
+        read_leap("leap-hop:0", tmp_path / "slow.urdf")
+
+
+def test_another_robot_is_for_leaps_that_are_drawn():
+    with pytest.raises(InvalidInput, match="robot: expected CLASS:SEED with another robot"):
+        read_leap(FILE, "anymal")

@@ -1,0 +1,76 @@
+"""Leaps in MuJoCo: landing, and stops before, in and after the air."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.leap.finder import find_leap
+from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.runner.acceptance import AcceptedLeap
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds import make_world
+
+pytest.importorskip("mujoco")
+pytest.importorskip("pinocchio")
+FILE = Path(__file__).parents[1] / "data" / "leap-hop-anymal.json"
+
+
+@pytest.fixture(scope="module")
+def accepted() -> AcceptedLeap:
+    return AcceptedLeap.from_file(FILE)
+
+
+def stopped_at(accepted: AcceptedLeap, when_s: float) -> RunReport:
+    """The report of a run whose e-stop is pressed at a time of the world."""
+    runners = list[Runner]()
+
+    def pressed() -> str:
+        state = runners[0].state if runners else None
+        return "e-stop" if state is not None and state.time_s >= when_s else ""
+
+    world = make_world("mujoco", accepted.robot)
+    runners.append(Runner(world, sources=(pressed,)))
+    return runners[0].run(accepted)
+
+
+def test_a_leap_lands_where_it_should_and_stands(accepted: AcceptedLeap):
+    report = stancekit.run(accepted, "mujoco")
+    assert report.succeeded, report.message
+    assert report.execution.com_final_m < 0.01
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+    flies = ~(report.execution.trace.foothold >= 0).any(axis=1)
+    assert np.count_nonzero(flies) > 20
+
+
+def test_a_stop_before_take_off_is_obeyed_at_once(accepted: AcceptedLeap):
+    report = stopped_at(accepted, 0.6)
+    assert report.message == "e-stop"
+    assert report.execution.seconds < 0.75
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+
+
+def test_a_stop_in_the_air_lands_first(accepted: AcceptedLeap):
+    report = stopped_at(accepted, 1.4)
+    assert report.message == "e-stop"
+    assert not report.succeeded
+    assert report.execution.seconds > 2.0
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+    assert report.execution.com_final_m < 0.02
+
+
+def test_a_leap_that_nobody_judged_with_legs_is_not_run():
+    plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
+    with pytest.raises(InvalidInput, match="expected a leap that was judged with legs"):
+        stancekit.run(plan, "mujoco")
+
+
+def test_a_leap_has_one_pace(accepted: AcceptedLeap):
+    with pytest.raises(InvalidInput, match="a leap runs as planned, or not at all"):
+        stancekit.run(
+            accepted, "mujoco", settings=RunSettings(timing=RunSettings().timing.at_pace(0.5))
+        )
