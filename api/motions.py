@@ -212,8 +212,9 @@ def check_run(
 
 
 def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait | AcceptedLeap:
-    """A motion that the verifier accepts, judged as it comes in. Raises InvalidInput for anything
-    else.
+    """A motion that the verifier accepts, judged as it comes in.
+
+    Raises InvalidInput for anything else.
     """
     if isinstance(motion, Accepted | AcceptedGait | AcceptedLeap):
         return motion

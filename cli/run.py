@@ -218,8 +218,9 @@ class RunMotion:
         return self._report(report.succeeded, *_led(report, policy))
 
     def _request(self) -> Accepted | AcceptedGait | AcceptedLeap | Problem:
-        """Motion that PLAN names. Raises InvalidInput for what cannot be run, or not with these
-        options.
+        """Motion that PLAN names.
+
+        Raises InvalidInput for what cannot be run, or not with these options.
         """
         from stancekit.motions import accepted_of, led_by_policy
 

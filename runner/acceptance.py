@@ -164,7 +164,12 @@ class AcceptedGait:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptedLeap:
-    """A leap that may be run. digest: the verifier's; source: for messages."""
+    """A leap that may be run.
+
+    Arguments:
+        digest: the verifier's.
+        source: for messages.
+    """
 
     plan: LeapPlan
     digest: str
@@ -183,8 +188,9 @@ class AcceptedLeap:
 
     @classmethod
     def from_file(cls, path: str | Path) -> AcceptedLeap:
-        """Read a leap's file. Raises InvalidInput for one without a plan, or whose plan the
-        verifier rejects.
+        """Read a leap's file.
+
+        Raises InvalidInput for one without a plan, or whose plan the verifier rejects.
         """
         plan = read_leap(path).plan
         if plan is None:
@@ -193,8 +199,9 @@ class AcceptedLeap:
 
     @classmethod
     def verified(cls, plan: LeapPlan, source: str) -> AcceptedLeap:
-        """Verify a leap now. Raises InvalidInput for one that is rejected, or whose whole body was
-        not judged.
+        """Verify a leap now.
+
+        Raises InvalidInput for one that is rejected, or whose whole body was not judged.
         """
         report = check_leap(plan, body=True)
         if not report.accepted:

@@ -296,8 +296,10 @@ def prepare_gait(
 def prepare_leap(
     accepted: AcceptedLeap, world: SafeWorld, settings: RunSettings
 ) -> Prepared[LeapRun]:
-    """A leap for a world that it fits: it was judged with its legs, and runs as planned. Raises
-    InvalidInput for a world that has another robot, and for one in which it hangs or counts steps.
+    """A leap for a world that it fits: it was judged with its legs, and runs as planned.
+
+    Raises InvalidInput for a world that has another robot, and for one in which it hangs or counts
+    steps.
     """
     check_settings(settings, world)
     for wrong, message in (

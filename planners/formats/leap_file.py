@@ -43,9 +43,10 @@ class LeapFile:
 def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
     """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
 
-    robot: a name or file whose legs are known, in place of the class's robot.
-
     Raises InvalidInput, in one line, for anything else, and for another robot beside a file.
+
+    Arguments:
+        robot: a name or file whose legs are known, in place of the class's robot.
     """
     if robot is not None and not _is_drawn(path):
         raise InvalidInput(f"robot: expected CLASS:SEED with another robot, got the file {path}")
@@ -157,7 +158,10 @@ def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
 
 
 def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
-    """Read what ``plan_to_json`` wrote. Raises InvalidInput."""
+    """Read what ``plan_to_json`` wrote.
+
+    Raises InvalidInput.
+    """
     if not isinstance(data, Mapping) or set(data) - set(LATER) != set(PLAN):
         raise InvalidInput(
             f"plan: expected an object with the keys {', '.join(PLAN)}, got {shown(data)}"

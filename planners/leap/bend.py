@@ -112,8 +112,9 @@ class Judged:
 
 
 class LeapBender:
-    """Bends one leap's plans. Raises InvalidInput for a robot without legs, or without limits of
-    their joints.
+    """Bends one leap's plans.
+
+    Raises InvalidInput for a robot without legs, or without limits of their joints.
     """
 
     def __init__(
@@ -132,8 +133,10 @@ class LeapBender:
     def judge(
         self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
     ) -> Judged:
-        """Joints of a plan, and its bodies where they can do it. shortened_m, share: as of
-        ``Judged``.
+        """Joints of a plan, and its bodies where they can do it.
+
+        Arguments:
+            shortened_m, share: as of ``Judged``.
         """
         model = plan.problem.robot.source.own_model()
         if self._body is None:

@@ -51,12 +51,15 @@ class LeapPoint:
 class LeapNumbers:
     """A leap of one timing in numbers.
 
-    scaled: patches, limbs and limits by the rows of the layout, every candidate open. lasts: of the
-    intervals, shape (M,) [s]. spin: J⁻¹ of the inertia per mass, shape (3, 3). hips: shape (N, 3);
-    speed, power, fold: by limb, power in units of the weight times m/s. start, velocity, momentum:
-    c, Θ (2, 3) and v, L at the start and at the end (2, 3). legs_turn: what legs that swing
-    turn the body by, shape (M, 3) [rad]; spins: J⁻¹ in every interval, whose legs are drawn up or
-    not, shape (M, 3, 3).
+    Arguments:
+        scaled: patches, limbs and limits by the rows of the layout, every candidate open.
+        lasts: of the intervals, shape (M,) [s].
+        spin: J⁻¹ of the inertia per mass, shape (3, 3).
+        hips: shape (N, 3).
+        speed, power, fold: by limb, power in units of the weight times m/s.
+        start, velocity, momentum: c, Θ (2, 3) and v, L at the start and at the end (2, 3).
+        legs_turn: what legs that swing turn the body by, shape (M, 3) [rad].
+        spins: J⁻¹ in every interval, whose legs are drawn up or not, shape (M, 3, 3).
     """
 
     leap: Leap
@@ -83,8 +86,11 @@ class LeapNumbers:
         legs_turn: Array | None = None,
         spins: Array | None = None,
     ) -> LeapNumbers:
-        """The numbers of a leap for one of its timings; legs_turn: 0 where it is not said; spins:
-        those of a rigid body.
+        """The numbers of a leap for one of its timings.
+
+        Arguments:
+            legs_turn: 0 where it is not said.
+            spins: those of a rigid body.
         """
         times, robot = leap.times_s(timing), leap.robot
         legs: list[LegLimits] = [leap.leg(limb) for limb in robot.limbs]
@@ -238,10 +244,13 @@ class JointRows:
     """Joints of the legs that stand, linear about a motion that was judged, at both ends of the
     interval of every stance contact, first ends first; 2B of them, n joints per leg.
 
-    Of speeds and torques as shares of their limits: faster, spinning: derivatives of a speed's in v
-    and in L, stronger: of a torque's in the force, in its contact frame and units of the weight,
-    shape (2B, n, 3) each. speed_rest, torque_rest: what is left of both without these, shape (2B,
-    n). share: allowed.
+    Of speeds and torques as shares of their limits.
+
+    Arguments:
+        faster, spinning: derivatives of a speed's in v and in L, stronger: of a torque's in the
+            force, in its contact frame and units of the weight, shape (2B, n, 3) each.
+        speed_rest, torque_rest: what is left of both without these, shape (2B, n).
+        share: allowed.
     """
 
     faster: Array
@@ -273,8 +282,10 @@ class LeapGiven(Given):
     """Data that a leap's program is loaded with: the chosen problem in ``scaled``, its leap and
     where it is linearised.
 
-    reserve_m: kept of heights and lengths; toe_radius: how far toes may be from those of the point
-    [m]. joints: rows of the joints, where legs were judged.
+    Arguments:
+        reserve_m: kept of heights and lengths.
+        toe_radius: how far toes may be from those of the point [m].
+        joints: rows of the joints, where legs were judged.
     """
 
     its: LeapNumbers | None = None

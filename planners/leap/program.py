@@ -34,8 +34,9 @@ class LeapProgram:
     """A leap with given contacts, bilinear rows linearised about a point with slack; one candidate
     per foothold.
 
-    still: whether the first and the last interval are in equilibrium. joints: how many per leg have
-    rows; 0 where legs were not judged.
+    Arguments:
+        still: whether the first and the last interval are in equilibrium.
+        joints: how many per leg have rows; 0 where legs were not judged.
     """
 
     def __init__(self, layout: Layout, still: tuple[bool, bool], joints: int = 0) -> None:

@@ -43,9 +43,12 @@ class LeapBody:
     N, 3). forces_n: shape (K, N, 3) [N]. holds: foothold under every limb, −1 in the air, shape (K,
     N). postures: of the whole robot. spins: ∂ω/∂L per mass, shape (K, 3, 3).
 
-    quick: half as many samples, and no other posture is looked for where a foot is out of reach
-    from the one in which it stands.
-    Raises InvalidInput for a robot without legs of its own, and without pinocchio.
+    Arguments:
+        quick: half as many samples, and no other posture is looked for where a foot is out of reach
+            from the one in which it stands.
+
+    Raises:
+        InvalidInput: for a robot without legs of its own, and without pinocchio.
     """
 
     def __init__(

@@ -119,8 +119,9 @@ class MovingBody:
 
 
 def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that
-    does.
+    """The posture at every sample, found as ``walk_joints`` finds it.
+
+    Raises InvalidInput as that does.
     """
     return MovingBody(_model(trajectory)).postures(
         trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)

@@ -85,8 +85,12 @@ class LeapClass(BaseModel):
         """The class on another robot, whose legs are known: as far and as high as it says, from
         where that robot's feet are when it stands.
 
-        robot: a name or a file. Raises InvalidInput for one without legs of its own, or whose file
-        has no limits of their joints.
+        Arguments:
+            robot: a name or a file.
+
+        Raises:
+            InvalidInput: for one without legs of its own, or whose file has no limits of their
+                joints.
         """
         stands = _robot(robot)
         model = stands.source.own_model()

@@ -38,11 +38,15 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
     """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and
     length.
 
-    robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's legs
-    reach as far from their hips as their joints let them, in any direction; a walker's file gives boxes, and
-    that of ``anymal`` has the legs of ``configs/robots/anymal.urdf`` besides. Its key ``legs`` (by
-    name or pattern) says limits; those of a model follow from the efforts and velocities of its
-    joints. Raises InvalidInput for a robot without inertia.
+    Arguments:
+        robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's
+            legs reach as far from their hips as their joints let them, in any direction; a walker's
+            file gives boxes, and that of ``anymal`` has the legs of ``configs/robots/anymal.urdf``
+            besides. Its key ``legs`` (by name or pattern) says limits; those of a model follow from
+            the efforts and velocities of its joints.
+
+    Raises:
+        InvalidInput: for a robot without inertia.
     """
     if not isinstance(robot, Robot):
         path = robot_path(robot)

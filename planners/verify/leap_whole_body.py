@@ -38,12 +38,14 @@ UNITS = {
 class LeapBodyLimits:
     """Limits of a leap's whole body.
 
-    joints_m: distance of a foot from where it should be, with all joints within their limits.
-    joint_speed, torque: shares of what the robot's file gives a joint, the torque on the
-    speed–torque line. legs_turn_rad: what legs turn the body by beside what the plan says; joints are
-    judged with all of it. dip_m:
-    how far a foot in the air is below the plane of the surface that it left or comes to. bodies_m:
-    of one link in another; in the ground what is within 1 mm counts as 0.
+    Arguments:
+        joints_m: distance of a foot from where it should be, with all joints within their limits.
+        joint_speed, torque: shares of what the robot's file gives a joint, the torque on the
+            speed–torque line.
+        legs_turn_rad: what legs turn the body by beside what the plan says; joints are judged with
+            all of it.
+        dip_m: how far a foot in the air is below the plane of the surface that it left or comes to.
+        bodies_m: of one link in another; in the ground what is within 1 mm counts as 0.
     """
 
     joints_m: float = 1e-4
@@ -117,7 +119,11 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
     def groups(
         self, limits: LeapBodyLimits = LeapBodyLimits(), *, bodies: bool = True
     ) -> Iterator[Group]:
-        """The groups of ``LEAP_BODY``; bodies: judge them, too."""
+        """The groups of ``LEAP_BODY``.
+
+        Arguments:
+            bodies: judge them, too.
+        """
         feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
         legs = [self.path.feet[leg] for leg in self.kinematics.legs]
@@ -161,7 +167,11 @@ def _group(
     limit: float,
     limbs: tuple[str, ...] | list[str] = (),
 ) -> Group:
-    """The worst of what was measured. limbs: of the columns."""
+    """The worst of what was measured.
+
+    Arguments:
+        limbs: of the columns.
+    """
     row, column = (int(i) for i in np.unravel_index(int(values.argmax()), values.shape))
     return Group(
         name=name,

@@ -48,11 +48,16 @@ units of the weight, momenta in those of their limit, power in those of the weig
 
 
 def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
-    """Check a plan of a leap by its toes and forces, and by its joints and bodies. No solver takes
-    part.
+    """Check a plan of a leap by its toes and forces, and by its joints and bodies.
 
-    body: judge the whole body, too, of a robot that has legs of its own; that takes most of the
-    time. Returns a report; a bad plan is refused in it, and not raised.
+    No solver takes part.
+
+    Arguments:
+        body: judge the whole body, too, of a robot that has legs of its own; that takes most of the
+            time.
+
+    Returns:
+        A report; a bad plan is refused in it, and not raised.
     """
     defect = _defect(plan)
     if defect:
@@ -170,8 +175,12 @@ class _Judge:
             self.paths.append(np.array(path))
 
     def _rate(self, state: Array, pushes: Array, twists: Array, swung: Array) -> Array:
-        """(v, a, L′, Θ′) of a state; pushes: Σ f / m; twists: Σ p × f / m, about the world's
-        origin; swung: Θ′ by legs that swing.
+        """(v, a, L′, Θ′) of a state.
+
+        Arguments:
+            pushes: Σ f / m.
+            twists: Σ p × f / m, about the world's origin.
+            swung: Θ′ by legs that swing.
         """
         x, y, z = state[:3].tolist()
         a, b, c = pushes.tolist()

@@ -29,10 +29,14 @@ if TYPE_CHECKING:
 class BodyPath:
     """A body and its feet over time: K samples on a uniform grid, N feet.
 
-    times_s: shape (K,) [s]. com_m: centre of mass, shape (K, 3) [m]. rotation: R_WB, shape (K, 3,
-    3). toes_m, normals: where feet touch, or would, and of the surface there, shape (K, N, 3).
-    forces_n: on the robot, shape (K, N, 3) [N]. contact: which feet stand, shape (K, N). feet:
-    their names.
+    Arguments:
+        times_s: shape (K,) [s].
+        com_m: centre of mass, shape (K, 3) [m].
+        rotation: R_WB, shape (K, 3, 3).
+        toes_m, normals: where feet touch, or would, and of the surface there, shape (K, N, 3).
+        forces_n: on the robot, shape (K, N, 3) [N].
+        contact: which feet stand, shape (K, N).
+        feet: their names.
     """
 
     times_s: Array
@@ -177,8 +181,9 @@ class MovingBodyMeasurements:
     # bodies
 
     def bodies(self, obstacles: Obstacles) -> BodyReport:
-        """Judge links against each other and against obstacles, all the way. Raises InvalidInput
-        without coal.
+        """Judge links against each other and against obstacles, all the way.
+
+        Raises InvalidInput without coal.
         """
         from ..robot.bodies import Bodies
 

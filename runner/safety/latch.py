@@ -29,11 +29,12 @@ class Stopped(StancekitError):
 class StopLatch:
     """Once tripped it stays so; the first reason counts.
 
-    clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all processes of
-    a machine share. sent_s: when the last write had returned, NaN before the first. after, after_s:
-    writes that returned after it was tripped, which were on their way then, and how long after the
-    last of them did. lands: a leap is under way in a simulation, and a stop is obeyed when it has
-    landed.
+    Arguments:
+        clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all
+            processes of a machine share. sent_s: when the last write had returned, NaN before the
+            first. after, after_s: writes that returned after it was tripped, which were on their
+            way then, and how long after the last of them did. lands: a leap is under way in a
+            simulation, and a stop is obeyed when it has landed.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -46,10 +47,13 @@ class StopLatch:
         self._at_once = False
 
     def trip(self, reason: str, *, at_once: bool = False) -> None:
-        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list
-        is atomic.
+        """Stop.
 
-        at_once: also where a leap is in the air, which else lands first.
+        Takes no lock, which a signal handler could wait for for ever: appending to a list is
+        atomic.
+
+        Arguments:
+            at_once: also where a leap is in the air, which else lands first.
         """
         self._at_once = self._at_once or at_once
         self._first.append((self._clock(), reason))
