@@ -134,10 +134,10 @@ class Fit:
             fixed = None
         if self.picture is not None and fixed is not None:
             from stancekit.learners.selectors.convergence_plot import draw_learned
-            from stancekit.views.sheet import save
+            from stancekit.views import sheet
 
             title = f"{learned.problem_class}: fitness of the population"
-            save(draw_learned(fixed.provenance, title), self.picture)
+            sheet.save(draw_learned(fixed.provenance, title), self.picture)
         return self._said(learned.problem_class, "envelopes", fixed)
 
     def _scores(self) -> int:

@@ -263,7 +263,8 @@ def _searched(
             i, j, k = np.unravel_index(int(np.abs(answer.excess).argmax()), answer.excess.shape)
             side = (i, j) if widths[i, j] >= widths[i, 3 + k] else (i, 3 + k)
         else:
-            side = np.unravel_index(int(widths.argmax()), widths.shape)
+            i, j = np.unravel_index(int(widths.argmax()), widths.shape)
+            side = (i, j)
         middle = 0.5 * (part.low[side] + part.high[side])
         at = middle if answer.at is None else answer.at[side]
         for name in ("high", "low") if at > middle else ("low", "high"):  # its own half comes last

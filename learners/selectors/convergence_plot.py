@@ -50,7 +50,7 @@ def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
             "provenance: expected mean, variance and best of the fitness per generation, as ga "
             f"writes them, got the notes {sorted(notes)}"
         )
-    return _drawn({str(provenance.get("method", "ga")): curves}, title)  # type: ignore[dict-item]
+    return _drawn({str(provenance.get("method", "ga")): curves}, title)
 
 
 @DEFAULT_STYLE

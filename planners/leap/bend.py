@@ -174,7 +174,7 @@ class LeapBender:
         """Largest share of a limit that joints have in the air, or while some limb stands; a foot
         that is off its path counts a unit per centimetre.
         """
-        flies = ~measured.path.contact.any(axis=1)
+        flies = np.logical_not(measured.path.contact.any(axis=1))
         rows = (flies if air else ~flies)[1:-1]
         off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
         fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / self._limits.joint_speed

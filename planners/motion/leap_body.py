@@ -62,7 +62,8 @@ class LeapBody:
         if not robot.source.own:
             raise InvalidInput(f"robot {robot.name}: expected legs of its own, its file has none")
         self.plan, self._quick = plan, quick
-        self._edge, self._fold = GATHER if plan.gather is None else plan.gather.tolist()
+        edge, fold = GATHER if plan.gather is None else plan.gather
+        self._edge, self._fold = float(edge), float(fold)
         self._body = body or MovingBody(robot.source.own_model())
         self._radii = self._body.kinematics.radii_m
         ends = plan.times_s

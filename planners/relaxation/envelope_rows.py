@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index
 from ..equilibrium.rows import Rows
-from ..equilibrium.terms import Given
 from .envelope import Corners
 
 
 def envelope_rows(
-    rows: Rows[Given],
+    rows: Rows[Any],
     whole: Index,
     moments: Index,
     *,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..equilibrium.gather import Of
-from ..equilibrium.layout import Layout
+from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes
@@ -87,7 +87,7 @@ class WithinBox:
             return None, solution.status.name == "INFEASIBLE"
         return Relaxed.of(scaled, solution, self._forces).rounded()[1], True
 
-    def _balance(self, layout: Layout, moments: Array) -> None:
+    def _balance(self, layout: Layout, moments: Index) -> None:
         """Σ m_jk e_j × F_k = 0 (E9), or −M: (p × F)_c = p_a F_b − p_b F_a."""
         rows, first = self.rows, layout.contacts[2]
         every, a, b = rows.equal("moment", len(layout.stances), 3), [1, 2, 0], [2, 0, 1]
