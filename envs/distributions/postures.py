@@ -194,9 +194,9 @@ class OwnDistribution:
         return problem
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
-        """Draw this many.
+        """Draw ``count`` problems.
 
-        Raises InvalidInput where they differ in more than their patches.
+        Raises InvalidInput if they differ in more than their patches.
         """
         try:
             return PostureBatch.stacked([self.sample(rng) for _ in range(count)])

@@ -313,9 +313,10 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
 
 
 def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str, ...], ...]:
-    """The sets of limbs that move in turn, limbs in the robot's order.
+    """The sets of limbs that move in turn, with the limbs in the robot's order.
 
-    Raises InvalidInput.
+    Raises InvalidInput for an unknown limb, a limb twice in a set, or a tripod gait of a number of
+    limbs that it is not for.
     """
     names = robot.limb_names
     if not isinstance(gait, str):

@@ -50,7 +50,7 @@ class LegSource(ABC):
         """The robot joint by joint; loads pinocchio.
 
         Arguments:
-            servo: of drawn-up legs, in place of the robot's own.
+            servo: drive of drawn-up legs, in place of the robot's own.
 
         Raises:
             InvalidInput: where no legs are known.

@@ -23,7 +23,7 @@ def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: b
     """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
 
     Arguments:
-        servo: of every joint, in place of the robot's own.
+        servo: drive of every joint, in place of the robot's own.
 
     Raises:
         InvalidInput: also for a robot with its own legs.

@@ -393,7 +393,9 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
 
 
 def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
-    """A ground of heights, seen about where it is no longer level: there its courses begin."""
+    """A terrain of heights that is level around the origin. Its courses begin 2 ``LEVEL_M`` ahead,
+    where it is no longer level, and its patches are those about that place.
+    """
     from .smooth_families import LEVEL_M, levelled
 
     field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
