@@ -92,7 +92,7 @@ class Surrogate:
 
     @cached_property
     def seer(self) -> Seer:
-        """What sees the problems of its class."""
+        """Features of the problems of its class."""
         return Seer.of(self.like)
 
     def thresholds(self, error: float) -> tuple[float, float]:
@@ -180,7 +180,7 @@ class Surrogate:
         return copy.deepcopy(self.network).double()
 
     def _within(self, batch: PostureBatch) -> NDArray[np.bool_]:
-        """Whether each problem's patches are like those that it was calibrated on."""
+        """Tell whether each problem's patches are like those that it was calibrated on."""
         values = numbers(batch)
         if values.shape[1:] != self.ranges.shape[1:]:
             raise InvalidInput(
@@ -207,6 +207,21 @@ class Surrogate:
         write_tensors(path, FORMAT, header, weights | tensors)
 
     write = save
+
+    @classmethod
+    def of(cls, surrogate: Any) -> Surrogate:
+        """A surrogate, or that of a file.
+
+        Raises InvalidInput.
+        """
+        if isinstance(surrogate, Surrogate):
+            return surrogate
+        if not isinstance(surrogate, str | Path):
+            raise InvalidInput(
+                "surrogate: expected what fit(rows, 'surrogate') returned, or its file, got "
+                f"{surrogate!r:.80}"
+            )
+        return cls.read(surrogate)
 
     @classmethod
     def read(cls, path: str | Path) -> Surrogate:
