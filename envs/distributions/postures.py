@@ -83,7 +83,8 @@ class PostureDistribution:
     problem.
 
     Arguments:
-        stance: where the patches are; Lin et al.'s places about the robot's shoulders where None.
+        stance: nominal places of the patches; None for Lin et al.'s places about the robot's
+            shoulders.
     """
 
     name: str
@@ -172,7 +173,7 @@ class OwnDistribution:
     without arguments.
 
     Arguments:
-        name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied
+        name: name by which it was requested. Its ``terrain`` counts if it has one. It can be copied
             and pickled, to processes that have not run its file, too.
     """
 

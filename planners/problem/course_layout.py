@@ -43,8 +43,8 @@ def build_course(
     Raises InvalidInput.
 
     Arguments:
-        folder: where relative paths of files begin.
-        sets: of legs, see ``contact_robot``.
+        folder: folder from which relative paths start.
+        sets: sets of the legs, see ``contact_robot``.
         reach: a folder of polytopes in place of the robot's reach.
         alternative: another way to lay it out.
     """
@@ -349,7 +349,7 @@ def _with_shifts(
     in the middle of its feet.
 
     Arguments:
-        places: of the limbs, for which side of a line they are on.
+        places: positions of the shoulders, which say on which side of a line a limb is.
     """
     cycle = list[tuple[str, ...]]()
     for moved, moving in zip(sets, [*sets[1:], *sets[:1]], strict=True):

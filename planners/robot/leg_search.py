@@ -278,7 +278,7 @@ class _Tree:
         shape that touches.
 
         Arguments:
-            contact: what a person says that it touches with.
+            contact: contact shape, if a YAML file gives one.
 
         Raises:
             InvalidInput: for joints of more than one angle.
