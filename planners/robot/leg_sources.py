@@ -62,7 +62,7 @@ class LegSource(ABC):
         Raises InvalidInput for a robot without one.
         """
         raise InvalidInput(
-            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
+            f"robot: expected one whose legs are known, got {self.name}, of which only the limbs are known"
         )
 
     @property

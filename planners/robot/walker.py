@@ -81,7 +81,7 @@ def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
     if robot.limb_names == default.foot_names and robot.mass_kg == default.mass_kg:
         return default
     raise InvalidInput(
-        f"robot: expected one with legs of its own for a walk, got {robot.name}, which is but its limbs"
+        f"robot: expected one whose legs are known for a walk, got {robot.name}, of which only the limbs are known"
     )
 
 
