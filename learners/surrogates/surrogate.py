@@ -197,6 +197,7 @@ class Surrogate:
             "problem_class": self.problem_class,
             "like": self.like.to_json(),
             "robot": self.robot,
+            "digest": self.digest,
             "architecture": asdict(self.network.architecture),
             "provenance": self.provenance,
         }
@@ -251,7 +252,7 @@ class Surrogate:
         with torch.device("meta"):
             network = SurrogateNetwork(raw.architecture.architecture(path))
         load_weights(network, weights, path)
-        return cls(
+        surrogate = cls(
             network,
             like=like,
             problem_class=raw.problem_class,
@@ -259,6 +260,12 @@ class Surrogate:
             ranges=rest["ranges"].double().numpy(),
             provenance=raw.provenance,
         )
+        if surrogate.digest != raw.digest:
+            raise InvalidInput(
+                f"{path}: digest: expected {surrogate.digest[:12]}… as its content has it, got "
+                f"{raw.digest[:12]}…"
+            )
+        return surrogate
 
 
 class _Header(BaseModel):
@@ -266,6 +273,7 @@ class _Header(BaseModel):
     problem_class: str
     like: dict[str, Any]
     robot: str
+    digest: str
     architecture: ArchitectureJson
     provenance: dict[str, Any]
 
