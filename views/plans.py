@@ -115,7 +115,9 @@ class PlanView:
 
     @cached_property
     def camera(self) -> Camera:
-        """From where the chosen patches show their faces, and the path is seen from aside."""
+        """Direction of view in which the chosen patches show their faces and the path is seen from
+        the side.
+        """
         box, com = self.bounds_m, self.plan.com_m
         centres, normals = np.array(
             [(patch.centre_m, patch.normal) for patch in self.chosen]

@@ -39,7 +39,7 @@ class Distribution(Protocol):
 
     @property
     def name(self) -> str:
-        """By which it is asked for."""
+        """Name by which it is requested."""
         ...
 
     @property

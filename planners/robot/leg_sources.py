@@ -139,12 +139,12 @@ class OwnLegs(LegSource):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """As the file has them."""
+        """Names of the joints, as the file has them."""
         return self.model.joint_names
 
     @property
     def foot_radii_m(self) -> Array:
-        """As the file has them."""
+        """Radii of the feet, as the file has them [m]."""
         return np.array([leg.radius_m for leg in self.model.legs])
 
     @property
@@ -169,7 +169,7 @@ class OwnLegs(LegSource):
 
     @property
     def unrunnable(self) -> tuple[str, ...]:
-        """As the model says it."""
+        """The reasons that the model gives."""
         return self.model.unrunnable
 
     def to_json(self) -> dict[str, Any]:

@@ -467,7 +467,7 @@ def _riser(x: float, low: float, high: float, friction: float, half: float) -> P
 
 
 def _ends(extent: Array) -> tuple[float, float, float]:
-    """From where to where along x, and how far to each side [m]."""
+    """First and last x, and the width to each side [m]."""
     return float(extent[0, 0]), float(extent[1, 0]), float(extent[1, 1])
 
 

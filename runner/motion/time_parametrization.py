@@ -94,7 +94,7 @@ class TimedMotion(Generic[M_co]):
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """As of ``Motion``."""
+        """Solids, as in ``Motion``."""
         return self.motion.solids
 
     @property

@@ -82,7 +82,7 @@ class SimulatedWorld(LatchedWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """As ``WorldClass``."""
+        """Make the world, see ``WorldClass``."""
         contact = settings.contact
         if settings.setup is not None:
             if contact is not None:
