@@ -154,11 +154,12 @@ def verify(
             of a posture problem.
         tolerance: largest violation of a constraint by an accepted posture or plan,
             non-dimensional. Certificates and walks have limits of their own.
-        robot: of a file: a name or a file of the robot that its plan or gait has to be for.
-        course: of a plan's file: the course that it has to be of, as ``plan`` takes it; of a
-            motion's: whose patches.
-        terrain: of the file of a motion from elsewhere (.csv, .npz, JointTrajectory, MuJoCo's
-            .xml): heights by name or file, or the file of a plan or a walk, whose ground it is.
+        robot: name or file of the robot that the plan or walk in a file must be for.
+        course: course that the plan in a file must be for, as ``plan`` takes it; for the file of a
+            motion, the course whose patches are the terrain.
+        terrain: terrain for the file of a motion from elsewhere (.csv, .npz, JointTrajectory,
+            MuJoCo's .xml): heights by name or file, or the file of a plan or a walk, whose ground
+            it is.
 
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a

@@ -54,11 +54,11 @@ def check_file(
     says of itself; or a motion from elsewhere, for a robot and a terrain.
 
     Arguments:
-        tolerance: of a plan.
-        robot: a name or a file, whose a plan or a walk has to be.
-        course: as ``plan`` takes it, which a plan has to be of.
-        terrain: of a motion, see ``_check_motion``.
-        why: a reason is asked for, which proofs alone have.
+        tolerance: largest violation that a plan may have.
+        robot: name or file of the robot that a plan or a walk must be for.
+        course: course that a plan must be for, as ``plan`` takes it.
+        terrain: terrain of a motion, see ``_check_motion``.
+        why: ask for a reason, which only proofs have.
 
     Raises:
         InvalidInput: for a file that holds none of them, and for one of another robot or course.
@@ -135,7 +135,8 @@ def _check_motion(
     Arguments:
         terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground
             are taken.
-        course: as ``plan`` takes it, whose patches, and robot where none is given, are taken.
+        course: course, as ``plan`` takes it, whose patches are the terrain, and whose robot is
+            taken if no other is given.
     """
     from stancekit.planners.formats.file_check import FileCheck
     from stancekit.planners.formats.motion_file import read_motion

@@ -105,33 +105,33 @@ def plan(
             the best plan of a short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline
             that fails on ice). Or text: "two-stage", ..., a name that a package registered under
             ``stancekit.planners``, "FILE.py:NAME". Or a planner that was made before.
-        start_xy_m, goal_xy_m: over a terrain, where the centre of mass begins and ends, shape (2,)
-            [m]; frames, gait and candidates are laid out between them.
-        frames: number of key frames M, where not the course's own.
-        robot: in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
-            (extra kin); of a posture problem the robot whose limbs stand, the others being held as
-            it stands.
+        start_xy_m, goal_xy_m: places over a terrain where the centre of mass starts and ends, shape
+            (2,) [m]; frames, gait and candidates are laid out between them.
+        frames: number of key frames M, in place of the course's own.
+        robot: robot in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
+            (extra kin); for a posture problem the robot whose limbs stand, with its other limbs
+            held as they are when it stands.
         body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to
             bear [N]; a course of its own may ask for more. Without one a plan that bears 5 % of the
             weight is sought, then 2.5 %, and the report says what it bears. "two-stage" alone, and
             *infeasible* is not said with it.
-        wrench: on the body beside its weight at every key frame, as of a payload, wind or a rope: a
-            force at the centre of mass [N], or that and a moment about it [Nm], in world axes,
-            shape (3,) or (6,); added to what the course has. Plans carry it, and *infeasible* is
-            said with it.
+        wrench: force [N] at the centre of mass, or that and a moment about it [Nm], on the body in
+            addition to its weight at every key frame, such as those of a payload, wind or a rope;
+            in world axes, shape (3,) or (6,); added to what the course has. Plans carry it, and
+            *infeasible* is proved with it.
         standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
             or its file: the way keeps off places where it is proved that the robot cannot, facing
             along x, and costs more where that is likely.
-        time_limit_s: for all of it, bending and judging included; what is not decided by then is
-            undecided, and what there is so far is in the outcome [s]. A planner that was made
-            before keeps to its own limit, too.
-        checkpoint: of a course of more than 40 key frames, which is planned in pieces, the file
-            NAME.json that keeps what is planned so far: a call like one that was interrupted goes
-            on from there. It is removed once there is a plan.
-        progress: called after every piece of such a course with the key frames that are planned,
-            and all.
-        old: settings of methods and limits as arguments, which is the old form.
+        time_limit_s: time limit for everything, bending and judging included; at its end the answer
+            is undecided, with the best plan so far [s]. A planner that was made before keeps to its
+            own limit, too.
+        checkpoint: file NAME.json that keeps the finished pieces of a course of more than 40 key
+            frames, which is planned in pieces: the same call goes on from there after an
+            interruption. The file is removed once there is a plan.
+        progress: function called after every piece of such a course with the number of key frames
+            planned and the number in all.
+        old: settings of methods and limits as arguments, the old form.
 
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every

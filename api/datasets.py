@@ -97,16 +97,17 @@ def label(
     Arguments:
         problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by
             its class's. Or the name of a class of leaps.
-        folder: of the data set; what is there already is not made again.
-        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets
+        folder: folder of the data set; rows that it has already are not made again.
+        robot, terrain: robot and terrain, as for ``sample``. With a robot from a file, *infeasible*
+            in a row refers to the inner sets of its legs.
         of its legs.
-        rows: how many feasible ones, and how many infeasible ones, which need their moment balance
-            to be so; or one number: the first so many samples as they come, whatever their label.
-            Not of leaps.
-        seed: of the random stream; use another one for training than for testing.
+        rows: numbers of feasible and of infeasible rows, the latter infeasible only because of
+            their moment balance; or one number, for the first so many samples as they come,
+            whatever their label. Not for leaps.
+        seed: seed of the random stream; use another one for training than for testing.
         workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on
             them.
-        progress: called with rows written, and all.
+        progress: function called with the number of rows written and the number in all.
         further: proposers (file of ``stancekit proposers``, asked for postures and proofs before
             any solver; needs torch), screen (a surrogate of ``fit(rows, "surrogate")`` or its file:
             a draw that it calls of a kind of which there are enough rows is passed over without
@@ -223,8 +224,8 @@ def export_scenes(
 
     Arguments:
         family: FAMILY:LEVEL as in "stairs:0.6".
-        folder: new or empty.
-        seed: of the first scene; the others follow.
+        folder: a new or empty folder.
+        seed: seed of the first scene; the others follow.
         progress: called with scenes written, and all.
 
     Returns:

@@ -46,8 +46,8 @@ class ExportedMotions:
 
     Arguments:
         paths: the files.
-        refused: of draws that gave no motion, why, and how many.
-        without: why a motion has no joints; empty where it has.
+        refused: number of draws that gave no motion, by reason.
+        without: reason why a motion has no joints; empty if it has.
     Source:
         None.
 
@@ -97,11 +97,12 @@ def export(
             (MJCF with key frames), "reference" (mjlab's tracking task), "rerun", "foxglove" (MCAP,
             and a layout), or "minari" for a data set; None for what the ending of ``out`` says.
         rate_hz: rows per second, 100 where it is not given; 30 to 200 are usual.
-        count: so many walks over grounds of seeds 0, 1, ...; what is in the folder already is not
-            made again.
-        robot: who walks there, as ``walk`` takes it.
-        room: of a data set, how far each side of the expert's box is moved out, non-dimensional.
-        progress: called with how many are done, and all.
+        count: number of walks, over grounds of seeds 0, 1, ...; walks that the folder has already
+            are not made again.
+        robot: the walker for these, as ``walk`` takes it.
+        room: for a data set, the distance by which each side of the expert's box is moved out,
+            non-dimensional.
+        progress: function called with the number done and the number in all.
 
     Returns:
         ``ExportedMotions``, or ``Exported`` for a data set.
@@ -183,8 +184,8 @@ def check_accepted(subject: Subject, source: str) -> None:
     """Raise InvalidInput for a plan, a walk or a leap that the verifier does not accept.
 
     Arguments:
-        subject: what is judged.
-        source: where it is from, for the message.
+        subject: the plan, walk or leap to judge.
+        source: its origin, for the message.
     """
     from stancekit.planners.answer.report import Report
     from stancekit.planners.verify.leaps import check_leap

@@ -28,13 +28,13 @@ def warp(
     Arguments:
         terrain: a ``HeightField``, a name, a file of heights, or "FILE.py:NAME", as for
             ``heights``.
-        cells: of the tri-cubic grid along each axis; more let the map bend more sharply, and cost
-            time in proportion.
+        cells: numbers of cells of the tri-cubic grid along each axis; more let the map bend more
+            sharply, and cost time in proportion.
         height_m: thickness of the band above the terrain [m], about five times the robot's rest
             height.
         method: "fast", exact at the ground; "local-global" (Algorithm 1 of Pan et al.),
             "gauss-newton" and "accelerated" as published, without a snap.
-        iterations: at most, of the method.
+        iterations: largest number of iterations of the method.
 
     Returns:
         A ``MapFit``: the ``map``, and its ``report``, whose ``least_det`` above 0 says that the map

@@ -42,12 +42,11 @@ def draw(
     their cones.
 
     Arguments:
-        subject: what to draw.
-        answer: of a posture problem, its plan; without one the body is shown at the nominal centre
-            of mass. Or its certificate, of which the picture says what the cheapest single change
-            is.
-        envelope: of a posture problem or its plan, a box to draw with it.
-        caption: title, where not the usual one.
+        subject: the posture problem, plan, leap or walk.
+        answer: plan for a posture problem; without one the body is shown at the nominal centre of
+            mass. Or its certificate; the picture then names the cheapest single change.
+        envelope: box to draw with a posture problem or its plan.
+        caption: title, in place of the usual one.
         out: a picture to write: .png, .pdf or .svg.
 
     Returns:
@@ -103,7 +102,7 @@ def film(
     """Write a film of a plan, a leap or a walk: as it was planned, or as a simulation executed it.
 
     Arguments:
-        motion: what to show.
+        motion: the motion to show.
         out: the film, .mp4 (extra film, and a GL library).
         executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as
             they moved, and the forces that its feet felt.

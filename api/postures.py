@@ -50,10 +50,10 @@ def solve(
             or "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models
             from problem to problem (what one from elsewhere says counts as far as the verifier
             accepts it).
-        time_limit_s: for exact, nlp and micp, and for all of a course; what is not decided by then
-            is undecided; 30, of a course 60, where None [s].
+        time_limit_s: time limit for exact, nlp and micp, and for all of a course; the answer is
+            undecided if it ends first. 30 by default, 60 for a course [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
-        old: settings of methods as arguments, which is the old form.
+        old: settings of methods as arguments, the old form.
 
     Returns:
         An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or
@@ -100,7 +100,8 @@ def planner_of(
 
     Arguments:
         of: the kind of problem.
-        settings: of a method that is text, by name; envelopes may be the ``Path`` of a file.
+        settings: settings by name, for a method given as text; envelopes may be the ``Path`` of a
+            file.
 
     Raises:
         InvalidInput: likewise.

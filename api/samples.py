@@ -38,9 +38,9 @@ def sample(
             "wall-k" (k limbs on the ground or on two facing walls; Lin et al. have "ground-3",
             "wall-3", "wall-5"), "terrain-k" (cut from ``terrain``), one that a package registered
             under the entry point ``stancekit.distributions``, "FILE.py:NAME", or a YAML file.
-        count: how many, 1 or more.
-        robot: whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file that names
-            one; with a name of a distribution only.
+        count: number of problems, 1 or more.
+        robot: the robot whose limbs they are: a ``Robot``, a name, a .urdf file, or a .yaml file
+            that names one; with a name of a distribution only.
         terrain: a mesh or a grid, or a ground by its name as "stairs:0.5:7"; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
 

@@ -22,12 +22,12 @@ def screen(
     rest.
 
     Arguments:
-        problems: of the class that the surrogate learned from, which differ in their patches alone;
-            or one of them. A ``PostureBatch`` of arrays takes no time to make.
-        surrogate: what ``fit(rows, "surrogate")`` returned, or its file.
-        error: of truly feasible problems of the class at most this share is called infeasible, and
-            of truly infeasible ones at most this share feasible; the smaller, the more problems are
-            left to ask an exact planner about. Typically 0.001 to 0.05.
+        problems: problems of the class that the surrogate learned from, which differ in their
+            patches alone; or one of them. A ``PostureBatch`` of arrays takes no time to make.
+        surrogate: the surrogate that ``fit(rows, "surrogate")`` returned, or its file.
+        error: largest share of truly feasible problems of the class that are called infeasible, and
+            of truly infeasible ones that are called feasible. The smaller, the more problems are
+            left to an exact planner. Typically 0.001 to 0.05.
 
     Returns:
         A ``Screened``: ``answers``, "feasible", "infeasible" or "ask" per problem, ``margins``, and

@@ -70,7 +70,8 @@ def fit(
     tries of leaps.
 
     Arguments:
-        dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
+        dataset: the data set that ``label`` returned, or its folder; for "modes" several, one per
+            terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
             mode switching); "chooser", "neural", "joint" (for P1 joined with the lift) and "rl"
@@ -78,16 +79,16 @@ def fit(
             "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
             or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic
             sum over the toes, and "set", a network that sees all candidates; both need torch.
-        calibration: rows to calibrate a neural selector on; a part of the data set where None. Of
-            "surrogate" further rows, besides that part.
+        calibration: rows to calibrate a neural selector on; None for a part of the data set. For
+            "surrogate" further rows, in addition to that part.
         checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were
             stopped.
         workers: processes of "ga", or an executor; the result does not depend on them.
-        progress: called with steps done, and all.
-        settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold,
-            boxes, steps, batch, seed, ... Those that do not concern the method are refused. Of
-            tries: of ``learners.leaps.training.ScorerSettings``. Of "surrogate": of
-            ``learners.surrogates.training.SurrogateSettings``.
+        progress: function called with the number of steps done and the number in all.
+        settings: fields of ``learners.training.fit_settings.FitSettings``: share, clusters,
+            threshold, boxes, steps, batch, seed, ... Those that the method does not use are
+            refused. For tries of leaps, fields of ``learners.leaps.training.ScorerSettings``; for
+            "surrogate", of ``learners.surrogates.training.SurrogateSettings``.
 
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
@@ -215,14 +216,14 @@ def evaluate(
     P2 gets back.
 
     Arguments:
-        selector: what ``fit`` returned, envelopes, a file of either, the name of one that ships, or
-            "FILE.py:NAME"; or "lift", which needs no envelopes.
+        selector: the selector that ``fit`` returned, envelopes, a file of either, the name of one
+            that ships, or "FILE.py:NAME"; or "lift", which needs no envelopes.
         dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has
             parts for that, see ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
-        name: of the row.
+        name: name of the row.
         workers: processes, or an executor, for example of a Ray cluster.
-        progress: called with problems played, and all.
+        progress: function called with the number of problems played and the number in all.
 
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that
@@ -283,9 +284,9 @@ def theorem(
         envelopes: fixed boxes: envelopes, what ``fit`` returned for a method that learns some, or a
             file of either.
         dataset: labelled rows that they were not learned from, or their folder.
-        name: of the envelopes.
+        name: name of the envelopes.
         workers: processes, or an executor.
-        progress: called with scenes asked, and all.
+        progress: function called with the number of scenes tested and the number in all.
 
     Returns:
         A ``Theorem``: for each condition the share of scenes that do not break it with its Wilson

@@ -37,20 +37,22 @@ def map(
         terrain: a mesh or a grid in a file, or a ground by its name as "stairs:0.5:7".
         robot: a ``Robot``, a name, a .urdf file, or a .yaml file that names one (extra kin); the
             default hexapod where None.
-        spacing_m: between places, along x and y [m]; typically 0.02 to 0.2.
-        headings: how many, evenly about the vertical, the first along x; typically 1 to 16.
+        spacing_m: distance between places, along x and y [m]; typically 0.02 to 0.2.
+        headings: number of headings, evenly about the vertical, the first along x; typically 1 to
+            16.
         friction: Coulomb coefficient of the terrain.
-        time_limit_s: for all of it: poses are proved from coarse to fine until then, and those that
-            were not reached are unknown [s].
-        fit: learn from what is proved by half of the time what is likely of poses that are not
-            reached (needs torch); the poses to calibrate on are all proved, also where that takes
+        time_limit_s: time limit for everything: poses are proved from coarse to fine until then,
+            and the others stay unknown [s].
+        fit: learn from the poses that are proved by half of the time which verdict is likely for
+            the others (needs torch). The poses for calibration are all proved, even if that takes
             longer.
-        error: of the poses that are called likely feasible at most this share is not, and of those
-            that are called likely infeasible.
-        seed: of the poses that likely answers are calibrated on.
-        checkpoint: file .npz to which the map is written now and then, and from which a map of the
-            same question goes on.
-        progress: called with poses that are settled, all, and what is being done.
+        error: largest share of wrong answers among the poses called likely feasible, and among
+            those called likely infeasible.
+        seed: seed for the choice of the poses on which likely answers are calibrated.
+        checkpoint: file .npz to which the map is written from time to time, and from which the same
+            call goes on.
+        progress: function called with the number of settled poses, the number in all, and the
+            current task.
 
     Returns:
         A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and

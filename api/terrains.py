@@ -37,11 +37,11 @@ def terrain(
             reference terrain ("ripple", "hill", ...); a family's ground as "stairs:0.5:7" (family,
             level, seed); or "FILE.py:NAME".
         friction: Coulomb coefficient of its surfaces.
-        robot: whose foot is the margin and the least width of a foothold, where ``limits`` are not
-            given.
-        limits: what counts as a foothold.
-        meaning: what the numbers of a file mean, fields of ``ImportOptions``: unit_m, up, offset_m,
-            crop_m, spacing_m, height_m, holes, kind, most_triangles.
+        robot: robot whose foot gives the margin and the least width of a foothold, if ``limits``
+            are not given.
+        limits: limits of what counts as a foothold.
+        meaning: fields of ``ImportOptions`` that say what the numbers of a file mean: unit_m, up,
+            offset_m, crop_m, spacing_m, height_m, holes, kind, most_triangles.
 
     Returns:
         The ``Footholds``, over which ``plan`` plans from a start to a goal.
@@ -95,7 +95,7 @@ def heights(source: str | Path, *, smooth_m: float = 0.0, **meaning: object) -> 
             terrain ("ripple", "cone", "hill", "pit", ...), a family's ground as "stairs:0.5:7"
             (family, level, seed), or a function of x and y as "FILE.py:NAME".
         smooth_m: deviation of a Gaussian that smooths the heights of a file [m].
-        meaning: what the numbers of a file mean, as for ``terrain``.
+        meaning: fields of ``ImportOptions``, as for ``terrain``.
 
     Returns:
         The ``HeightField``.

@@ -16,8 +16,8 @@ def old_arguments(
 
     Arguments:
         function: the function's name.
-        old: what it was called with beside its parameters.
-        new: by old argument the form that replaces it.
+        old: arguments of the call that are not parameters of the function.
+        new: form that replaces each old argument.
         beside: its parameters, for the message.
 
     Raises:

@@ -80,7 +80,7 @@ def walk(
             family's ground as "rough:0.5:7" (family, level, seed), a file of heights, or a function
             of x and y as "FILE.py:NAME". Or a ``Walk``, which says all of it: then nothing goes
             beside it but chart, limits and settings of the solves.
-        goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
+        goal_xy_m, start_xy_m: places where the torso ends and starts, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a
             walker's numbers, a ``Robot`` with legs of its own, or what ``load`` gives of such a
             file.

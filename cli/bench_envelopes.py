@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class BenchEnvelopes:
-    """Lin et al.'s Table I, every method on held-out terrains, with 95 % intervals and the paper's
-    own rows.
+    """Compare every method on held-out terrains, as in Lin et al.'s Table I, with 95 % intervals
+    and the paper's own rows.
 
     Labels training, calibration and test terrains, learns a selector by every method of the
     configuration, and rolls all of them out on the same test terrains. Data sets, selectors, rows
-    and pictures are kept in a folder: a run that is stopped goes on where it was, and what follows
-    from the same settings is used again.
+    and pictures are kept in a folder. A run that was stopped goes on where it was, and files that
+    were made with the same settings are used again.
     """
 
     config: OptionalPath = None

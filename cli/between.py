@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Between:
-    """From where to where."""
+    """The places between which a course is laid out."""
 
     start: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
     """On a terrain's file or name: where the robot begins [m]. Frames, gait and candidates are laid

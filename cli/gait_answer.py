@@ -122,7 +122,7 @@ def _attempt_record(plan: Attempts, index: int) -> dict[str, Any]:
 
 
 def _phases(plan: Attempts, one: Attempted) -> dict[str, dict[str, float]]:
-    """By phase: CPU time, iterations and solves of an attempt."""
+    """CPU time, iterations and solves of an attempt, by phase."""
     solves = [record for record in plan.solves if record.attempt == one.attempt.name]
     return {
         phase: {

@@ -184,7 +184,7 @@ def _check_unused(asked: PlanCourse) -> None:
 
 
 def _reason(outcome: Answer[LeapPlan]) -> str:
-    """Why there is no plan; empty where there is one."""
+    """The reason why there is no plan; empty if there is one."""
     from stancekit.planners.verify import explain
 
     if outcome.certificate is None or outcome.problem is None:

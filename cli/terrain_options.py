@@ -172,7 +172,7 @@ def _as_option(found: re.Match[str]) -> str:
 
 
 def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
-    """As many numbers as an option wants, with commas between them.
+    """Read the numbers of an option, which are separated by commas.
 
     Raises InvalidInput.
     """

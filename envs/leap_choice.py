@@ -104,10 +104,10 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
     ## Description
 
     One leap per episode: a body stands, flies and stands again, and each of its P toes has R
-    candidate patches at most. The agent picks one candidate per toe. The choice is tried by a
-    sequence of convex programs, which gives up after the first where that nearly decides; a solved
-    choice goes through the verifier. A leap with several timings is tried with each of them in
-    turn.
+    candidate patches at most. The agent picks one candidate per toe. A sequence of convex programs
+    tries the choice; it gives up after the first program if the violation that is left there is so
+    large that the others would hardly remove it. A choice that is solved goes to the verifier. If
+    the leap has several timings, each of them is tried in turn.
 
     ## Observation Space
 
@@ -120,8 +120,8 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
     | mask | (P * R,) | 1 where there is a candidate |
     | leap | (10,) | features of the leap and its timing, ``planners.leap.features.OF_LEAP`` |
     | last | (P * R,) | 1 at the candidates of the last try |
-    | residual | (2 * M,) | per interval, what momentum and rotation of the last try lack, as log10(1 + 1000 x) |
-    | left | (2,) | shares of tries and of solves that are left |
+    | residual | (2 * M,) | per interval, errors x of momentum and rotation in the last try, as log10(1 + 1000 x) |
+    | left | (2,) | shares of the tries and of the solves that are left |
 
     ## Action Space
 
@@ -131,13 +131,13 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
     ## Reward
 
     −(convex problems solved in the step) / ``solves``, and +1 with a leap that the verifier
-    accepts. A choice without a candidate, or one that was tried before, is a failed try and costs 1
-    / ``solves``.
+    accepts. A choice that names a missing candidate, or that was tried before, counts as a failed
+    try and costs 1 / ``solves``.
 
     ## Starting State
 
     A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``.
-    Scenes that have no leap are among them: nobody knows which.
+    Some of the scenes have no leap; which ones is not known.
 
     ## Episode End
 
@@ -148,8 +148,8 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so
     far, whether the last choice was ``masked`` (no such candidate), ``repeated``, or ``refuted``
-    (its hard rows have no answer), and its ``cost`` (what is left of its rows; −1 where the first
-    step has no answer).
+    (its hard constraints have no solution), and its ``cost`` (the remaining violation of its
+    constraints; −1 if the first convex program has no solution).
 
     ## Arguments
 

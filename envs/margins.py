@@ -15,7 +15,7 @@ def margin_info(plan: Plan | None, prefix: str = "") -> dict[str, float]:
     zeros without a plan.
 
     Arguments:
-        prefix: of the keys.
+        prefix: prefix of the keys.
     """
     least = {} if plan is None else least_margins(plan)
     return {

@@ -61,14 +61,15 @@ class RefinementSettings(SceneSettings):
 
 
 class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
-    """Cut the boxes of P1 until a posture is found, or there is proved to be none.
+    """Split the boxes of P1 until a posture is found, or until it is proved that none exists.
 
     ## Description
 
-    One posture problem an episode. The search is ``BoxSearch``: best first, from bounds that hold
-    every posture. A cut halves the current box in one of its 6N dimensions. Often it leaves one
-    half refuted: then it tightens the box, else it splits it; interval propagation carries it on to
-    the other dimensions. Both verdicts are proofs.
+    One posture problem per episode. The search is ``BoxSearch``, best first, from bounds that
+    contain every posture. A cut halves the current box in one of its 6N dimensions. If one half is
+    refuted, as often happens, the box shrinks to the other half; otherwise both halves stay in the
+    search. Interval propagation then tightens the other dimensions. Either verdict comes with
+    evidence: a verified posture, or a proof.
 
     ## Observation Space
 
@@ -77,7 +78,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     | name | shape | meaning |
     |---|---|---|
-    | vertices | (9 * N,) | corners of the patches, world axes, three a patch |
+    | vertices | (9 * N,) | corners of the patches, world axes, three per patch |
     | frames | (9 * N,) | contact frames R_WC, columns n, y, z |
     | friction | (N,) | μ of the patches |
     | shoulders | (3 * N,) | shoulders v in the body frame |
@@ -85,10 +86,10 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | low | (6 * N,) | lower bounds of the current box, contact by contact p_x p_y p_z f_n f_y f_z |
     | high | (6 * N,) | upper bounds |
     | point | (6 * N,) | P1's point in the box |
-    | gap | (6 * N,) | the largest |m_jk − p_j f_k| that the dimension has part in |
-    | margin | (1,) | of P1 |
-    | depth | (1,) | of the box in the tree, in units of 64 |
-    | open | (1,) | boxes that are open, in units of 64 |
+    | gap | (6 * N,) | the largest |m_jk − p_j f_k| in which the dimension takes part |
+    | margin | (1,) | margin of P1 |
+    | depth | (1,) | depth of the box in the tree, in units of 64 |
+    | open | (1,) | number of boxes that are open, in units of 64 |
     | left | (1,) | share of the budget that is left |
 
     ## Action Space
@@ -101,8 +102,8 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     ## Starting State
 
-    A scene of ``scenes``, or of ``problem``, that its first box leaves open; those that are settled
-    before the first cut are passed over.
+    A scene of ``scenes``, or of ``problem``, that the first box does not decide; scenes that need
+    no cut are skipped.
 
     ## Episode End
 
@@ -127,7 +128,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
     | margins | False | measure the margins in ``info``, some milliseconds per posture |
     | projection | 'fix-toes' | the P2 that is tried at every box |
-    | budget | 200 | convex problems an episode |
+    | budget | 200 | convex problems per episode |
     | programs | None | compiled models to share with other environments of this process |
     | render_mode | None | "rgb_array" |
 

@@ -43,11 +43,11 @@ class Judged:
     """Arguments of the terms of a reward: an action on one scene, judged.
 
     Arguments:
-        scene: with the expert's label.
-        answer: of P1 over the chosen envelope.
+        scene: the scene, with the expert's label.
+        answer: answer of P1 over the chosen envelope.
         envelope: the chosen one.
-        right: P1 says what the expert says.
-        reached: the first projection ends in a verified posture.
+        right: True if P1 agrees with the expert.
+        reached: True if the first projection ends in a verified posture.
     """
 
     scene: LabelledScene

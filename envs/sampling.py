@@ -240,8 +240,8 @@ class _Block:
     """Problems that were sampled together.
 
     Arguments:
-        next: the first that was not looked at.
-        hopeless: which have not even P̄.
+        next: number of the first problem that was not looked at.
+        hopeless: truth values, True for problems of which even P̄ is infeasible.
         begin: state of the generator before the first problem.
         at, end: its words at the next one and after the last.
     """

@@ -28,7 +28,7 @@ class LabelledScene:
     Arguments:
         feasible: the label.
         posture: the expert's witness, None where infeasible.
-        lower_bound: what the expert's certificate proves where infeasible.
+        lower_bound: bound that the expert's certificate proves, if infeasible.
         expert_seconds: 0 where the label was read from a data set.
     """
 

@@ -25,15 +25,15 @@ WINDOW = "stancekit"
 
 
 class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
-    """Choose boxes for P1 in one scene, and be told how P1 and P2 fare with them against the exact
+    """Choose boxes for P1 in one scene; the reward compares P1 and P2 over them with the exact
     answer.
 
     ## Description
 
-    One posture problem an episode (Lin et al. §III): can the robot hold still with N limbs on N
-    patches? P1 relaxes the products m = p·f over a box of [p, f]; the agent chooses the box, the
-    planner stack judges. All quantities are non-dimensional: lengths over the length scale, forces
-    over the force scale.
+    One posture problem per episode (Lin et al. §III): can the robot hold still with N limbs on N
+    patches? P1 relaxes the products m = p·f over a box of [p, f]. The agent chooses the box, and
+    the planners evaluate it. All quantities are non-dimensional: lengths over the length scale,
+    forces over the force scale.
 
     ## Observation Space
 
@@ -41,7 +41,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     | name | shape | meaning |
     |---|---|---|
-    | vertices | (9 * N,) | corners of the patches, world axes, three a patch |
+    | vertices | (9 * N,) | corners of the patches, world axes, three per patch |
     | frames | (9 * N,) | contact frames R_WC, columns n, y, z |
     | friction | (N,) | μ of the patches |
     | shoulders | (3 * N,) | shoulders v in the body frame |
@@ -51,8 +51,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     ``Box(-1, 1, (boxes * 12 * N,), float32)``: of each box all lower and then all upper bounds,
     contact by contact the columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With
-    ``relaxation="joint"`` a point follows, 6N numbers in the same columns, about which the gap of
-    the lift is linearised. With ``library``: ``Discrete``, the index of one of its envelopes.
+    ``relaxation="joint"`` 6N further numbers follow in the same columns: the point about which the
+    gap of the lift (the relaxation without envelopes) is linearised. With ``library``:
+    ``Discrete``, the index of one of its envelopes.
 
     ## Reward
 
@@ -95,20 +96,21 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
     | margins | False | measure the margins in ``info``, some milliseconds per posture |
-    | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
+    | boxes | 1 | number of boxes in an action; P1 may use any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
-    | weights | RewardWeights() | what a step is worth; or a mapping with some of its keys, and terms of your own |
+    | weights | RewardWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
     | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
 
     With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor)
-    all P1 of a step are solved together. Margins agree within the solvers' tolerances; those within
-    1e-6 of where they count as feasible are solved again by Clarabel, so that P1 says what it says
-    with "clarabel": for "joint" these are all that it admits. Where P1 leaves freedom its point is
-    another one, and what is projected from it with it.
+    all P1 of a step are solved together. Margins agree within the solvers' tolerances. Problems
+    whose margin is within 1e-6 of the threshold of feasibility are solved again by Clarabel, so
+    that the verdict of P1 is the same as with "clarabel"; for "joint" these are all feasible
+    problems. If the solution of P1 is not unique, its point differs, and so does the projection of
+    it.
 
     ## Version History
 

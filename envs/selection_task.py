@@ -64,8 +64,8 @@ class _Trial:
     """One action on one scene before it is judged.
 
     Arguments:
-        postures: by projection.
-        candidates: how many, before the verifier.
+        postures: posture that each projection found, by projection.
+        candidates: number of postures before the verifier judged them.
     """
 
     scene: LabelledScene

@@ -88,11 +88,11 @@ class WalkPool:
     """Pool of walks, and the outcomes of attempts at them.
 
     Arguments:
-        tasks: draws a walk from a generator.
-        size: how many walks.
+        tasks: function that draws a walk from a generator.
+        size: number of walks.
         charts: coordinates to choose from.
-        settings: of the optimiser.
-        seed: of the walks, and of the guesses with noise.
+        settings: settings of the optimiser.
+        seed: seed of the walks, and of the guesses with noise.
 
     Raises:
         InvalidInput: for no walk, or too many.

@@ -145,13 +145,13 @@ NOTHING: Mapping[str, int | float] = MappingProxyType(
 
 
 class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
-    """Choose how to solve a walk over a height field; the verifier judges what comes of it.
+    """Choose how to optimise a walk over a height field; the verifier judges the result.
 
     ## Description
 
-    One walk an episode (Pan et al.): a height field with a start and a goal. The agent chooses the
-    coordinates to optimise in, a homotopy and an initial guess; the optimiser solves, and the
-    verifier looks between the knots.
+    One walk per episode (Pan et al.): a height field with a start and a goal. The agent chooses the
+    coordinates to optimise in, a homotopy and an initial guess; the optimiser solves the program,
+    and the verifier checks the walk, also between the knots.
 
     ## Observation Space
 
@@ -161,8 +161,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | name | shape | meaning |
     |---|---|---|
     | heights | (24 * 24,) | the terrain over a square of 4 m, row by row along x [m] |
-    | start | (2,) | [m] |
-    | goal | (2,) | [m] |
+    | start | (2,) | place (x, y) [m] |
+    | goal | (2,) | place (x, y) [m] |
     | facing | (2,) | cosine and sine of the robot's heading |
     | friction | (1,) | ν |
     | adhesive | (E,) | 1 for feet that stick |
@@ -170,7 +170,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     ## Action Space
 
     ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (guesses). A
-    chart with a map of its own knows no homotopy in height and ignores that choice.
+    chart that comes with a map has no homotopy in height and ignores that choice.
 
     ## Reward
 
@@ -182,11 +182,11 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     A walk of ``tasks``, or ``SampledTasks(terrain)``; all have the same number of feet.
 
-    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks, and an attempt
-    at a walk is solved when it is first chosen; the next time its outcome is looked up. The same
-    choice of a walk and of an action always comes to the same. ``env.unwrapped.pool.solve()``
-    solves all attempts, ``.write("walks.npz")`` keeps them, and ``pool="walks.npz"`` with the same
-    other arguments goes on from that file: a step then takes a millisecond.
+    A solve takes a second or more. With ``pool=16`` an episode is one of 16 walks; each attempt at
+    a walk is solved when it is first chosen, and looked up after that. The same action on the same
+    walk always has the same outcome. ``env.unwrapped.pool.solve()`` solves all attempts,
+    ``.write("walks.npz")`` keeps them, and ``pool="walks.npz"`` with the same other arguments goes
+    on from that file: a step then takes a millisecond.
 
     ## Episode End
 
@@ -207,10 +207,10 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; `anymal-boxes` where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
-    | settings | GaitSettings(max_iterations=50) | of the optimiser, with the limit of every stage; or a mapping |
-    | weights | GaitRewardWeights() | what a step is worth; or a mapping with some of its keys |
+    | settings | GaitSettings(max_iterations=50) | settings of the optimiser, with the limit of every stage; or a mapping |
+    | weights | GaitRewardWeights() | weights of the reward; or a mapping with some of its keys |
     | timing | False | put CPU seconds into ``info`` and the reward |
-    | pool | None | draw from so many walks, each attempt solved once; or from a file of such a pool |
+    | pool | None | number of walks to draw from, each attempt solved once; or the file of such a pool |
     | render_mode | None | "rgb_array" |
 
     ## Version History

@@ -21,12 +21,13 @@ from stancekit.planners.robot.actuators import ActuatorModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointNeeds:
-    """Needs of J joints, shape (J,) each.
+    """Torque requirements of J joints, shape (J,) each.
 
     Arguments:
-        peak_nm, rms_nm: largest torque, and root mean square over the motion.
-        stall_nm, continuous_nm: what their actuators have; continuous_nm and heat, the largest load
-            on the way, are NaN where nobody says what they bear.
+        peak_nm, rms_nm: largest torque over the motion, and its root mean square [Nm].
+        stall_nm, continuous_nm: stall and continuous torque of the actuators [Nm]. continuous_nm,
+            and heat, the largest thermal load during the motion, are NaN if the continuous torque
+            is not known.
     """
 
     joints: tuple[str, ...]
@@ -44,7 +45,12 @@ class JointNeeds:
         torques_nm: Array,
         period_s: float,
     ) -> Self:
-        """Needs of joints with these torques, shape (T, J), this long apart."""
+        """Torque requirements of joints over a motion.
+
+        Arguments:
+            torques_nm: torques of the joints, shape (T, J) [Nm].
+            period_s: time between two rows of ``torques_nm`` [s].
+        """
         stall = np.array([each.stall_nm for each in actuators])
         continuous = np.array(
             [np.nan if each.continuous_nm is None else each.continuous_nm for each in actuators]

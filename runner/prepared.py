@@ -248,7 +248,8 @@ def prepare_gait(
     check_settings(settings, world)
     if settings.odometry:
         raise InvalidInput(
-            "odometry: expected a plan, got a gait: two feet do not tell how the body is turned"
+            "odometry: expected a plan, got a gait: two standing feet do not determine the body's "
+            "rotation"
         )
     trajectory = accepted.trajectory
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)

@@ -94,14 +94,14 @@ class Runner:
     def run(
         self, accepted: Accepted | AcceptedGait | AcceptedLeap, terrain: Terrain | None = None
     ) -> RunReport:
-        """One plan, or gait, from its beginning to its end.
+        """Run one plan, or gait, from its beginning to its end.
 
         Arguments:
-            terrain: what the world has, where that is not what the plan says.
+            terrain: the terrain of the world, if it is not the one in the plan.
 
         Raises:
-            InvalidInput: for what cannot be run, before anything moves; what stops it on the way is
-                in the report.
+            InvalidInput: for a plan that cannot be run, before anything moves. The reason for a
+                stop on the way is in the report.
         """
         begin, record = time.perf_counter(), Record()
         prepared = self.prepare(accepted)

@@ -115,7 +115,9 @@ class PlanView:
 
     @cached_property
     def camera(self) -> Camera:
-        """From where the chosen patches show their faces, and the path is seen from aside."""
+        """Direction of view in which the chosen patches show their faces and the path is seen from
+        the side.
+        """
         box, com = self.bounds_m, self.plan.com_m
         centres, normals = np.array(
             [(patch.centre_m, patch.normal) for patch in self.chosen]
@@ -395,15 +397,15 @@ class PlanView:
         )
 
     def between_keys(self, progress: float) -> Samples:
-        """Body and feet a share of the time between two key frames, e.g. at 1.5 half of it after
-        key frame 1.
+        """Body and feet at a fractional key frame: at 1.5 half of the time between key frames 1 and
+        2 is over.
         """
         reached = self.keys.reached_s
         return self.keys.at(float(np.interp(progress, np.arange(len(reached)), reached)))
 
     def shown_s(self, count: int) -> Array:
-        """Times of so many pictures of the motion, each that of a row that is streamed, shape
-        (count,) [s].
+        """Times of ``count`` pictures, spread evenly over the motion and rounded to rows that are
+        streamed, shape (count,) [s].
         """
         return np.round(np.linspace(0.0, self.motion.duration_s, count) * RATE_HZ) / RATE_HZ
 

@@ -125,7 +125,9 @@ class PostureView:
 
     @cached_property
     def camera(self) -> Camera:
-        """From where the patches show their faces, stand apart and are not behind the body."""
+        """Direction of view in which the patches show their faces, are apart, and are not behind
+        the body.
+        """
         centres, normals = np.array(
             [(patch.centre_m, patch.normal) for patch in self.patches]
         ).swapaxes(0, 1)

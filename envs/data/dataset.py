@@ -55,8 +55,8 @@ class Dataset:
 
     Arguments:
         ledger: the folder's files, see ``Dataset.open``.
-        chosen: which rows of the folder these are, in this order, shape (K,).
-        part: what they were confined to, see ``only``.
+        chosen: indices of the rows of the folder that belong to it, in this order, shape (K,).
+        part: name of the part that the rows were confined to, see ``only``.
 
     Raises:
         InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another

@@ -69,22 +69,23 @@ class LabelPlan(RowPlan):
 
     Arguments:
         distribution: name of the distribution of problems.
-        robot, terrain: files that it is of, where not the default hexapod and no terrain's.
+        robot, terrain: files of the robot and of the terrain, if it is not the default hexapod and
+            if there is one.
         feasible, infeasible: rows of each label; the infeasible ones are never trivial, that is,
             infeasible even without the moment balance.
         natural: keep the first ``feasible + infeasible`` samples as they come instead, whatever
             their label.
-        shard_size: rows a shard, give or take one: what is drawn and written at once, and so what
-            an interruption loses; every process compiles its models once.
+        shard_size: rows per shard, give or take one: as many are drawn and written at once, and an
+            interruption loses as many; every process compiles its models once.
         seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets
             for training and for testing need different seeds.
         tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in 3000
             wants more nodes than the default, at 1 ms a node.
-        proposers: digest of what is asked for postures and proofs before any solver, on which
-            certificates and bounds depend, and no label.
-        screen: digest of a surrogate: a draw that it calls of a kind of which a shard has all its
-            rows is passed over undecided.
-        screen_error: share of the other kind's rows that it may pass over so.
+        proposers: digest of the proposers that are asked for postures and proofs before any solver;
+            certificates and bounds depend on it, labels do not.
+        screen: digest of a surrogate: a draw whose predicted label needs no more rows in the shard
+            is skipped without being decided.
+        screen_error: share of the other label's rows that it may skip so.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -156,13 +157,13 @@ class TryPlan(RowPlan):
 
     Arguments:
         distribution: a class of ``configs/leaps.yaml``.
-        scenes: how many leaps; number k is drawn from a generator of (seed, k), as in benchmarks.
+        scenes: number of leaps; number k is drawn from a generator of (seed, k), as in benchmarks.
         tries: choices of contacts per scene of each order of ``LeapFinder``; fewer where a scene
             has no more.
-        shard_size: rows a shard, but never less than a scene.
-        seed: sets for training and for testing need different ones.
+        shard_size: rows per shard, but never less than one scene.
+        seed: seed; sets for training and for testing need different ones.
         stop: cost of a first step above which a try is given up.
-        share: of the friction, that plans use.
+        share: share of the friction that plans use.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

@@ -38,16 +38,16 @@ class LabelledPosture:
     """One row: a problem, its label, and what proves the label.
 
     Arguments:
-        shard, row: where it is kept.
-        sample: which draw of the shard's stream it is (``labelling.samples``).
-        trivial: infeasible even without the moment balance (P̄ infeasible, too).
-        posture: the witness, where feasible.
-        certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is
-            what they still prove (0 where nothing is proved).
-        point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness
-            where feasible, of an answer of P̄ where infeasible (line 11 of Algorithm E1), None
-            where trivial or undecided.
-        solves, nodes: convex problems solved and nodes visited to decide.
+        shard, row: shard, and row in it, in which it is kept.
+        sample: number of the draw in the shard's stream (``labelling.samples``).
+        trivial: True if infeasible even without the moment balance (P̄ infeasible, too).
+        posture: the witness; None unless feasible.
+        certificate: the proof; None unless infeasible. Its multipliers are rounded to float32, and
+            lower_bound is what they still prove (0 if nothing is proved).
+        point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: that of the
+            witness for a feasible row, that of an answer of P̄ for an infeasible one (line 11 of
+            Algorithm E1), None for a trivial or undecided one.
+        solves, nodes: numbers of convex problems solved and of nodes visited for the verdict.
     """
 
     shard: int

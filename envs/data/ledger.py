@@ -78,14 +78,14 @@ class Header(Head):
     """``header.json``: the plan, and what else is true of every row.
 
     Arguments:
-        legs: of the contacts, in their order.
-        first_sample: SHA-256 of the first problem drawn, to know the distribution by.
-        software: versions at the beginning.
+        legs: names of the legs in contact, in the order of the contacts.
+        first_sample: SHA-256 of the first problem drawn, which identifies the distribution.
+        software: versions of packages at the beginning.
         witness: how postures and points were chosen: "canonical/1" as ``search.canonical`` says;
             None in older sets, as the search happened to find them.
-        robot: identity of the model that the legs are of, see ``Robot``; None for the default
+        robot: identity of the model that the legs belong to, see ``Robot``; None for the default
             hexapod, and in older sets.
-        speaks_of: of what the labels are, in words, where not of the robot itself.
+        speaks_of: subject of the labels, in words, unless it is the robot itself.
     """
 
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
@@ -104,11 +104,11 @@ class TryHeader(Head):
     true of every row.
 
     Arguments:
-        plan: what was asked for.
-        legs: of the robot's limbs, in their order.
-        leap: keys of ``stancekit/leap/1`` that all scenes share; of footholds limb and phase.
-        shapes: of the columns that are arrays.
-        speaks_of: what each label means.
+        plan: plan of the data set, as it was requested.
+        legs: names of the robot's limbs, in their order.
+        leap: keys of ``stancekit/leap/1`` that all scenes share; for footholds limb and phase.
+        shapes: shapes of the columns that are arrays.
+        speaks_of: meaning of each label.
         first_sample: SHA-256 of the first leap.
         software: versions at the beginning.
     """
@@ -158,8 +158,8 @@ class ShardTiming(BaseModel):
     """``timing-00000.json``.
 
     Arguments:
-        cpu_s: of the shard.
-        solve_ms: of every sample, or its share of a block, wall clock.
+        cpu_s: processor time of the shard [s].
+        solve_ms: wall-clock time of every sample, or its share of the time of a block [ms].
         draw_cpu_s, screen_cpu_s: the parts of cpu_s in which problems were drawn and a surrogate was
             asked; None without one.
     """
@@ -264,7 +264,7 @@ class Ledger:
     """Shards of one data set.
 
     Arguments:
-        tallies: by shard number.
+        tallies: tallies by shard number.
     """
 
     folder: Path

@@ -21,15 +21,15 @@ class Summary:
     """Contents and cost of a data set.
 
     Arguments:
-        rows: kept.
-        drawn: kept or not.
+        rows: rows kept, by label.
+        drawn: samples drawn, kept or not, by label.
         cpu_s_per_1000: processor seconds for 1000 samples drawn.
-        solve_ms_median, solve_ms_p99: of deciding each of them, of a block its share, wall clock
-            [ms]. NaN without timing files.
-        screened: draws that a surrogate passed over undecided, by what it called them, which
-            ``drawn`` leaves out; None without one.
-        screen_error: of the rows of the other kind at most this share is among them, and missing
-            here; None without a surrogate.
+        solve_ms_median, solve_ms_p99: median and 99th percentile of the wall-clock time to decide a
+            sample, or of its share of a block [ms]; NaN without timing files.
+        screened: draws that a surrogate skipped undecided, by predicted label, which ``drawn``
+            leaves out; None without one.
+        screen_error: largest share of the rows of the other label that may be among them, and so be
+            missing here; None without a surrogate.
         draw_cpu_s_per_1000, screen_cpu_s_per_1000: the parts of cpu_s_per_1000 in which problems
             were drawn and the surrogate was asked; None without one.
     """

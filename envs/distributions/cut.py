@@ -150,8 +150,8 @@ class CutDistribution:
     """Scenes on these legs of a robot, cut from a terrain.
 
     Arguments:
-        stance: what is drawn about.
-        friction: uniform between.
+        stance: nominal stance about which scenes are drawn.
+        friction: lowest and highest friction, drawn uniformly.
     """
 
     name: str

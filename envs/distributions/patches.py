@@ -23,8 +23,8 @@ FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 def plain_problem(
     robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
 ) -> Problem:
-    """The problem with every patch in its nominal place, the smallest that is drawn, and without
-    friction.
+    """A problem whose patches are all in their nominal places, have the smallest size that is ever
+    drawn, and have no friction.
     """
     triangles = stance.centre_m[:, None] + triangle(
         stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))

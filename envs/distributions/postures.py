@@ -39,7 +39,7 @@ class Distribution(Protocol):
 
     @property
     def name(self) -> str:
-        """By which it is asked for."""
+        """Name by which it is requested."""
         ...
 
     @property
@@ -83,7 +83,8 @@ class PostureDistribution:
     problem.
 
     Arguments:
-        stance: where the patches are; Lin et al.'s places about the robot's shoulders where None.
+        stance: nominal places of the patches; None for Lin et al.'s places about the robot's
+            shoulders.
     """
 
     name: str
@@ -172,7 +173,7 @@ class OwnDistribution:
     without arguments.
 
     Arguments:
-        name: by which it was asked for. Its ``terrain`` counts where it has one. It can be copied
+        name: name by which it was requested. Its ``terrain`` counts if it has one. It can be copied
             and pickled, to processes that have not run its file, too.
     """
 
@@ -194,9 +195,9 @@ class OwnDistribution:
         return problem
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
-        """Draw this many.
+        """Draw ``count`` problems.
 
-        Raises InvalidInput where they differ in more than their patches.
+        Raises InvalidInput if they differ in more than their patches.
         """
         try:
             return PostureBatch.stacked([self.sample(rng) for _ in range(count)])

@@ -101,9 +101,9 @@ class StandingRobot:
     """A robot that scenes are drawn for, and where its toes are as it stands.
 
     Arguments:
-        robot: as the contact planner has it, inner sets.
-        toes_m: from its centre of mass, shape (N, 3) [m].
-        reach_m: how far a foot gets from its first joint, in the mean [m].
+        robot: the robot over the inner sets of its legs, as the contact planner has it.
+        toes_m: vectors from its centre of mass to the toes, shape (N, 3) [m].
+        reach_m: mean distance that a foot can have from its first joint [m].
         paper: the default hexapod, about which Lin et al.'s law draws.
     """
 

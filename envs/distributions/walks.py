@@ -42,9 +42,9 @@ class SampledTasks:
         terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth
             ones of the first version (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
             with the walks that it is known for, else drawn ones.
-        difficulty: the families' level, uniform between the two.
-        distance_m: from start to goal, uniform.
-        robot: ANYmal where there is none.
+        difficulty: lowest and highest level of the families, drawn uniformly.
+        distance_m: shortest and longest distance from start to goal, drawn uniformly [m].
+        robot: the walker, ANYmal by default.
     """
 
     terrain: str = "mixed"

@@ -117,8 +117,8 @@ class LabelBlock:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Screen:
-    """A surrogate that passes draws over, the error that it may make of each kind, and the score
-    limits that hold it.
+    """A surrogate that decides which draws are skipped, with the error rate that it may have on
+    each label and the limits on its score that keep it within that rate.
     """
 
     surrogate: Surrogate
@@ -445,7 +445,9 @@ class ShardDraft:
 
     @property
     def _most(self) -> int:
-        """Samples that may be drawn: fewer while a kind that is wanted has not come at all."""
+        """Largest number of samples that may be drawn. It is smaller as long as some wanted label
+        has not been found at all.
+        """
         lacks = (count > 0 and not self._kept[kind] for kind, count in self._room.items())
         return min(self._limit, BARREN) if not self._plan.natural and any(lacks) else self._limit
 

@@ -89,7 +89,7 @@ def _of_cell(path: Path, terrain: str, task: int, method: str) -> dict[str, Any]
 
 
 def by_program(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """By program: walks, how many are verified, medians of CPU time and figures over those."""
+    """Results by program: walks, the number verified, medians of CPU time and figures over those."""
     lines = []
     for program in dict.fromkeys(row["program"] for row in rows):
         rows_of_program = [row for row in rows if row["program"] == program]

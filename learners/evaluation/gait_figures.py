@@ -114,8 +114,8 @@ def quartiles(values: Iterable[float | None]) -> list[float] | None:
 def ratios(
     rows: Iterable[Row], method: str, name: str = "iterations", against: str = BASELINE
 ) -> dict[str, float]:
-    """By terrain: the median of a measure over the median of ``against``, on the cells in which
-    both succeeded.
+    """Ratios by terrain: the median of a measure over the median of ``against``, on the cells in
+    which both succeeded.
 
     Terrains without such a cell are missing.
     """

@@ -181,8 +181,8 @@ def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
 
 
 def shares(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """By method: scenes, with a plan, verified as planned, verified, with a proof that there is
-    none; CPU s in sum.
+    """Shares by method: scenes, with a plan, verified as planned, verified, with a proof that there
+    is none; CPU s in sum.
     """
     lines = []
     for method in dict.fromkeys(row["method"] for row in rows):

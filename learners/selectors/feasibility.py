@@ -78,8 +78,10 @@ class FeasibilityOracle(Protocol):
         ...
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
-        len(which)).
+        """Decide for every box whether P1 over it is feasible for each of the problems with the
+        indices ``which``.
+
+        Returns truth values, shape (len(boxes), len(which)).
         """
         ...
 
@@ -92,8 +94,10 @@ class SolvingOracle:
         self.counts = VerdictCounts()
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide whether P1 admits the problems of these numbers, shape (len(boxes),
-        len(which)).
+        """Decide for every box whether P1 over it is feasible for each of the problems with the
+        indices ``which``.
+
+        Returns truth values, shape (len(boxes), len(which)).
         """
         margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(
             len(boxes), -1

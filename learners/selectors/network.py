@@ -323,11 +323,13 @@ class AttentionBlock(nn.Module):
 
 
 def pinball(low: Tensor, high: Tensor, points: Tensor, share: float) -> Tensor:
-    """Quantile loss of the sides for the shares ``share`` and 1 − ``share`` of the solutions, a
-    number a scene.
+    """Quantile loss per scene: ``low`` is trained towards the quantile ``share`` of the solutions,
+    and ``high`` towards the quantile 1 − ``share``.
 
     Arguments:
-        low, high, points: shape (B, N, 6).
+        low, high: lower and upper bounds of the box, shape (B, N, 6).
+        points: solutions, shape (B, N, 6).
+        share: level of the quantile, in (0, 1).
     """
     under, over = points - low, points - high
     lower = torch.maximum(share * under, (share - 1.0) * under)

@@ -49,9 +49,9 @@ def own_selector(name: str) -> Learned:
 
 
 def fitted(selector: Any, method: str, problem_class: str) -> Learned:
-    """Selector that a method of fitting returned.
+    """The selector that a fitting method returned.
 
-    Raises InvalidInput for what is neither envelopes nor a selector.
+    Raises InvalidInput if the method returned neither envelopes nor a selector.
     """
     if of_file(selector) and callable(getattr(selector, "predict", None)):
         selector = OwnSelector(selector, method, problem_class)

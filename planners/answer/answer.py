@@ -196,7 +196,7 @@ class Answer(Generic[S]):
     if not TYPE_CHECKING:  # or a checker would take any name for one that there is
 
         def __getattr__(self, name: str) -> Any:
-            """The names of before, for one release."""
+            """Look up an attribute under its old name, which is still accepted for one release."""
             if name == "verified":
                 warnings.warn("verified is old: Answer.status", DeprecationWarning, stacklevel=2)
                 return self.status is Status.FEASIBLE

@@ -10,8 +10,8 @@ from .plan import Plan
 
 
 class Posture(metaclass=OldName):
-    """As ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are given beside
-    it.
+    """The old name of ``Plan.of_posture``, without the problem, which ``verify`` and ``draw`` are
+    given beside it.
     """
 
     @staticmethod

@@ -146,10 +146,12 @@ class Plan:
         return np.asarray(self.toes_m[self.problem.holds[frame]])
 
     def forces_at(self, frame: int) -> Array:
-        """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of its stances' forces.
+        """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of the forces in its
+        stances.
 
-        That is an answer itself: at one body pose and with the same toes both balances, the cones
-        and the bounds, which admit no force, are convex in the forces.
+        The mean satisfies the constraints, too: body pose and toes are the same in these stances,
+        and then balance, friction cones and force bounds are convex in the forces. A limb in the
+        air counts with zero force, which the bounds admit.
         """
         rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
         return np.asarray(self.forces_n[rows].mean(axis=0))

@@ -222,9 +222,7 @@ def robot_from_json(data: Any) -> GaitRobot:
 
 
 def _check_built_in(robot: GaitRobot) -> None:
-    """Raise InvalidInput for a robot that is called as one of the package's and has other
-    numbers.
-    """
+    """Raise InvalidInput for a robot that has the name of a built-in robot but other numbers."""
     from ..robot.walker import BUILT_IN
 
     if not robot.source.own and robot.name in BUILT_IN:

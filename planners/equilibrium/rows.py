@@ -71,8 +71,10 @@ class Rows(Generic[D]):
         self.shape = (0, 0)
 
     def variable(self, name: str, *shape: int) -> Index:
-        """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by
-        its name.
+        """Add a variable to the program, and return the indices of its columns in x, in the
+        variable's shape.
+
+        After a solve ``ConicSolution.value`` gives the value of the variable by its name.
         """
         size = int(np.prod(shape, dtype=int))
         self.columns[name] = self.shape[1] + np.arange(size).reshape(shape)

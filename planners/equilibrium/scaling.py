@@ -86,8 +86,8 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
 
 
 def _force_min(low: Array, layout: Layout) -> Array:
-    """``Scaled.force_min``, from those of all footholds; under a push a foot may press less than it
-    has to at rest.
+    """``Scaled.force_min``: the lower force bounds of all contacts, taken from those of the
+    footholds. Under a push a foot may press less than its bound at rest.
     """
     least = low[layout.contacts[2]]
     if not layout.pushes:

@@ -102,13 +102,13 @@ def _suits(directions: Array, normals: Array, friction: float) -> Array:
 
 
 def _pull(task: Walk) -> float:
-    """Pull of all feet that stick, in units of the weight."""
+    """Largest pull of all adhesive feet together, in units of the weight."""
     assert task.suction_n is not None
     return sum(task.adhesive) * task.suction_n / task.robot.weight_n
 
 
 def _suction(task: Walk) -> str:
-    """Pull of all feet that stick, in words; empty where no foot sticks."""
+    """Largest pull of all adhesive feet together, in words; empty if no foot is adhesive."""
     return (
         f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
     )

@@ -169,7 +169,7 @@ def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
 
 
 def _toe_pulls(numbers: LeapNumbers, parts: dict[str, Array]) -> Array:
-    """The slope of reach and height on every toe, shape (P, 3)."""
+    """Gradient of the reach and height terms with respect to every toe, shape (P, 3)."""
     layout = numbers.layout
     foothold, (which, half) = layout.standing[2], layout.standing_rows
     pulls = np.zeros((layout.footholds, 3))

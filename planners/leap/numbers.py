@@ -261,8 +261,8 @@ class JointRows:
     share: float
 
     def over(self, given: LeapGiven) -> tuple[Array, Array]:
-        """By how much the worst row of every joint exceeds the share at the point of ``given``,
-        ahead and back, shape (2B, n) each.
+        """Excess of the worst row of every joint over the share at the point of ``given``, ahead
+        and back, shape (2B, n) each.
         """
         point, at = given.point, given.numbers.contact_intervals
         node = np.concatenate([at, at + 1])

@@ -198,7 +198,7 @@ def cost_of(given: LeapGiven, point: LeapPoint) -> float:
 
 
 def _overs(given: LeapGiven) -> dict[str, Array]:
-    """By how much speed, power, length and half-spaces fail, by group."""
+    """Violations of speed, power, length and half-spaces, by group."""
     numbers, point, layout = given.numbers, given.point, given.scaled.layout
     frame, limb, foothold = layout.standing
     hips = numbers.hips[limb]

@@ -110,7 +110,7 @@ class GaitMotion:
 
     @cached_property
     def _turns(self) -> Array:
-        """By how much the body turns from each sample to the next, world frame, shape (K − 1, 3)
+        """Rotation vectors of the body from each sample to the next, world frame, shape (K − 1, 3)
         [rad].
         """
         turns = Rotation.from_matrix(self.trajectory.rotation)

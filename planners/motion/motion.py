@@ -104,7 +104,9 @@ class Samples:
 
     @cached_arrays
     def arms_m(self) -> Array:
-        """Centres of the feet from the centre of mass, world frame, shape (T, N, 3)."""
+        """Vectors from the centre of mass to the centres of the feet, world frame, shape (T, N, 3)
+        [m].
+        """
         return np.asarray(self.feet_m - self.com_m[..., None, :])
 
     @cached_arrays

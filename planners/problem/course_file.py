@@ -42,13 +42,13 @@ def read_course(
     A YAML file with surfaces is a published scene (``scene_keys``).
 
     Arguments:
-        frames: M, where another one is wanted than the file says; not for JSON files, whose
+        frames: number of key frames M, in place of that of the file; not for JSON files, whose
             footholds are fixed.
-        robot: in place of the file's, a built-in name, a .urdf file or a .yaml file that names one,
-            or a ``Robot``; of a posture's JSON file the robot whose limbs stand, and not for other
-            JSON files.
-        sets: of the legs of a robot's file, what they surely reach, for plans, or what they might,
-            for proofs.
+        robot: robot in place of the file's: a built-in name, a .urdf file or a .yaml file that
+            names one, or a ``Robot``; for a posture's JSON file the robot whose limbs stand. Not
+            for other JSON files.
+        sets: sets of the legs of a robot from a file: "inner" sets, which the feet surely reach,
+            for plans; "outer" ones, which hold all that they might reach, for proofs.
         reach: a folder of reach polytopes for the limbs, in place of their own
             (``robot.reach_file``); not for JSON files.
         alternative: another way to lay out a YAML file.

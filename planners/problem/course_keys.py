@@ -192,8 +192,9 @@ class CandidateSpec(_Keys):
     larger by as much as the sole.
 
     Arguments:
-        everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the
-            body may be, so that a proof that there is no plan is one for the whole terrain.
+        everywhere: offer all that a limb could reach wherever the body may be, in place of
+            ``count`` and ``window_m``, so that a proof that there is no plan holds for the whole
+            terrain.
     """
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
@@ -232,9 +233,9 @@ class CourseSpec(_Keys):
     """A course as a person writes it.
 
     Arguments:
-        frames: M.
-        gait: which limbs move between frames; a list of sets of limbs is gone through again and
-            again.
+        frames: number of key frames M.
+        gait: limbs that move between frames, by the name of a gait or as a list of sets of limbs,
+            which is repeated.
         start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m may be x
             and y alone, and the height is that in which the robot stands on the terrain there.
         stride_m: distance of neighbouring frames along it; the last line is then gone on, or cut
@@ -242,9 +243,9 @@ class CourseSpec(_Keys):
             frames are spread evenly from start to goal.
         push_n: horizontal push at the centre of mass that every stance has to bear in every
             direction.
-        wrench: what is on the body beside its weight, all of it added up.
-        mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the
-            body has the difference.
+        wrench: forces and moments on the body in addition to its weight; several add up.
+        mass_kg: mass of the robot with all that it carries, in place of its own; for a robot from a
+            file the body gets the difference.
     """
 
     name: str
@@ -345,8 +346,8 @@ class CourseSpec(_Keys):
         """The robot of the course.
 
         Arguments:
-            model: what ``robot_model`` gives.
-            sets: of its legs, see ``contact_robot``.
+            model: the model that ``robot_model`` gives.
+            sets: sets of its legs, see ``contact_robot``.
         """
         if self._given is not None and model is self._given.model:
             if model is None or sets == "inner":

@@ -43,8 +43,8 @@ def build_course(
     Raises InvalidInput.
 
     Arguments:
-        folder: where relative paths of files begin.
-        sets: of legs, see ``contact_robot``.
+        folder: folder from which relative paths start.
+        sets: sets of the legs, see ``contact_robot``.
         reach: a folder of polytopes in place of the robot's reach.
         alternative: another way to lay it out.
     """
@@ -313,9 +313,10 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
 
 
 def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str, ...], ...]:
-    """The sets of limbs that move in turn, limbs in the robot's order.
+    """The sets of limbs that move in turn, with the limbs in the robot's order.
 
-    Raises InvalidInput.
+    Raises InvalidInput for an unknown limb, a limb twice in a set, or a tripod gait of a number of
+    limbs that it is not for.
     """
     names = robot.limb_names
     if not isinstance(gait, str):
@@ -348,7 +349,7 @@ def _with_shifts(
     in the middle of its feet.
 
     Arguments:
-        places: of the limbs, for which side of a line they are on.
+        places: positions of the shoulders, which say on which side of a line a limb is.
     """
     cycle = list[tuple[str, ...]]()
     for moved, moving in zip(sets, [*sets[1:], *sets[:1]], strict=True):

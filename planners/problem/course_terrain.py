@@ -86,7 +86,7 @@ class Flat(TerrainSpec):
     """Level ground at z = 0.
 
     Arguments:
-        width_m: to each side of the path.
+        width_m: width to each side of the path.
     """
 
     kind: Literal["flat"]
@@ -153,9 +153,9 @@ class Walls(TerrainSpec):
     """Two facing walls along x.
 
     Arguments:
-        apart_m: from the middle to each.
-        lean_rad: of the left and the right, inward on top.
-        offset_m: the left and the right one's further distance.
+        apart_m: distance of each wall from the middle.
+        lean_rad: lean of the left and the right wall, positive if inward at the top.
+        offset_m: further distance of the left and the right wall.
     """
 
     kind: Literal["walls"]
@@ -231,7 +231,7 @@ class Tube(TerrainSpec):
     """A vertical tube about the start, of rings of flat facets.
 
     Arguments:
-        leans_rad: of the facets, in turn, inward on top.
+        leans_rad: lean of the facets, in turn, positive if inward at the top.
     """
 
     kind: Literal["tube"]
@@ -270,7 +270,7 @@ class Bars(TerrainSpec):
 
     Arguments:
         bar_m: width of a flat bar, diameter of a round one.
-        margin_m: of feet from borders of flat bars and from ends.
+        margin_m: distance of feet from the borders of flat bars, and from the ends of all bars.
     """
 
     kind: Literal["bars"]

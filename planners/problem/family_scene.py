@@ -94,7 +94,7 @@ def polygon_keys(patches: Sequence[Patch], footing: Sequence[bool]) -> dict[str,
     """A terrain in keys, surface by surface.
 
     Arguments:
-        footing: which of them toes may stand on.
+        footing: truth values, True for patches that toes may stand on.
     """
     polygons = [
         {

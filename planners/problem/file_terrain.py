@@ -25,7 +25,7 @@ class FileTerrain(TerrainSpec):
     Arguments:
         unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers
             mean, see ``ImportOptions``.
-        footholds: where on it toes may stand.
+        footholds: limits of places where toes may stand.
     """
 
     kind: Literal["mesh", "grid", "cloud", "file"] = "file"

@@ -17,10 +17,11 @@ class Foothold:
     """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
 
     Arguments:
-        toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses.
-        candidates: at least one; a toe that already stands has exactly one, the surface under it.
-        yaws_rad: of a sole on each candidate [rad]; () for 0. The same patch with several yaws is
-            several candidates. toe_m of a sole is its centre.
+        toe_m: position of a toe that stands already, shape (3,) [m]; None if the planner chooses.
+        candidates: patches to choose from, at least one; a toe that already stands has exactly one,
+            the surface under it.
+        yaws_rad: yaw angle of a sole on each candidate [rad]; () for 0. The same patch with several
+            yaws is several candidates. toe_m of a sole is its centre.
         force_min, force_max: bounds on (f_n, f_y, f_z) there, in units of the problem's force
             scale, shape (3,); None for those of the problem.
     """

@@ -23,8 +23,8 @@ class Gait:
     """A periodic gait.
 
     Arguments:
-        cycle_s: of a robot whose centre of mass is at HEIGHT_M.
-        duty: share of the cycle that a foot stands.
+        cycle_s: duration of a cycle for a robot whose centre of mass is at HEIGHT_M [s].
+        duty: share of the cycle in which a foot stands.
         offsets: when in the cycle each foot lifts off.
     """
 

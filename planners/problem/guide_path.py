@@ -76,11 +76,12 @@ class Footprint:
     """A standing robot from above.
 
     Arguments:
-        toes_m: from the centre of mass, shape (N, 3) [m].
-        hull_m: of all that it is made of, about the centre of mass, shape (K, 2) [m].
-        low_m, high_m: between which heights over the centre of mass solids are in its way [m].
-        names: of the limbs.
-        reach_m: mean of the limbs' [m].
+        toes_m: vectors from the centre of mass to the toes, shape (N, 3) [m].
+        hull_m: convex hull of the whole robot, about the centre of mass, shape (K, 2) [m].
+        low_m, high_m: lowest and highest height over the centre of mass at which solids are in its
+            way [m].
+        names: names of the limbs.
+        reach_m: mean reach of the limbs [m].
     """
 
     toes_m: Array
@@ -194,8 +195,8 @@ def guide_path(
 
     Arguments:
         avoid_m: places (x, y) where a plan along another way failed.
-        standing: where the robot can stand, facing along x: a way keeps off places where it is
-            proved that it cannot, and costs more where that is likely.
+        standing: map of where the robot can stand when it faces along x: a way avoids places where
+            standing is proved impossible, and costs more where it is likely impossible.
 
     Raises:
         NoPlace: for a start or goal in a solid, off the terrain, or without footholds for all toes,
@@ -253,11 +254,11 @@ class _Lattice:
     Arguments:
         z_m: height of the body there, NaN where it cannot stand, shape (n, m).
         worth: cost of a way there by its length.
-        missing: which toe lacks a foothold, −1 for none.
-        apart: where footholds are too far above or below each other.
+        missing: index of a toe that lacks a foothold, −1 for none.
+        apart: truth values, True if footholds are too far above or below each other.
         room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none.
         layered: whether footholds are above each other.
-        heights_m: of the ground at the nodes, where it is one of heights.
+        heights_m: heights of the ground at the nodes, for a terrain of heights.
     """
 
     corner_m: Array
@@ -287,7 +288,7 @@ class _Lattice:
 
         Arguments:
             apart: how far one may be above or below the mean of all toes', in reaches.
-            lowest: of footholds above each other the lowest counts, not the highest.
+            lowest: take the lowest of footholds above each other, not the highest.
         """
         reach, toes = footprint.reach_m, footprint.toes_m
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
@@ -638,7 +639,7 @@ class _Lattice:
         """Width of the widest gap, where a narrower robot would have a way; empty where none would.
 
         Arguments:
-            width: of this robot across its way [m].
+            width: width of this robot across its way [m].
         """
         low, high = 0.0, 1.0
         heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
@@ -716,7 +717,7 @@ def _room(
 
     Arguments:
         z: height of the body, shape (n, m).
-        scale: of the footprint.
+        scale: factor on the footprint.
     """
     blocked, by = np.full(z.shape, -1), np.full(z.shape, -1)
     if not np.isfinite(z).any():

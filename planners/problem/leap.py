@@ -73,8 +73,10 @@ class LeapLimits:
     """Limits of a leap's body and forces.
 
     Arguments:
-        momentum_m2_s: of each component of L per mass, at the ends of intervals [m²/s].
-        tilt_rad, goal_tilt_rad: of each component of Θ, always and at the end [rad].
+        momentum_m2_s: largest value of each component of L per mass, at the ends of intervals
+            [m²/s].
+        tilt_rad, goal_tilt_rad: largest value of each component of Θ, throughout and at the end
+            [rad].
         height_m: least height of the centre of mass over every toe that stands [m].
         force_share: largest normal force of a toe in units of the weight.
         ramp: share of that in the interval after a toe lands and in the one before it lifts.
@@ -106,16 +108,16 @@ class Leap:
 
     Arguments:
         name: a word.
-        robot: with an inertia; every limb may have ``LegLimits``.
-        phases: of stance and flight, in order; the first, where the body rests, and the last have
-            contacts.
-        timings_s: durations of the phases, one of these is to be chosen [s].
+        robot: a robot with an inertia; every limb may have ``LegLimits``.
+        phases: phases of stance and flight, in order; the first, in which the body rests, and the
+            last have contacts.
+        timings_s: lists of durations of the phases, of which one is to be chosen [s].
         footholds: one for every time that a limb begins to stand, with its candidates, or with the
             toe that stands already; ``frame`` is the phase in which it begins.
-        start, goal: of the body; the goal's c is the centre of a ball.
+        start, goal: states of the body; the goal's c is the centre of a ball.
         goal_radius_m: radius of that ball [m].
-        limits: of body and forces.
-        duration_s: what the durations of every timing add up to; None where nobody says [s].
+        limits: limits of body and forces.
+        duration_s: sum of the durations in every timing; None if not known [s].
 
     Raises:
         InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that

@@ -41,21 +41,22 @@ class LeapClass(BaseModel):
     """The numbers of a class of leaps; pairs are the ends of what is drawn evenly.
 
     Arguments:
-        robot: "nameless", or a robot's name or file.
-        height_m: of the body over its toes at both ends.
-        jump_m: ahead.
-        aside_m, rise_m: of the goal.
+        robot: "nameless", or the name or file of a robot.
+        height_m: height of the body over its toes at both ends.
+        jump_m: distance of the goal ahead.
+        aside_m, rise_m: distance of the goal to the side, and its height over the start.
         toes_m: nominal place of the first limb's toe (ahead, aside), mirrored for the others.
-        spread_m: how far candidates lie from it, along each axis, and drop_m up and down.
-        radius_m: of the triangular patches.
-        steep_deg: their inclination.
+        spread_m: largest distance of candidates from it along each axis; drop_m is that up and
+            down.
+        radius_m: radius of the triangular patches.
+        steep_deg: inclination of the patches.
         terrain: a family of terrain in place of such patches, at a level in ``level``: candidates
             are pieces of its surfaces, ``window_m`` wide, the nearest to the toe's place first, and
             the ground says how high the goal is.
-        candidates: per toe.
-        given: whether the toes of the first stance stand already, on level ground of friction
+        candidates: number of candidates per toe.
+        given: True if the toes of the first stance stand already, on level ground of friction
             stands.
-        intervals, timings_s: of stance, flight, stance.
+        intervals, timings_s: numbers of intervals and durations of stance, flight, stance.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

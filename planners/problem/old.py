@@ -24,7 +24,7 @@ class OldName(type):
 
 
 class PostureProblem(metaclass=OldName):
-    """As ``Problem.posture``."""
+    """The old name of ``Problem.posture``."""
 
     made = Problem.posture
     from_json = staticmethod(Problem.from_json)
@@ -36,7 +36,7 @@ class PostureProblem(metaclass=OldName):
 
 
 class Course(metaclass=OldName):
-    """As ``Problem``."""
+    """The old name of ``Problem``."""
 
     made = Problem
 
@@ -47,7 +47,7 @@ class Course(metaclass=OldName):
 
     @staticmethod
     def of_posture(problem: Problem, name: str = "posture") -> Problem:
-        """As ``Problem.course``."""
+        """The old name of ``Problem.course``."""
         return problem.course(name)
 
 

@@ -59,34 +59,35 @@ class Problem:
     ``Problem.posture(contacts, ...)``.
 
     Arguments:
-        name: of the problem.
-        robot: whose limbs are placed.
+        name: name of the problem, used in messages and files.
+        robot: the robot whose limbs are placed.
         terrain: every surface there is; footholds have to be pieces of it, or no plan on them is
             accepted.
-        footholds: toes put down, in order of frame, then limb; every limb has one at frame 0.
-        lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
+        footholds: places where toes are put down, in order of frame, then limb; every limb has one
+            at frame 0.
+        lifts: limbs that move between frames k − 1 and k, one tuple per frame, the first empty.
         next_lift: the limbs that would move after the last frame; what they leave behind must hold
             there, too.
-        com_nominal_m: shape (M, 3) [m].
-        com_radius_m: how far the COM may be from it, shape (M,) [m].
-        goal_m: where the last COM should be, shape (3,) [m].
+        com_nominal_m: nominal positions of the centre of mass, shape (M, 3) [m].
+        com_radius_m: largest distance of the centre of mass from there, shape (M,) [m].
+        goal_m: goal of the last centre of mass, shape (3,) [m].
         steps: largest steps between neighbouring frames.
-        weights: of the objective; None where any answer will do.
+        weights: weights of the objective; None if any feasible plan will do.
         tilt_limit_rad: largest component of Θ, within which the rotation is linearised [rad].
         gravity_m_s2: g [m/s²].
         length_scale_m: unit of non-dimensional lengths (E4) [m].
         force_scale_n: unit of non-dimensional forces (E3) [N]; the weight where None.
         force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the force
-            scale, shape (3,), where a foothold has none of its own.
-        modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,):
-            for reports only.
+            scale, shape (3,), unless a foothold has its own.
+        modes: mode of the terrain under each frame (0, 1, …), if known, shape (M,); used in reports
+            only.
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to
             bear [N].
-        standing_m: from the centre of mass to each toe as the robot stands at each frame, to which
-            ``weights.stance`` draws toes, shape (M, N, 3) [m].
-        wrench: on the body beside its weight at each frame, as of a payload, wind or a rope: force
-            [N] and moment about the centre of mass [Nm] in world axes, shape (M, 6)
-            (``problem.wrench``); None for none.
+        standing_m: vectors from the centre of mass to each toe of the standing robot at each frame,
+            to which ``weights.stance`` draws toes, shape (M, N, 3) [m].
+        wrench: force [N] and moment about the centre of mass [Nm] that act on the body in addition
+            to its weight at each frame, such as those of a payload, wind or a rope, in world axes,
+            shape (M, 6) (``problem.wrench``); None for none.
 
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers
@@ -225,14 +226,13 @@ class Problem:
 
         Arguments:
             contacts: one or more, each of another limb.
-            mass_kg: of the robot [kg].
-            com_nominal_m: where the centre of mass should be, shape (3,) [m].
-            com_radius_m: how far from there it may be [m].
-            gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as of ``Problem``.
-            robot: identity of the model that the limbs are of, see ``Robot``; empty where there is
-                none.
-            wrench: on the body beside its weight, force [N] and moment about the centre of mass
-                [Nm], shape (6,).
+            mass_kg: mass of the robot [kg].
+            com_nominal_m: nominal position of the centre of mass, shape (3,) [m].
+            com_radius_m: largest distance from there [m].
+            gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as in ``Problem``.
+            robot: identity of the model that the limbs belong to, see ``Robot``; empty without one.
+            wrench: force [N] and moment about the centre of mass [Nm] on the body in addition to
+                its weight, shape (6,).
 
         Raises:
             InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
@@ -282,7 +282,7 @@ class Problem:
         It is in units of the weight, as files of courses are.
 
         Arguments:
-            name: of the course.
+            name: name of the course.
             robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans
                 are then known, of these limbs (``robot.some_legs``). None where the reach of the
                 limbs is all that is to be known.
@@ -353,8 +353,8 @@ class Problem:
         """Read the JSON form of a problem.
 
         Arguments:
-            robot: of a posture problem, whose limbs the legs must be; None for the robot that it
-                names, or the hexapod.
+            robot: robot of a posture problem, whose limbs must be the legs of the file; None for
+                the robot that the file names, or the hexapod.
 
         Raises:
             InvalidInput: whose message lists every key that is wrong, separated by "; ".

@@ -41,14 +41,14 @@ class OursSpec(_Keys):
     """Keys that no kinematic scene has, from which a course is made of it.
 
     Arguments:
-        order: the limbs that move, one after the other, where the scene leaves that open.
+        order: limbs that move, one after the other, if the scene leaves that open.
         start: ``published``, ``free`` (anywhere on the surfaces of the first phase) or ``nearest``
             (moved to the nearest point of a surface).
         path_m: the nominal path of the centre of mass; the last point is the goal.
-        near: how many of the allowed surfaces a toe is offered, the nearest to its nominal place;
-            all where there is none.
-        sole_m, yaws_rad: of flat feet.
-        why: in words.
+        near: number of allowed surfaces that a toe is offered, the nearest to its nominal place;
+            all if missing.
+        sole_m, yaws_rad: corners and yaw angles of flat feet.
+        why: reason for these keys, in words.
     """
 
     mass_kg: Positive

@@ -41,22 +41,22 @@ class StandingMap:
     are as it stands, each put on the nearest place to stand within ``aside_m`` of that?
 
     Arguments:
-        terrain: its name and the beginning of its file's digest.
+        terrain: name of the terrain and the beginning of the digest of its file.
         robot: its name; identity: of its model, empty for the default hexapod.
-        friction: of the whole terrain.
+        friction: friction of the whole terrain.
         corner_m: place of the first cell, shape (2,) [m].
-        spacing_m: between places [m].
-        headings_rad: from x towards y, shape (H,) [rad].
-        verdict: per pose a number into ``VERDICTS``, shape (X, Y, H).
-        limit: what is in the way, or nearest, a number into ``LIMITS``, shape (X, Y, H).
-        margin: of a feasible pose the least room that its witness has, of an infeasible one minus
-            the moment that is proved to be left over, non-dimensional; of a likely one the
-            surrogate's estimate; NaN where nothing is known; shape (X, Y, H).
+        spacing_m: distance between neighbouring places [m].
+        headings_rad: headings, from x towards y, shape (H,) [rad].
+        verdict: verdict per pose, an index into ``VERDICTS``, shape (X, Y, H).
+        limit: limit that is violated, or nearest to it, an index into ``LIMITS``, shape (X, Y, H).
+        margin: non-dimensional, shape (X, Y, H): for a feasible pose the smallest slack of its
+            witness, for an infeasible one minus the moment that is proved to be left over, for a
+            likely one the estimate of the surrogate; NaN if nothing is known.
         z_m: height of the centre of mass, NaN without places to stand, shape (X, Y, H) [m].
-        aside_m: how far a toe's place may be from where it likes to be, from above [m].
-        error: of the likely answers of each kind at most this share is wrong; None without any.
-        confidence: with which that holds.
-        seconds: that each part took [s], by name.
+        aside_m: largest horizontal distance of a toe from its place in the standing posture [m].
+        error: largest share of wrong answers among the likely ones of each kind; None without any.
+        confidence: confidence with which that bound holds.
+        seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
 
     Raises:

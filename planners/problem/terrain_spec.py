@@ -46,5 +46,5 @@ class TerrainSpec(BaseModel, ABC):
         """The terrain along a path, shape (L, 3) [m].
 
         Arguments:
-            folder: where relative paths of files begin.
+            folder: folder from which relative paths start.
         """

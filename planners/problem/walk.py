@@ -35,19 +35,19 @@ class Walk:
     Arguments:
         robot: a torso with feet (``robot.single_body``).
         terrain: a height field.
-        start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m].
+        start_xy_m, goal_xy_m: places of the torso's centre of mass at the start and at the end,
+            shape (2,) [m].
         start_yaw_rad: heading at the start [rad].
-        end_yaw_rad: heading at the end, that of the start where it is None; from one to the other
-            the robot turns by their difference as it is, by more than a half turn where that is
-            more [rad].
+        end_yaw_rad: heading at the end; None for that of the start. The robot turns by exactly the
+            difference of the two, also if that is more than half a turn [rad].
         duration_s: T [s], up to 120.
         friction: ν of W5; less makes walks slower to find, and gentler.
-        adhesive: feet that stick, one truth value for each foot or none at all.
-        suction_n: what such a foot may pull with [N], s in ‖f_t‖ ≤ ν (f_n + s); SUCTION times the
+        adhesive: truth values, True for feet that stick, one per foot; empty for none.
+        suction_n: largest pull of an adhesive foot, s in ‖f_t‖ ≤ ν (f_n + s) [N]; SUCTION times the
             weight if missing.
         gait: a name of ``problem.gaits.GAITS``, for as many feet as the robot has.
-        cycle_s: of the gait [s]; the gait's own if missing, shorter for a low robot that balances
-            on fewer than three feet.
+        cycle_s: duration of a gait cycle [s]; the gait's own if missing, shorter for a low robot
+            that balances on fewer than three feet.
         timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are
             variables.
 

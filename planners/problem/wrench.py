@@ -30,8 +30,8 @@ def checked_wrench(
 
     Arguments:
         value: the wrenches.
-        shape: that they have to have.
-        weight_n: of the robot.
+        shape: expected shape.
+        weight_n: weight of the robot [N].
         length_m: length scale.
 
     Raises:
@@ -77,9 +77,9 @@ def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array
     (6,).
 
     Arguments:
-        force_n: shape (3,) [N].
-        moment_nm: shape (3,) [Nm].
-        at_m: from the centre of mass to the point where the force acts, shape (3,) [m].
+        force_n: the force, shape (3,) [N].
+        moment_nm: the moment, shape (3,) [Nm].
+        at_m: vector from the centre of mass to the point where the force acts, shape (3,) [m].
     """
     force = np.asarray(force_n, dtype=np.float64)
     moment = np.asarray(moment_nm, dtype=np.float64) + cross(

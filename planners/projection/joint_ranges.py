@@ -82,8 +82,11 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
 
 
 def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) -> bool:
-    """Tell whether angles, shape (M, J), are as near to these as a step's joints must be: restored
-    ones may have jumped.
+    """Tell whether the joint angles ``after`` a step are as close to those ``before`` it as a step
+    allows. Angles that inverse kinematics found again may have jumped.
+
+    Arguments:
+        before, after: joint angles, shape (M, J) [rad].
     """
     frame, joint = standing(layout, tuple(solver.legs.tolist()))
     first, then = (

@@ -81,7 +81,7 @@ class NlpProgram:
         return self.attempt(programs, scaled, start)[0]
 
     def attempt(self, programs: Programs, scaled: Scaled, start: Point) -> tuple[Point, str]:
-        """As ``solve``, with IPOPT's return status.
+        """Solve as ``solve`` does, and return IPOPT's status, too.
 
         A point that converged is polished: its toes are held and the rest is solved for again, as a
         conic program.

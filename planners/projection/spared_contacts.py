@@ -75,13 +75,15 @@ class SparedGiven(WholeBodyGiven):
 
     @cached_property
     def at_nothing(self) -> Array:
-        """−s with no force, and feet, body and rotation at zero, shape (T,)."""
+        """Constant term of the linearised torque limits, −s at zero forces with feet, body and
+        rotation at zero, shape (T,).
+        """
         placed = (self.by_place * self.feet_right[self._feet]).sum(axis=1)
         return np.asarray(self.torque.right - placed)
 
     @cached_property
     def at_held_toes(self) -> Array:
-        """``at_nothing`` with the toes held, shape (T,)."""
+        """The constant term ``at_nothing`` with the toes held in place, shape (T,)."""
         frame, limb = self._feet
         foothold = np.array(self.scaled.layout.holds)[frame, limb]
         return np.asarray(self.at_nothing - (self.by_place * self.held.toes[foothold]).sum(axis=1))

@@ -190,7 +190,7 @@ def _bent(
     *,
     braced: bool = False,
 ) -> WholeBodyPlan:
-    """As ``whole_body`` of a plan with joint angles.
+    """Bend a plan that has joint angles, for ``whole_body``.
 
     Arguments:
         braced: its stances go on bearing the pushes that they bear.
@@ -231,7 +231,9 @@ def _friction(plan: Plan) -> float:
 def _at_key_frames(
     plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool
 ) -> WholeBodyPlan:
-    """As ``whole_body`` of a plan with joint angles, with torques looked at at key frames only."""
+    """Bend a plan that has joint angles, for ``whole_body``, with torques checked at key frames
+    only.
+    """
     provenance = (
         {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}
     )  # what the verifier holds it to

@@ -64,7 +64,7 @@ class Relaxed:
 
     @cached_property
     def toes(self) -> Array:
-        """By candidate, where its share of the toe stands, shape (K, 3)."""
+        """Position of each candidate's share of the toe, shape (K, 3)."""
         starts = self.scaled.layout.candidate_starts
         sums = np.add.reduceat(self.weights[:, None] * self.scaled.vertices, starts)
         return sums / np.maximum(self.shares, 1e-12)[:, None]

@@ -36,17 +36,17 @@ class ActuatorModel:
 
     Arguments:
         stall_nm: greatest torque at rest, for a moment.
-        continuous_nm: what it bears for ever, None where nobody says.
-        no_load_rad_s: fastest, without load.
+        continuous_nm: largest torque that it can hold indefinitely; None if not known.
+        no_load_rad_s: largest speed, without load.
         curve: "linear", torque falls with speed to none at no_load_rad_s, as that of a motor at its
             supply's voltage does; "flat", all of it up to there.
-        gear: turns of the rotor for one of the joint.
-        rotor_kg_m2: the rotor's own inertia, before the gears, None where nobody says.
-        thermal_s: time constant of its heat, which with continuous_nm says how long it bears more;
-            None where nobody says: then it is taken to be as hot as it gets.
-        stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q) − Kd q̇; None
-            for what the robot is driven by otherwise.
-        source: of the numbers.
+        gear: turns of the rotor per turn of the joint.
+        rotor_kg_m2: the rotor's own inertia, before the gears; None if not known.
+        thermal_s: time constant of its heating, which with continuous_nm gives how long it can hold
+            more torque; None if not known: then it is taken to be as hot as it gets.
+        stiffness_nm_rad, damping_nms_rad: gains of its own position loop, τ = Kp (q* − q) − Kd q̇;
+            None for the robot's usual drive.
+        source: origin of the numbers.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")

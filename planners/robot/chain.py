@@ -21,10 +21,10 @@ class Chain:
     """n joints from the base to a foot.
 
     Arguments:
-        rotations, origins: of each joint's frame in the one before it (the first in the base), at q
-            = 0, shapes (n, 3, 3) and (n, 3) [m].
+        rotations, origins: pose of each joint's frame in the one before it (the first in the base),
+            at q = 0, shapes (n, 3, 3) and (n, 3) [m].
         axes: unit vectors in the joint's own frame, shape (n, 3).
-        slides: which joints are prismatic, shape (n,).
+        slides: truth values, True for prismatic joints, shape (n,).
         tip_m: the foot in the last joint's frame, shape (3,) [m].
     """
 

@@ -37,7 +37,7 @@ class _Cell:
     Arguments:
         sides: (axis, place, sign) of the planes that it is behind.
         points: on the surface in it, shape (P, 3) [m].
-        volume: of their hull.
+        volume: volume of their hull [m³].
     """
 
     sides: tuple[tuple[int, float, float], ...]

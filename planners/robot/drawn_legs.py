@@ -44,7 +44,7 @@ def drawn_urdf(
     units.
 
     Arguments:
-        servo: of every joint.
+        servo: drive of every joint.
         rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator
             takes it for a body's; for those that know no inertia of rotors.
 

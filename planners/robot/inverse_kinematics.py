@@ -138,8 +138,8 @@ class LegPostures:
     """Joint angles of K stances of N legs.
 
     Arguments:
-        angles: a leg each, shape (K, n) [rad].
-        error_m: of every foot, shape (K, N) [m].
+        angles: joint angles, one array per leg, shape (K, n) [rad].
+        error_m: position error of every foot, shape (K, N) [m].
     """
 
     angles: tuple[Array, ...]
@@ -161,7 +161,7 @@ class InverseKinematics:
         """The solver of a robot.
 
         Arguments:
-            seeds: of every leg, in the robot's order.
+            seeds: seeds of every leg, in the robot's order.
         """
         self.legs = tuple(seeds)
 
@@ -171,7 +171,7 @@ class InverseKinematics:
         Raises InvalidInput for feet of another shape.
 
         Arguments:
-            near: as of ``Seeds.solve``, a leg each.
+            near: postures to stay near to, one per leg, as ``Seeds.solve`` takes them.
         """
         target = np.asarray(feet, dtype=np.float64)
         if target.ndim != 3 or target.shape[1:] != (len(self.legs), 3):

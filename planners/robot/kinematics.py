@@ -167,13 +167,13 @@ class Kinematics:
 
         Arguments:
             com_m: the body's origin, shape (3,) [m].
-            rotation_rad: rotation vector, taken exactly, (3,).
-            toes_m: where limbs touch, shape (N, 3) [m].
-            normals: of the surfaces, shape (N, 3); the foot's centre is a radius away along them,
-                without them at the toe.
-            forces_n: on the robot, world frame, shape (N, 3) [N].
+            rotation_rad: rotation vector of the body, taken exactly, shape (3,) [rad].
+            toes_m: contact points of the limbs, shape (N, 3) [m].
+            normals: normals of the surfaces, shape (N, 3): the foot's centre is a radius away along
+                them; without them it is at the toe.
+            forces_n: forces on the robot, world frame, shape (N, 3) [N].
             seed: angles to stay close to, shape (J,).
-            obstacles: what the links of legs that are drawn up should keep off.
+            obstacles: solids that the links of drawn-up legs should keep away from.
             most_rad: a limb whose comfortable posture is farther from the seed leaves the seed as
                 little as goes, shape (N,).
         """

@@ -55,7 +55,7 @@ class Mount:
     Arguments:
         leg: number of the leg whose joint carries the link; None for the base and for arms at rest.
         joint: number of that joint in the leg, −1 for the base.
-        rotation: from the link's frame to the joint's or the base's, shape (3, 3).
+        rotation: rotation from the link's frame to the joint's or the base's, shape (3, 3).
         origin_m: origin of the link in that frame, shape (3,) [m].
     """
 
@@ -70,12 +70,12 @@ class Leg:
     """A chain of joints from the base to a foot.
 
     Arguments:
-        joints: from the base outward.
+        joints: the joints from the base outward.
         chain: their kinematics, in the same order.
         foot: the link that touches, a sphere of radius_m [m] about the chain's end, 0 for a point.
         stance_rad: the posture in which it stands, shape (n,).
-        contact: what a person says that the foot touches with, None where its shapes show it.
-        doubt: why nobody knows; plans of such a leg are refused.
+        contact: shape that touches, as a YAML file gives it; None if the collision shapes show it.
+        doubt: reason why the contact shape is not known; plans for such a leg are refused.
     """
 
     name: str

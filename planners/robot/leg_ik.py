@@ -215,7 +215,8 @@ def clearance_of(
     where none is near.
 
     Arguments:
-        origin, frame: of the points in the world, shape (…, 3) and (…, 3, 3).
+        origin, frame: origin and axes of the points' frame in the world, shape (…, 3) and (…, 3,
+            3).
         within_m: a solid farther from the origin takes no part.
     """
     close = Solids(solids).distances(origin.reshape(-1, 3)) < within_m

@@ -55,8 +55,8 @@ class Found:
     link, and what.
 
     Arguments:
-        indices: for every leg the number of the shape that touches, −1 where that is none.
-        gaps: what a person has to say before anything is planned, a line each.
+        indices: for every leg the index of the shape that touches, −1 if there is none.
+        gaps: entries that a YAML file has to add before anything can be planned, one line each.
     """
 
     legs: tuple[Leg, ...]
@@ -78,7 +78,8 @@ def legs_of(
     Arguments:
         order: names of its joints as the file has them, which is the order of the legs.
         feet: links that are feet, by the name of their leg; empty to look for them.
-        contacts: what feet touch with, by a leg's name, its foot's, or a pattern of either.
+        contacts: contact shapes of feet, by the name of a leg or of its foot, or by a pattern of
+            either.
 
     Raises:
         InvalidInput: where there are no legs, for two feet on one leg, for a leg with joints that
@@ -277,7 +278,7 @@ class _Tree:
         shape that touches.
 
         Arguments:
-            contact: what a person says that it touches with.
+            contact: contact shape, if a YAML file gives one.
 
         Raises:
             InvalidInput: for joints of more than one angle.

@@ -24,7 +24,7 @@ class LegSlopes:
 
     Arguments:
         feet: R_WB p_BF, shape (K, N, 3) [m].
-        levers: of every joint, shape (K, J, 3) [m].
+        levers: levers of every joint, shape (K, J, 3) [m].
         axes: a, shape (K, J, 3).
     """
 
@@ -37,7 +37,7 @@ class LegSlopes:
         """The slopes of K postures.
 
         Arguments:
-            angles: in the legs' order, shape (K, J) [rad].
+            angles: joint angles in the legs' order, shape (K, J) [rad].
             rotations: R_WB, shape (K, 3, 3).
         """
         feet, levers, axes, begin = [], [], [], 0

@@ -50,7 +50,7 @@ class LegSource(ABC):
         """The robot joint by joint; loads pinocchio.
 
         Arguments:
-            servo: of drawn-up legs, in place of the robot's own.
+            servo: drive of drawn-up legs, in place of the robot's own.
 
         Raises:
             InvalidInput: where no legs are known.
@@ -62,7 +62,7 @@ class LegSource(ABC):
         Raises InvalidInput for a robot without one.
         """
         raise InvalidInput(
-            f"robot: expected one with legs of its own, got {self.name}, which is but its limbs"
+            f"robot: expected one whose legs are known, got {self.name}, of which only the limbs are known"
         )
 
     @property
@@ -139,12 +139,12 @@ class OwnLegs(LegSource):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """As the file has them."""
+        """Names of the joints, as the file has them."""
         return self.model.joint_names
 
     @property
     def foot_radii_m(self) -> Array:
-        """As the file has them."""
+        """Radii of the feet, as the file has them [m]."""
         return np.array([leg.radius_m for leg in self.model.legs])
 
     @property
@@ -169,7 +169,7 @@ class OwnLegs(LegSource):
 
     @property
     def unrunnable(self) -> tuple[str, ...]:
-        """As the model says it."""
+        """The reasons that the model gives."""
         return self.model.unrunnable
 
     def to_json(self) -> dict[str, Any]:

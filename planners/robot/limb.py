@@ -48,16 +48,16 @@ class Limb:
 
     Arguments:
         name: a word.
-        shoulder_m: p_BS, shape (3,) [m].
-        reach_m: Δ_FK of E11 [m].
-        reach_rows: half-spaces that the toe is in, too; where they alone should count, reach_m is
-            that of a ball which holds them.
+        shoulder_m: p_BS, position of the shoulder in the body frame, shape (3,) [m].
+        reach_m: Δ_FK of E11, radius of the workspace about the shoulder [m].
+        reach_rows: half-spaces that hold the toe, in addition to the ball; to have them alone, set
+            reach_m to the radius of a ball that contains them.
         sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None
-            for a point foot. Reach and steps are of the centre.
-        hip_m: where the leg begins in the body frame, shape (3,) [m]; a surface has to face it.
-            None for the shoulder, which of a leg from a file is the centre of a ball and may be
-            below the ground.
-        leg: limits of its speed, power and length, which leaps ask for; None where nobody says.
+            for a point foot. Reach and steps refer to the centre.
+        hip_m: place where the leg begins in the body frame, shape (3,) [m]; a surface must face it
+            to be a foothold. None for the shoulder, which for a leg from a file is the centre of a
+            ball and may be below the ground.
+        leg: limits of its speed, power and length, which leaps need; None if they are not known.
 
     Raises:
         InvalidInput: for another name, a wrong shape, a reach that is not positive.

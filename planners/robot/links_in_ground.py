@@ -29,7 +29,7 @@ class LinksInGround:
     Arguments:
         points: whose hulls the shapes are, a shape each, (K, 3) [m].
         feet: the limb that touches with a shape, −1 for none.
-        radii_m: of the limbs' feet.
+        radii_m: radii of the limbs' feet.
     """
 
     def __init__(

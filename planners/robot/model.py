@@ -35,14 +35,15 @@ class _RobotNumbers:
 
     Arguments:
         name: a word.
-        mass_kg: of all of it.
+        mass_kg: the whole mass [kg].
         limbs: one or more.
-        identity: of the model that it is of.
-        model: of its own file.
-        relative_reach: where feet may be from a foot that is put down.
-        inertia_kgm2: about the centre of mass, of a robot that leaps.
+        identity: name and digest of the model that the robot comes from.
+        model: the model from the robot's own file.
+        relative_reach: regions in which feet may be, relative to a foot that is put down.
+        inertia_kgm2: inertia about the centre of mass, for a robot that leaps, shape (3, 3) [kg
+            m²].
         legs: the servo of legs that are drawn up.
-        absent: legs that it has, and whose place nobody says.
+        absent: legs that the robot has and whose position is not known.
     """
 
     name: str
@@ -87,20 +88,20 @@ class Robot:
 
     Arguments:
         name: a word.
-        mass_kg: of all of it [kg].
+        mass_kg: the whole mass [kg].
         limbs: one or more, of different names.
-        model: the robot's own legs, joint by joint, from its file; None where no more is known than
-            its limbs.
-        drawn: the servo of legs that are drawn up for its limbs, where someone asks for such legs.
-            The limbs of the default hexapod always have them.
-        identity: name and digest of the model that it is of; empty where there is none, as of the
-            default hexapod.
-        relative_reach: where feet may be from a foot that is put down, in order of limb, then of
-            the other.
-        inertia_kgm2: about the centre of mass in the body frame, shape (3, 3) [kg m²], which leaps
-            ask for; None for that of the model, if there is one.
-        absent: legs that it has beside its limbs, and whose place nobody says: their bodies are not
-            judged.
+        model: the robot's own legs, joint by joint, from its file; None if only its limbs are
+            known.
+        drawn: servo of legs that are drawn up for the limbs, for a robot without a file that asks
+            for such legs. The limbs of the default hexapod always have them.
+        identity: name and digest of the model that the robot comes from; empty without one, as for
+            the default hexapod.
+        relative_reach: regions in which feet may be, relative to a foot that is put down, in order
+            of limb, then of the other foot.
+        inertia_kgm2: inertia about the centre of mass in the body frame, shape (3, 3) [kg m²],
+            which leaps need; None for that of the model, if there is one.
+        absent: legs that the robot has beside its limbs and whose position is not known: their
+            bodies are not judged.
 
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another

@@ -50,7 +50,7 @@ class ModelJson(_Keys):
     digest.
 
     Arguments:
-        mesh_folders: of older files, which have no hulls; not looked into.
+        mesh_folders: folders of meshes in older files, which have no hulls; not looked into.
     """
 
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]

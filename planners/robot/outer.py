@@ -44,7 +44,7 @@ class OuterSet:
     Arguments:
         normals: unit vectors, shape (D, 3).
         offsets_m: shape (D,) [m].
-        centre_m, radius_m: of the ball.
+        centre_m, radius_m: centre and radius of the ball [m].
         slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
     """
 

@@ -17,9 +17,10 @@ class WholeBody:
 
     Arguments:
         rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m].
-        angles: shape (J,) [rad].
-        toes_m, normals: where limbs touch and of what surface, shape (N, 3).
-        stands: which of them do, shape (N,).
+        angles: joint angles, shape (J,) [rad].
+        toes_m, normals: contact points of the limbs [m] and normals of the surfaces there, shape
+            (N, 3).
+        stands: truth values, True for limbs that stand, shape (N,).
     """
 
     rotation: Array
@@ -57,9 +58,9 @@ class Near:
 
     Arguments:
         shape, other: numbers of the shapes, other −1 for the terrain.
-        name: of what it is near to.
-        distance_m: negative inside.
-        points_m: of both where they are nearest, in the world, shape (2, 3).
+        name: name of the other link or part of the terrain.
+        distance_m: distance between them, negative inside [m].
+        points_m: nearest points of both, in the world, shape (2, 3) [m].
         normal: unit vector from the other to the shape, along which the distance grows.
     """
 

@@ -60,7 +60,9 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
             [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
         )
     except ValueError:
-        raise InvalidInput(f"{where}: expected a mass and moments of inertia in numbers") from None
+        raise InvalidInput(
+            f"{where}: expected numbers for the mass and the moments of inertia"
+        ) from None
     if not np.isfinite([mass, *entries]).all():
         raise InvalidInput(f"{where}: expected a finite mass and finite moments of inertia")
     xx, xy, xz, yy, yz, zz = entries

@@ -111,7 +111,7 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
     Normals are as the file has them.
 
     Arguments:
-        stretch: as if the corners were so many times as far from their mean.
+        stretch: factor on the distances of the corners from their mean.
 
     Raises:
         InvalidInput: for a file without corners, normals and faces that name them (``v//n``).

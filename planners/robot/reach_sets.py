@@ -33,7 +33,7 @@ def limbs_over(
     """The limbs of a model over these sets of its legs, from its centre of mass as it stands.
 
     Arguments:
-        workspaces: of its legs; measured, or taken from the cache, where not given.
+        workspaces: workspaces of the legs; None to measure them, or take them from the cache.
 
     Raises:
         InvalidInput: for a leg whose foot is larger than its inner set, for one whose workspace has

@@ -53,16 +53,17 @@ class RobotKeys(BaseModel):
 
     Arguments:
         provider: an installed package that has the URDF, example-robot-data or pybullet.
-        urdf: the robot.
-        srdf: pairs of links that may touch, and a posture to stand in.
-        packages: folders where ``package://`` names lead.
-        name: in place of the URDF's.
+        urdf: path of the URDF.
+        srdf: path of an SRDF, read for pairs of links that may touch and for a standing posture.
+        packages: folders to which ``package://`` names lead.
+        name: name of the robot, in place of the URDF's.
         feet: the links that are feet, by the names that their legs shall have, or a list.
-        contacts: what a foot touches with where it is no ball: point_m in its link, and radius_m of
-            a ball about that, by foot, leg or pattern.
+        contacts: contact shape of a foot that is no ball, by foot, leg or pattern: point_m in its
+            link, and radius_m of a ball about that point.
         joints: corrections by name or pattern.
-        posture_rad: to stand in, by name or pattern.
-        root_rpy_rad: how the URDF's root lies in a frame whose z points up, where its own does not.
+        posture_rad: standing posture, by joint name or pattern [rad].
+        root_rpy_rad: roll, pitch and yaw of the URDF's root in a frame whose z points up, for a
+            root whose own z does not [rad].
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -91,7 +92,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 
     Arguments:
         name: hexapod, one of ``catalogue``, or a path.
-        srdf: in place of the one that a YAML file names.
+        srdf: path of an SRDF, in place of the one that a YAML file names.
 
     Raises:
         InvalidInput: in one line, for anything else.
@@ -115,8 +116,8 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
     """A robot as the contact planner has it, over the inner sets of its legs.
 
     Arguments:
-        robot: as for ``named_robot``; a ``Robot`` is returned as it is.
-        srdf: likewise, for a robot of a file.
+        robot: a robot, as ``named_robot`` takes it; a ``Robot`` is returned as it is.
+        srdf: path of an SRDF, for a robot from a file.
 
     Raises:
         InvalidInput: also for a leg without a workspace that has an inside.

@@ -83,13 +83,14 @@ class RobotModel:
     """A legged robot.
 
     Arguments:
-        urdf: its text, corrections written into it; what parses that sees this robot.
-        mounts: of every link by name.
+        urdf: text of the URDF, with corrections written into it, so that any parser of it sees this
+            robot.
+        mounts: place of every link, by name.
         disabled_pairs: links that may touch, from the SRDF.
-        remarks: what was guessed or is hard to believe.
-        gaps: what a person has to say of it in a YAML file before anything is planned, a line each.
-        older: of a model out of a file from before there were hulls, what that file says of it:
-            digests there are of this.
+        remarks: things that were guessed or are hard to believe.
+        gaps: entries that a YAML file has to add before anything can be planned, one line each.
+        older: for a model from a file written before there were hulls, the text of that file about
+            it, from which digests are taken.
         servo: the drive of every joint of legs that are drawn up; None where a robot's own file
             says what its joints can.
     """
@@ -245,7 +246,7 @@ class RobotModel:
         """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].
 
         Arguments:
-            angles: of each leg, shape (n,) [rad].
+            angles: joint angles of each leg, shape (n,) [rad].
         """
         placed = [
             leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)
@@ -288,18 +289,19 @@ def model_of(
     """The robot of a URDF's text.
 
     Arguments:
-        where: what messages call the file.
-        folder, packages: where meshes are; folder None where none is to be looked for.
-        hulls: of meshes, each with its parts after it, by the number of their shape, in place of
-            their files.
+        where: name of the file for messages.
+        folder, packages: folders of meshes; folder None to look for none.
+        hulls: convex hulls of meshes, each followed by its parts, by the index of their shape, in
+            place of their files.
         srdf: text of an SRDF, for pairs of links that may touch and a posture to stand in.
-        feet: links, by the names of their legs or alone; searched for where none is given.
-        contacts: what feet touch with, by leg, foot or pattern, where that is not a ball at the
-            leg's end.
+        feet: links that are feet, by the names of their legs or alone; empty to search for them.
+        contacts: contact shapes of feet, by leg, foot or pattern, for feet that are not a ball at
+            the leg's end.
         joints: corrections, by name or pattern.
-        posture_rad: of the standing robot, by joint or pattern.
-        name: in place of the URDF's.
-        root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
+        posture_rad: joint angles of the standing robot, by joint or pattern [rad].
+        name: name of the robot, in place of the URDF's.
+        root_rpy_rad: roll, pitch and yaw of the root in a frame whose z points up, for a root whose
+            own z does not [rad].
 
     Raises:
         InvalidInput: in one line, for a file that is no URDF of a robot with legs and masses.

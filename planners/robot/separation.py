@@ -30,7 +30,7 @@ class Bounds:
         least: no distance is less, shape (T, K) [m].
         way: how far points go from every moment to the next, of both bodies together, shape (T - 1,
             K) [m].
-        exact: which of the bounds are the distances themselves, shape (T, K).
+        exact: truth values, True for bounds that are the distances themselves, shape (T, K).
     """
 
     least: Array
@@ -79,9 +79,9 @@ def balls_apart(middles: Array, radii: Array, pairs: Index) -> Array:
     """Distances between balls around bodies, shape (T, K) [m].
 
     Arguments:
-        middles: of S bodies, shape (T, S, 3).
-        radii: of the balls, shape (S,).
-        pairs: shape (K, 2).
+        middles: centres of S bodies, shape (T, S, 3).
+        radii: radii of the balls, shape (S,).
+        pairs: indices of the bodies, shape (K, 2).
     """
     first, second = pairs.T
     between = middles[:, second] - middles[:, first]
@@ -94,8 +94,8 @@ def boxes_apart(between: Array, one: tuple[Array, Array], other: tuple[Array, Ar
     """Least distance at which an axis of either box keeps two apart, shape (L,) [m].
 
     Arguments:
-        between: from the one's middle to the other's, shape (L, 3).
-        one, other: R of the boxes, and half their sides, shapes (L, 3, 3) and (L, 3).
+        between: vector from the centre of one to that of the other, shape (L, 3).
+        one, other: rotations R of the boxes, and half their sides, shapes (L, 3, 3) and (L, 3).
     """
     (a, ha), (b, hb) = one, other
     across = np.abs(np.swapaxes(a, 1, 2) @ b)
@@ -112,7 +112,7 @@ def off_solids(
     these are the distances.
 
     Arguments:
-        middles: of the bodies, shape (L, 3).
+        middles: centres of the bodies, shape (L, 3).
         supports: how far they reach along the faces' normals, shape (L, F) or (L, 1).
         normals, offsets_m: of the F faces n·x = d of every convex body, shapes (L, F, 3), (L, F).
     """

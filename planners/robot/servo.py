@@ -29,10 +29,10 @@ class Servo:
     drives it.
 
     Arguments:
-        lower_rad, upper_rad: of yaw, hip, roll and knee.
+        lower_rad, upper_rad: joint limits of yaw, hip, roll and knee [rad].
         rotor_kg_m2: inertia of the rotor, seen behind the gears.
-        torque_nm, velocity_rad_s: limits.
-        stiffness_nm_rad, damping_nms_rad: Kp and Kd.
+        torque_nm, velocity_rad_s: limits of torque [Nm] and speed [rad/s].
+        stiffness_nm_rad, damping_nms_rad: gains Kp and Kd.
     """
 
     lower_rad: tuple[Angle, Angle, Angle, Angle] = (-1.9, -1.8, -2.6, -0.05)

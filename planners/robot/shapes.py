@@ -32,13 +32,13 @@ class Shape:
     Arguments:
         size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a
             mesh its scale, shape (3,).
-        rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m].
-        mesh: its file, or None where none was found.
+        rotation, origin_m: pose of the shape in the link, shapes (3, 3), (3,) [m].
+        mesh: path of its mesh, or None if none was found.
         collides: is it the link's body, or only what it looks like? corners_m: of a mesh that is a
             link's body the corners of its convex hull, at its scale, in the shape's own frame,
             shape (K, 3) [m]; None where they are not known.
-        parts_m: where the hull is much larger than the mesh, the corners of convex parts that hold
-            it, likewise.
+        parts_m: corners of convex parts that together contain the mesh, likewise, if its hull is
+            much larger than the mesh.
     """
 
     link: str
@@ -84,7 +84,7 @@ def shapes_of(
     """All shapes of a URDF, and the names of the meshes that are not there.
 
     Arguments:
-        folder: of the URDF, None where no mesh is to be looked for.
+        folder: folder of the URDF; None to look for no meshes.
         packages: folders in which ``package://NAME`` is a folder, or which are that package.
 
     Raises:

@@ -34,7 +34,7 @@ class Foot:
     the box from reach_min_m to reach_max_m.
 
     Arguments:
-        hip_m: where its leg begins.
+        hip_m: place where its leg begins.
     """
 
     name: str
@@ -69,9 +69,9 @@ class _WalkerKeys:
     """The keys of a walker, see ``GaitRobot``.
 
     Arguments:
-        model: of its own file.
+        model: the model from the robot's own file.
         legs: limits of the legs in leaps, by name or pattern.
-        source: of its numbers, for people.
+        source: origin of the numbers, for readers.
     """
 
     name: str
@@ -100,11 +100,11 @@ class GaitRobot:
     §III-A).
 
     Arguments:
-        inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²].
-        stand_height_m: of the centre of mass over level ground in the nominal stance [m].
-        trunk_half_m: half sides of the trunk's box, shape (3,) [m], which has to stay clear of the
-            terrain.
-        model: the robot of a URDF, which has joints, where it is one.
+        inertia_kgm2: inertia about the centre of mass in the torso's frame, shape (3, 3) [kg m²].
+        stand_height_m: height of the centre of mass over level ground in the nominal stance [m].
+        trunk_half_m: half sides of the trunk's box, which has to stay clear of the terrain, shape
+            (3,) [m].
+        model: the robot of a URDF, which has joints; None for a robot without one.
     """
 
     KEYS: ClassVar = _WalkerKeys

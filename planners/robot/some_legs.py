@@ -28,8 +28,8 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     limbs alone. ``absent`` names them, and verdicts say that their bodies are not judged.
 
     Arguments:
-        limbs: in the order of the robot's own.
-        mass_kg: of all of it [kg].
+        limbs: the limbs, in the robot's order.
+        mass_kg: the whole mass [kg].
 
     Raises:
         InvalidInput: for a robot whose legs are not known, and a mass that is not that of its file.

@@ -23,14 +23,14 @@ def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: b
     """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
 
     Arguments:
-        servo: of every joint, in place of the robot's own.
+        servo: drive of every joint, in place of the robot's own.
 
     Raises:
         InvalidInput: also for a robot with its own legs.
     """
     if robot.source.own:
         raise InvalidInput(
-            f"robot {robot.name}: expected none of its own to draw legs up for it, it has its file's"
+            f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with legs of its file"
         )
     return drawn_urdf(
         robot.name,

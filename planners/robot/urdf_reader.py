@@ -65,7 +65,8 @@ def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str)
     reads the same robot.
 
     Arguments:
-        corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win.
+        corrections: corrections by the name of a joint, or by a pattern of names (``*_KFE``); later
+            ones win.
 
     Raises:
         InvalidInput: for a name or pattern that fits no joint that moves.

@@ -81,7 +81,7 @@ def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
     if robot.limb_names == default.foot_names and robot.mass_kg == default.mass_kg:
         return default
     raise InvalidInput(
-        f"robot: expected one with legs of its own for a walk, got {robot.name}, which is but its limbs"
+        f"robot: expected one whose legs are known for a walk, got {robot.name}, of which only the limbs are known"
     )
 
 
@@ -100,7 +100,7 @@ def walker_of(
     feet where they are.
 
     Arguments:
-        workspaces: of its legs; measured, or taken from the cache, where not given.
+        workspaces: workspaces of the legs; None to measure them, or take them from the cache.
         trunk_half_m: half sides of the trunk's box, shape (3,) [m]; of the shapes that no leg
             carries where not given.
         ceiling_m: how high above the centre of mass a foot may be.

@@ -258,7 +258,9 @@ class _BestPlan:
         return _Node(lift=lift, bound=bound, depth=depth)
 
     def _push(self, node: _Node) -> None:
-        """By bound, in steps of a tenth of the gap; of equal ones the deepest first."""
+        """Queue a node: lowest bound first, in steps of a tenth of the gap, and among equal ones
+        the deepest.
+        """
         if node.lift.status is ConicStatus.SOLVED:
             bound = float(np.floor(node.bound / self._quantum)) * self._quantum
             heapq.heappush(self._queue, (bound, -node.depth, next(self._order), node))

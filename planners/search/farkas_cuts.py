@@ -49,8 +49,8 @@ class FarkasCuts:
         return best if least[best] > MARGIN else None
 
     def relief(self, choice: Index, opened: Array) -> Array:
-        """By how much other open candidates of every foothold would weaken the cuts that refute a
-        choice, shape (P,).
+        """Amounts by which other open candidates of every foothold would weaken the cuts that
+        refute a choice, shape (P,).
 
         Each in shares of what it proves; zeros where none refutes the choice.
         """

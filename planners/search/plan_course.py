@@ -349,8 +349,10 @@ def _refuted(
 
 
 def _as_wide(course: Problem) -> Problem:
-    """The course with the tilt limit of proofs, if it has the one that layouts give plans where
-    nothing is said: the same is proved of it and of the file that it was made of.
+    """Widen the tilt limit of a course from the default of plans to that of proofs; return other
+    courses as they are.
+
+    With this a loaded course and the file that it was made from get the same proof.
     """
     return (
         replace(course, tilt_limit_rad=TILT_LIMIT_RAD)

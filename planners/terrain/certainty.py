@@ -56,8 +56,8 @@ class Certainty:
         )
 
     def height_sd_m(self, places_m: Array) -> Array:
-        """Standard deviation of the ground's height off the plane at places, shape (…, 2) to (…)
-        [m].
+        """Standard deviation of the ground's height above the plane at places of shape (…, 2),
+        shape (…) [m].
         """
         levers = self.levers(places_m)
         plane = np.maximum(np.einsum("...i,ij,...j->...", levers, self.covariance, levers), 0.0)

@@ -393,7 +393,9 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
 
 
 def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
-    """A ground of heights, seen about where it is no longer level: there its courses begin."""
+    """A terrain of heights that is level around the origin. Its courses begin 2 ``LEVEL_M`` ahead,
+    where it is no longer level, and its patches are those about that place.
+    """
     from .smooth_families import LEVEL_M, levelled
 
     field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
@@ -465,7 +467,7 @@ def _riser(x: float, low: float, high: float, friction: float, half: float) -> P
 
 
 def _ends(extent: Array) -> tuple[float, float, float]:
-    """From where to where along x, and how far to each side [m]."""
+    """First and last x, and the width to each side [m]."""
     return float(extent[0, 0]), float(extent[1, 0]), float(extent[1, 1])
 
 

@@ -325,7 +325,7 @@ def _surfaces(
 
 
 def _slack(count: Any) -> Any:
-    """By how much the rms of so many heights may be above their deviation: three of its own
+    """Amount by which the rms of so many heights may exceed their deviation: three of its own
     deviations.
     """
     return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))

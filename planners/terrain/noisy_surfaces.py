@@ -407,9 +407,9 @@ def _joined(
 def _excess(
     parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float
 ) -> float:
-    """By how much means over blocks are off one plane of two surfaces beyond what noise may do,
-    below 0 where they are not; the larger of that of both and that of the smaller one alone, in its
-    deviations.
+    """Amount by which means over blocks are off one plane of two surfaces, beyond the effect of
+    noise, below 0 where they are not; the larger of that of both and that of the smaller one alone,
+    in its deviations.
     """
     one, other = pair
     a, b, c = solved(sums[:, one] + sums[:, other])[0]

@@ -112,9 +112,9 @@ class Formula:
     """A terrain by its formula.
 
     Arguments:
-        shape: h of x and y, arrays of one shape [m].
-        spacing_m: of its spline's knots.
-        tasks: walks that it is known for, none if missing.
+        shape: the height h as a function of x and y, arrays of one shape [m].
+        spacing_m: distance between the knots of the terrain's spline [m].
+        tasks: walks that are known for this terrain; none if missing.
     """
 
     shape: Shape
@@ -146,9 +146,9 @@ TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
 
 
 def _formula(name: str) -> Formula | HeightField:
-    """Ground behind a name, a plain function as a formula.
+    """Look up a terrain by its name, and wrap a plain function h(x, y) in a ``Formula``.
 
-    Raises InvalidInput.
+    Raises InvalidInput for an unknown name.
     """
     formula = TERRAINS.get(name)
     return formula if isinstance(formula, Formula | HeightField) else Formula(shape=formula)

@@ -93,8 +93,8 @@ class BodyReport:
 
 
 def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
-    """As few samples of a motion as are not farther apart than ``APART_M`` and ``TURN_RAD``, with
-    the first and the last.
+    """The fewest samples of a motion that are no farther apart than ``APART_M`` and ``TURN_RAD``,
+    with the first and the last.
 
     Arguments:
         points_m: feet and body's origin at every sample, shape (K, P, 3) [m].

@@ -56,8 +56,8 @@ def reach_rows(limbs: Limbs) -> tuple[Array, Array] | None:
 
 
 def beyond(ball: Array, rotation: Array, legs: Array, rows: tuple[Array, Array] | None) -> Array:
-    """By how much K toes are out of reach [m], shape (K,): of the ball, or of (a + Θ × a)·(p_w − c)
-    ≤ b.
+    """Distances by which K toes are out of reach [m], shape (K,): of the ball, or of (a + Θ ×
+    a)·(p_w − c) ≤ b.
 
     Arguments:
         ball: out of it.

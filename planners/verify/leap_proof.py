@@ -281,7 +281,7 @@ class _Parts:
         return high
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
-        """By how much a limb must reach farther before the leaf fails [m]; inf where it weighs
+        """Additional reach of a limb with which the leaf would fail [m]; inf where it weighs
         nothing.
         """
         return self.least(opened) / self.pulls[i] if self.pulls[i] > 0.0 else math.inf

@@ -308,8 +308,7 @@ def _claims(posture: Plan) -> list[tuple[Array, Array] | None]:
 
 
 def violations(at: Stances) -> dict[str, Array]:
-    """By how much every constraint is violated [SI], in the order of ``GROUPS``; 0 or less where it
-    is not.
+    """Violation of every constraint [SI], in the order of ``GROUPS``; 0 or less where it is not.
 
     Shapes: patch, friction, reach (K,); force_bounds (K, 3); tilt (S, 3); com (S,); of the two
     balances what is left over, (S, 3).

@@ -63,9 +63,7 @@ class StepMeasurements:
         return self._speed(self.trajectory.contact[:-1] ^ self.trajectory.contact[1:])
 
     def stance_time(self, least_s: float) -> Series:
-        """By how much a stance is too short, from its first sample to the first one after it
-        [s].
-        """
+        """Time by which a stance is too short, from its first sample to the first one after it [s]."""
         return self._marked(
             (stance, least_s - (stance.last - stance.first + 1) * self.step_s)
             for stance in _phases(self.trajectory.contact)
@@ -73,8 +71,8 @@ class StepMeasurements:
         )
 
     def swing_time(self, least_s: float) -> Series:
-        """By how much a swing is too short, between the samples at which the foot stands before and
-        after it [s]; of one that the trajectory's ends cut off nobody knows.
+        """Time by which a swing is too short, between the samples at which the foot stands before
+        and after it [s]; of one that the trajectory's ends cut off nobody knows.
         """
         whole = (swing for swing in self._swings if swing.whole)
         return self._marked(
@@ -89,14 +87,14 @@ class StepMeasurements:
     # the air
 
     def lift(self, least_m: float) -> Series:
-        """By how much the highest point of a swing, along the normal, is too low [m]."""
+        """Distance by which the highest point of a swing, along the normal, is too low [m]."""
         return self._marked(
             (swing, least_m - float(self._heights(swing).max())) for swing in self._swings
         )
 
     def clearance(self, least_m: float) -> Series:
-        """By how much a foot comes too near the ground, along the normal, in the middle half of its
-        swing [m].
+        """Distance by which a foot comes too near the ground, along the normal, in the middle half
+        of its swing [m].
         """
         return self._marked(
             (swing, least_m - float(self._middle(swing).min())) for swing in self._swings

@@ -65,7 +65,7 @@ def descend(
 
 
 def _shrink(now: Evaluation, found: Evaluation, slope: float) -> float:
-    """By how much to shorten a step: to the parabola's minimum where there is one, within [.1,
+    """Factor by which to shorten a step: to the parabola's minimum where there is one, within [.1,
     .5].
     """
     if not np.isfinite(found.total):

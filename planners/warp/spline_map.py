@@ -74,7 +74,7 @@ class SplineMap:
             raise InvalidInput(f"domain_m: expected increasing spans, got {self.domain_m}")
         if min(self.control_m.shape[1:]) < 4:
             raise InvalidInput(
-                f"control_m: expected 4 or more along each axis, got {self.control_m.shape[1:]}"
+                f"control_m: expected 4 or more points along each axis, got {self.control_m.shape[1:]}"
             )
 
     @property

@@ -51,7 +51,7 @@ class Retreat:
 
     @property
     def knots_s(self) -> Array:
-        """As of ``Motion``."""
+        """Times of the knots, as in ``Motion`` [s]."""
         return np.linspace(0.0, self.duration_s, KNOTS)
 
     def at(self, times_s: float | Array) -> Samples:

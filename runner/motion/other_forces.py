@@ -23,7 +23,7 @@ class _OtherForces:
 
     @property
     def knots_s(self) -> Array:
-        """As of ``Motion``."""
+        """Times of the knots, as in ``Motion`` [s]."""
         return self._motion.knots_s
 
 

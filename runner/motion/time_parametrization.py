@@ -94,7 +94,7 @@ class TimedMotion(Generic[M_co]):
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """As of ``Motion``."""
+        """Solids, as in ``Motion``."""
         return self.motion.solids
 
     @property
@@ -275,7 +275,7 @@ def undisturbed(
     wished: RedundancyResolution | None = None,
     feedback: ContactFeedback = BLIND,
 ) -> list[Target]:
-    """Targets that the tracker sends along a whole motion when all feet feel what they should."""
+    """Targets that the tracker sends over a whole motion if all feet feel the planned forces."""
     tracker = Tracker(motion, kinematics, rate_hz, feedback, wished=wished)
     targets = [tracker.start()]
     while (target := tracker.next(expected(tracker.coming))) is not None:

@@ -176,7 +176,7 @@ class SafeWorld:
     def reset(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """As the world's; what is real is measured, and moves not.
+        """Reset the world. A real robot is only measured and does not move.
 
         Raises Stopped, InvalidInput, HardwareFault.
         """

@@ -81,13 +81,14 @@ class StopLatch:
         return self._first[0][0] if self._first else float("nan")
 
     def listen(self, *sources: Source) -> None:
-        """Ask these, too, from now on."""
+        """Add sources of stops, to be asked from now on."""
         self._sources += sources
 
     def poll(self) -> None:
-        """Ask the sources.
+        """Ask the sources of stops, and trip if one of them asks for a stop.
 
-        One that fails trips it, too: a stop button that cannot be read is no stop button.
+        A source that raises an error trips the latch, too: a stop button that cannot be read is no
+        stop button.
         """
         if self._first or not self._sources:
             return

@@ -85,7 +85,7 @@ class ReplayWorld(LatchedWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """As ``WorldClass``."""
+        """Make the world, see ``WorldClass``."""
         path = settings.file("a log", cls.name)
         if settings.rate_hz is not None:
             raise InvalidInput("rate_hz: expected none with world replay: the log has its own")

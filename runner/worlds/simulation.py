@@ -82,12 +82,12 @@ class SimulatedWorld(LatchedWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """As ``WorldClass``."""
+        """Make the world, see ``WorldClass``."""
         contact = settings.contact
         if settings.setup is not None:
             if contact is not None:
                 raise InvalidInput(
-                    "contact_stiffness_n_m: expected it in the set-up file or beside it, got both"
+                    "contact_stiffness_n_m: expected a value from the set-up file or from the option, got both"
                 )
             contact = SimulationSetup.from_yaml(settings.setup).contact
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz

@@ -374,7 +374,7 @@ def test_where_no_known_actuator_bears_a_plan_that_is_said(
             {"robot": "ant"},
             "setup.yaml: robot: expected hexapod, whom the plan is for, got ant",
         ),
-        ("ros", {"port": 9}, "rosbridge ws://127.0.0.1:9: expected a rosbridge, nobody is there"),
+        ("ros", {"port": 9}, "rosbridge ws://127.0.0.1:9: expected a rosbridge, got no answer"),
         (
             "ros",
             {"joints": {"LF_yaw": None}},

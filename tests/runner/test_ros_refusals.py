@@ -71,6 +71,6 @@ def test_a_rosbridge_that_is_absent_or_no_websocket_is_refused_in_one_line() -> 
         said = refused(same_names(JOINTS, port=port, **QUICK))
         assert said.startswith(f"rosbridge ws://127.0.0.1:{port}: expected a rosbridge, ")
         assert said.endswith("what answers there does not speak WebSocket")
-    assert "expected a rosbridge, nobody is there: " in refused(
+    assert "expected a rosbridge, got no answer: " in refused(
         same_names(JOINTS, port=port, **QUICK)
     )

@@ -143,7 +143,9 @@ def test_a_set_up_file_says_how_the_ground_yields(
     file.write_text("format: stancekit/simulation/1\ncontact_stiffness_n_m: 2.0e+4\n")
     with made(setup=file) as world:
         assert world.contact == SoftContact(stiffness_n_m=2e4)  # type: ignore[attr-defined]
-    with pytest.raises(InvalidInput, match="expected it in the set-up file or beside it, got both"):
+    with pytest.raises(
+        InvalidInput, match="expected a value from the set-up file or from the option"
+    ):
         made(setup=file, contact=SoftContact(stiffness_n_m=2e4))
 
 

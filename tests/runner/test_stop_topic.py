@@ -71,7 +71,7 @@ def test_where_no_rosbridge_is_nothing_begins(bridge: RosBridge) -> None:
     port = bridge.port
     bridge.close()
     with (
-        pytest.raises(InvalidInput, match="expected a rosbridge, nobody is there"),
+        pytest.raises(InvalidInput, match="expected a rosbridge, got no answer"),
         StopTopic(f"127.0.0.1:{port}/x"),
     ):
         pass

@@ -56,9 +56,8 @@ class SceneAnswer:
 
 
 def quick_answer(scenario: Scenario) -> SceneAnswer:
-    """An answer for the eye, from the contacts alone; undecided where it would take longer.
-
-    Raises nothing.
+    """A fast answer for the display, which looks at contacts alone; undecided if it would take
+    longer. Raises nothing.
     """
     begin = time.process_time()
     try:

@@ -35,7 +35,9 @@ def set_up(server: Any) -> None:
 
 
 def let_camera(server: Any, target_m: Array, away_m: float, towards: Array) -> None:
-    """From where a page is seen first: ``away_m`` from a place, in a direction of shape (3,)."""
+    """Set the first view of a page: the camera looks at ``target_m`` from a distance of ``away_m``,
+    in the direction ``towards``, shape (3,).
+    """
     camera = server.initial_camera
     camera.look_at, camera.fov = tuple(target_m), FOV_RAD
     camera.position = tuple(target_m + away_m * towards / np.linalg.norm(towards))

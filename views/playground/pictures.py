@@ -92,7 +92,9 @@ class Pictures:
 
 
 def _between(scene: Scene) -> Scene:
-    """The scene without ink."""
+    """The scene with everything that is drawn in the ink colour drawn in the colour of ways
+    instead.
+    """
     bodies = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.bodies]
     paths = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.paths]
     return replace(scene, bodies=bodies, paths=paths)

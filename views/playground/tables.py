@@ -96,8 +96,8 @@ def margins(plan: Plan) -> tuple[float, int, str]:
 def _torques(
     plan: Plan, now: Samples, solver: Kinematics | None
 ) -> tuple[list[float], list[float]]:
-    """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's
-    limit.
+    """For each limb the torque of the joint that is nearest to its limit [Nm], and its share of the
+    joint's limit.
     """
     count = len(plan.problem.robot.limbs)
     if solver is None:

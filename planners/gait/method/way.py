@@ -306,8 +306,11 @@ class _Way:
 
 
 def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Trajectory | None]:
-    """The way, as far as an interrupted run had gone, and what it had planned, which is judged
-    anew; from the start where that is not this way's or not accepted.
+    """Resume an interrupted run: the way as far as it had got, and the walk that it had planned,
+    which is judged anew.
+
+    Starts from the beginning if the checkpoint belongs to another way, or if its walk is not
+    accepted.
     """
     way = _Way(task, path)
     if not kept.pieces:

@@ -176,7 +176,7 @@ class IterateRecorder(cs.Callback):
         )
 
     def get_n_in(self) -> int:
-        """As many as IPOPT gives."""
+        """Number of values that IPOPT gives."""
         return int(cs.nlpsol_n_out())
 
     def get_n_out(self) -> int:

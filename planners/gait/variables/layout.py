@@ -130,7 +130,9 @@ class GaitLayout:
         return self._rows(rows, self.torso[knots], basis.data[:, None], 6 * len(times_s))
 
     def foot_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
-        """Rows of p̄_i at times, by the schedule's switching times, shape (3 len(times), size)."""
+        """Matrix that maps the decision vector to p̄_i, or to its derivative of this order, at
+        these times, shape (3 len(times), size). Switching times are those of the schedule.
+        """
         entries, triplets, times = (
             self.feet[foot],
             _Triplets(),

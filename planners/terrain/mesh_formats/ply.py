@@ -59,7 +59,7 @@ class _Element:
 
     @property
     def least(self) -> int:
-        """Bytes that one row of a binary file has at least."""
+        """Smallest number of bytes that one row of a binary file can have."""
         return sum(np.dtype(each.length or each.kind).itemsize for each in self.properties)
 
     @property

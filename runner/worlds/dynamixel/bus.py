@@ -285,7 +285,7 @@ class ServoBus:
     def _read_some(
         self, address: int, size: int, times: int
     ) -> tuple[Bytes | None, NDArray[np.bool_]]:
-        """As ``_read_once``, asked so many times at most."""
+        """Read as ``_read_once`` does, with a limited number of attempts."""
         for _ in range(times):
             table, raised = self._read_once(address, size)
             if table is not None:

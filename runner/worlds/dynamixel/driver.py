@@ -112,7 +112,7 @@ class DynamixelWorld(HardwareWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """As ``WorldClass``."""
+        """Make the world, see ``WorldClass``."""
         calibration = Calibration.from_yaml(
             settings.file("a calibration file", cls.name), joint_names(settings.robot)
         )

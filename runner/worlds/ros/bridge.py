@@ -60,7 +60,7 @@ class RosLink:
             socket.create_connection(self._address, timeout=self.timeout_s).close()
         except OSError as error:
             raise InvalidInput(
-                f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}"
+                f"rosbridge {self.url}: expected a rosbridge, got no answer: {error}"
             ) from None
         for name in ("roslibpy", "autobahn"):
             logging.getLogger(name).addHandler(SILENT)

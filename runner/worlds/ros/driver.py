@@ -81,7 +81,7 @@ class RosWorld(HardwareWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """As ``WorldClass``."""
+        """Make the world, see ``WorldClass``."""
         setup = RosSetup.from_yaml(
             settings.file("a set-up file", cls.name), joint_names(settings.robot)
         )

@@ -255,7 +255,7 @@ def follow_goal(
 
 
 def duration(seconds: float, ros: Literal[1, 2]) -> Message:
-    """As the two ROS write it."""
+    """A duration as ROS 1 or ROS 2 writes it."""
     whole, nanos = divmod(round(seconds * 1e9), 1_000_000_000)
     return {"sec": whole, "nanosec": nanos} if ros == 2 else {"secs": whole, "nsecs": nanos}
 

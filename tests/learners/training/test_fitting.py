@@ -109,7 +109,7 @@ def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
         (
             "rl",
             {"rl": {"steps": 8, "problem": "wall-5"}},
-            "rl.problem: expected nothing, it follows from the data set",
+            "rl.problem: expected no value, since the data set gives it",
         ),
         ("gmm", {"steps": 0}, "steps: expected greater than 0, got 0"),
         ("quantile", {"share": 0.7}, "share: expected less than 0.5, got 0.7"),

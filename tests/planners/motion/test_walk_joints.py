@@ -100,6 +100,6 @@ def test_a_robot_of_boxes_has_no_joints() -> None:
     walk = leaning()
     with pytest.raises(
         InvalidInput,
-        match=r"^robot: expected one with legs of its own, got quadruped, which is but its limbs$",
+        match=r"^robot: expected one whose legs are known, got quadruped, of which only the limbs are known$",
     ):
         walk_joints(replace(walk, robot=replace(walk.robot, model=None)))

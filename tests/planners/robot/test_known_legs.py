@@ -221,7 +221,9 @@ def test_a_robot_over_other_sets_is_the_same_robot() -> None:
     assert outer.identity == robot.identity
     with pytest.raises(InvalidInput) as error:
         hexapod().sets("outer")
-    said = "robot: expected one with legs of its own, got hexapod, which is but its limbs"
+    said = (
+        "robot: expected one whose legs are known, got hexapod, of which only the limbs are known"
+    )
     assert str(error.value) == said
 
 

@@ -138,7 +138,7 @@ def test_what_is_no_map_file_is_refused_by_one_line(tmp_path):
         ({"format": np.array("stancekit/warp/0")}, "expected format stancekit/warp/1"),
         (
             {"control_m": arrays["control_m"][:, :3]},
-            r"control_m: expected 4 or more along each axis, got \(3, 8, 6\)",
+            r"control_m: expected 4 or more points along each axis, got \(3, 8, 6\)",
         ),
         ({"control_m": np.nan * arrays["control_m"]}, "control_m: expected finite numbers"),
         ({"extra": np.zeros(1)}, "wrong: extra"),
