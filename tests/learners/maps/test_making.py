@@ -4,6 +4,7 @@ at a measured error.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -191,3 +192,18 @@ def test_bad_numbers_are_refused(level: Path, how: dict[str, float], line: str) 
     with pytest.raises(InvalidInput) as caught:
         stancekit.map(level, **how)  # type: ignore[arg-type]
     assert str(caught.value).startswith(line)
+
+
+def test_a_file_proves_no_footholds_and_no_poses_of_another_height(
+    level: Path, tmp_path: Path
+) -> None:
+    made, path = poses(level, spacing_m=0.4), tmp_path / "m.npz"
+    plain = make_map(made, MapSettings())
+    everywhere = np.full(plain.shape, FEASIBLE, dtype=np.uint8)
+    replace(plain, verdict=everywhere, limit=np.ones(plain.shape, dtype=np.uint8)).save(path)
+    found = make_map(made, MapSettings(), checkpoint=path)
+    assert np.array_equal(found.verdict, plain.verdict)
+    assert np.array_equal(found.limit, plain.limit)
+    replace(plain, z_m=plain.z_m + np.float32(0.01)).save(path)
+    with pytest.raises(InvalidInput, match="expected a map of the same terrain"):
+        make_map(made, MapSettings(), checkpoint=path)
