@@ -2,7 +2,8 @@
 rest, where that is wanted, called likely at an error that was measured on this very map.
 
 The rest is calibrated on poses that are drawn from it by chance and proved: the others are then
-exchangeable with them, and stay so, since those that are proved later are drawn by chance, too. Limits of the score are looked at from the strictest one on, and the last
+exchangeable with them, and stay so, since those that are proved later are drawn by chance, too.
+Limits of the score are looked at from the strictest one on, and the last
 counts up to which the share of wrong answers, by the upper end of its interval, is within the error
 (Learn then Test, fixed sequence: Angelopoulos et al., 2021).
 """

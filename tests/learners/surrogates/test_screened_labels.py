@@ -86,6 +86,10 @@ def test_a_screened_set_teaches_and_never_calibrates(surrogate: Surrogate, tmp_p
     assert sum(card["learned_from"].values()) == 80 - round(0.35 * 20) * 2
     with pytest.raises(InvalidInput, match=r"^calibration: expected rows as they are drawn"):
         stancekit.fit(plain, "surrogate", epochs=1, calibration=rows)
+    with pytest.raises(
+        InvalidInput, match=r"^calibration: expected rows as they are drawn, not scr"
+    ):
+        stancekit.fit(rows, "surrogate", epochs=1)
 
 
 @pytest.mark.parametrize(
