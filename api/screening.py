@@ -26,8 +26,9 @@ def screen(
             or one of them. A ``PostureBatch`` of arrays takes no time to make.
         surrogate: what ``fit(rows, "surrogate")`` returned, or its file.
         error: of truly feasible problems of the class at most this share is called infeasible, and
-            of truly infeasible ones at most this share feasible; the smaller, the more problems are
-            left to ask an exact planner about. Typically 0.001 to 0.05.
+            of truly infeasible ones at most this share feasible, of trivially infeasible ones only
+            where the rows of the calibration had any; the smaller, the more problems are left to
+            ask an exact planner about. Typically 0.001 to 0.05.
 
     Returns:
         A ``Screened``: ``answers``, "feasible", "infeasible" or "ask" per problem, ``margins``, and

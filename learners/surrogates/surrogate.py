@@ -132,7 +132,7 @@ class Surrogate:
         """Raise InvalidInput unless it learned from the class of this name."""
         if name != self.problem_class:
             raise InvalidInput(
-                f"surrogate: expected one for {name}, got one for {self.problem_class}"
+                f"screen: expected a surrogate for {name}, got one for {self.problem_class}"
             )
         self.check_fits(problem)
 

@@ -58,7 +58,7 @@ class StandingMap:
             surrogate's estimate; NaN where nothing is known; shape (X, Y, H).
         z_m: height of the centre of mass, NaN without places to stand, shape (X, Y, H) [m].
         aside_m: how far a toe's place may be from where it likes to be, from above [m].
-        error: of the likely answers of each kind at most this share is wrong; None without any.
+        error: chance with which a likely answer of either kind is wrong, at most; None without any.
         confidence: with which that holds.
         seconds: that each part took [s], by name.
         card: how the likely answers were learned and calibrated.
