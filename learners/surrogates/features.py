@@ -29,7 +29,12 @@ GENERIC = np.array([0.83, 0.56, 0.0])
 
 
 class Features(NamedTuple):
-    """tokens: shape (B, N, ``TOKEN``); corners: (B, N, U, ``CORNER``); single precision."""
+    """Numbers that the network sees, in single precision.
+
+    Arguments:
+        tokens: shape (B, N, ``TOKEN``).
+        corners: shape (B, N, U, ``CORNER``).
+    """
 
     tokens: NDArray[np.float32]
     corners: NDArray[np.float32]
