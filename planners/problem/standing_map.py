@@ -20,8 +20,8 @@ from ..files.writing import write_bytes
 
 FORMAT = "stancekit/standing-map/1"
 MOST_BYTES = 512_000_000
-DAMAGED = (InvalidInput, ValueError, KeyError, TypeError, OSError, EOFError, OverflowError)
-DAMAGED += (MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
+DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
+DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """What comes of a file that is no map, or that was damaged."""
 MOST_POSES = 20_000_000
 VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infeasible")
