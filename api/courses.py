@@ -312,10 +312,12 @@ def _question(
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
         from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
 
-        if isinstance(course, str) and names_ground(course):
-            course = _footholds(course, None if who == "hexapod" else who)
         if isinstance(standing, str | Path):
             standing = StandingMap.read(standing)
+        if standing is not None:
+            _check_map(standing, course)
+        if isinstance(course, str) and names_ground(course):
+            course = _footholds(course, None if who == "hexapod" else who)
         return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
     if standing is not None:
         raise InvalidInput("standing: expected a start and a goal over a terrain with it, got none")
@@ -350,6 +352,20 @@ def _question(
             f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}"
         )
     return course
+
+
+def _check_map(standing: StandingMap, terrain: Footholds | str | Path) -> None:
+    """Raise InvalidInput for a map of another terrain; footholds that are of no file or name are
+    not known by it.
+    """
+    from stancekit.envs.distributions.cut import identity_of
+    from stancekit.planners.terrain.reference import names_ground
+
+    name = terrain.name if isinstance(terrain, Footholds) else str(terrain)
+    if not isinstance(terrain, Footholds) or names_ground(name) or Path(name).is_file():
+        mine = identity_of(name)
+        if standing.terrain != mine:
+            raise InvalidInput(f"standing: expected a map of {mine}, got one of {standing.terrain}")
 
 
 def _footholds(name: str, robot: Robot | str | None) -> Footholds:

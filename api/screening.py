@@ -26,8 +26,9 @@ def screen(
             patches alone; or one of them. A ``PostureBatch`` of arrays takes no time to make.
         surrogate: the surrogate that ``fit(rows, "surrogate")`` returned, or its file.
         error: largest share of truly feasible problems of the class that are called infeasible, and
-            of truly infeasible ones that are called feasible. The smaller, the more problems are
-            left to an exact planner. Typically 0.001 to 0.05.
+            of truly infeasible ones that are called feasible; of trivially infeasible ones only if
+            the calibration had such rows. The smaller, the more problems are left to an exact
+            planner. Typically 0.001 to 0.05.
 
     Returns:
         A ``Screened``: ``answers``, "feasible", "infeasible" or "ask" per problem, ``margins``, and

@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from stancekit.learners.surrogates.calibration import checked_error
+from stancekit.learners.surrogates.screened import read_surrogate
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
@@ -25,6 +27,7 @@ def map(
     friction: float = 0.8,
     time_limit_s: float = 60.0,
     fit: bool = False,
+    surrogate: Any = None,
     error: float = 0.005,
     seed: int = 0,
     checkpoint: str | Path | None = None,
@@ -46,8 +49,11 @@ def map(
         fit: learn from the poses that are proved by half of the time which verdict is likely for
             the others (needs torch). The poses for calibration are all proved, even if that takes
             longer.
-        error: largest share of wrong answers among the poses called likely feasible, and among
-            those called likely infeasible.
+        surrogate: surrogate that ``fit(rows, "surrogate")`` returned for all limbs of the robot on
+            ground, or its file, instead of the one that ``fit`` would learn; it is calibrated on
+            this map, too.
+        error: largest chance that a pose called likely feasible is not, and that a pose called
+            likely infeasible is, at a confidence of 95 %.
         seed: seed for the choice of the poses on which likely answers are calibrated.
         checkpoint: file .npz to which the map is written from time to time, and from which the same
             call goes on.
@@ -61,7 +67,8 @@ def map(
 
     Raises:
         InvalidInput: for a terrain that cannot be read or has no place to stand, a grid of no
-            cells, an error of 0 or 1, and a checkpoint of another map.
+            cells, an error of 0 or 1, a checkpoint of another map, and a surrogate of another class
+            or robot.
     Source:
         None: the exact planner of Lin et al.'s P, pose by pose.
 
@@ -78,6 +85,8 @@ def map(
     from stancekit.learners.maps.making import MapSettings, make_map
     from stancekit.learners.maps.poses import Poses
 
+    if fit and surrogate is not None:
+        raise InvalidInput("fit: expected none with a surrogate, which is learned already")
     path = None if checkpoint is None else Path(checkpoint)
     if path is not None and path.suffix != ".npz":
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
@@ -90,7 +99,14 @@ def map(
     )
     settings = MapSettings(time_limit_s=time_limit_s, fit=fit, error=error, seed=seed)
     try:
-        return make_map(poses, settings, progress, began_s=began, checkpoint=path)
+        return make_map(
+            poses,
+            settings,
+            progress,
+            began_s=began,
+            checkpoint=path,
+            surrogate=None if surrogate is None else read_surrogate(surrogate),
+        )
     except ImportError as missing:
         raise InvalidInput(
             f"fit: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"

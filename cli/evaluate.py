@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
+PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
 SHOWN = 6
 """Rows that break a condition and are named in the table; --json has all."""
 
@@ -61,7 +62,7 @@ class Evaluate:
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told
     so."""
-    projection: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
+    projection: Annotated[tuple[str, ...], PROJECTION] = PROJECTED
     """Projections; nlp takes some 30 ms a problem."""
     theorem: bool = False
     """Ask the conditions of Lin et al.'s theorem (§III) of fixed envelopes in place of Table I's
@@ -131,6 +132,10 @@ class Evaluate:
         files = [str(path) for path in self.envelope] + list(self.selector)
         if not files:
             raise InvalidInput("--theorem: expected --envelope FILE with fixed boxes, got none")
+        if self.projection != PROJECTED:
+            raise InvalidInput(
+                f"--projection: expected none with --theorem, got {' '.join(self.projection)}"
+            )
         workers = executor(self.executor, workers=self.workers, address=self.address)
         for file in files:
             with progress(f"theorem {Path(file).stem}") as bar:

@@ -52,8 +52,11 @@ class MapTerrain:
     """Limit for all of it [s]."""
     fit: bool = False
     """Learn what is likely of poses that are not reached (extra rl)."""
+    surrogate: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Of `stancekit fit --method surrogate`, for all limbs of the robot on ground, in the place of
+    --fit; it is calibrated on this map, too."""
     error: float = 0.005
-    """Share of the likely answers of each kind that may be wrong."""
+    """Chance with which a likely answer may be wrong."""
     seed: int = 0
     """Seed of the poses that likely answers are calibrated on."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
@@ -80,7 +83,16 @@ class MapTerrain:
                 f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
             )
         checkpoint = self.out if self.out is not None and self.out.suffix == ".npz" else None
-        names = ("spacing_m", "headings", "friction", "error", "seed", "fit", "spacing_m, headings")
+        names = (
+            "spacing_m",
+            "headings",
+            "friction",
+            "error",
+            "seed",
+            "fit",
+            "surrogate",
+            "spacing_m, headings",
+        )
         with progress(f"map {Path(self.terrain).name}") as bar, as_options(*names):
             standing = map_terrain(
                 self.terrain,
@@ -90,6 +102,7 @@ class MapTerrain:
                 friction=self.friction,
                 time_limit_s=self.time_limit_s,
                 fit=self.fit,
+                surrogate=self.surrogate,
                 error=self.error,
                 seed=self.seed,
                 checkpoint=checkpoint,
@@ -130,7 +143,7 @@ def _table(found: StandingMap) -> Table:
     if found.error is not None and found.confidence is not None:
         table.add_row(
             "likely",
-            f"at most {100 * found.error:.3g} % of each kind wrong, with {100 * found.confidence:.0f} % confidence",
+            f"each wrong with a chance of {100 * found.error:.3g} % at most, at a confidence of {100 * found.confidence:.0f} %",
         )
     if found.in_the_way():
         text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())

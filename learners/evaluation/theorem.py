@@ -218,9 +218,14 @@ def _projectable(
 
     None where the solver gave up on one and no other fails.
     """
-    gap, holds = Acceptance().gap, True
+    gap = Acceptance().gap
+    holds: bool | None = True
     for point in points:
-        holds = holds and project(programs, way, scaled, point).residual <= gap
+        left = project(programs, way, scaled, point).residual
+        if not np.isfinite(left):
+            holds = None
+        elif left > gap:
+            return False
     return holds
 
 

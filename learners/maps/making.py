@@ -2,7 +2,8 @@
 rest, where that is wanted, called likely at an error that was measured on this very map.
 
 The rest is calibrated on poses that are drawn from it by chance and proved: the others are then
-exchangeable with them. Limits of the score are looked at from the strictest one on, and the last
+exchangeable with them, and stay so, since those that are proved later are drawn by chance, too.
+Limits of the score are looked at from the strictest one on, and the last
 counts up to which the share of wrong answers, by the upper end of its interval, is within the error
 (Learn then Test, fixed sequence: Angelopoulos et al., 2021).
 """
@@ -14,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,9 @@ from stancekit.planners.verify.hindrance import hindrances
 
 from .poses import Index, Poses
 
+if TYPE_CHECKING:
+    from ..surrogates.surrogate import Surrogate
+
 BLOCK = 512
 """Poses that are proved together."""
 NODES = 200
@@ -55,6 +59,8 @@ LEARNED = 20_000
 SHARE_OF_FIT = 0.5
 """Share of the time in which poses are proved before anything is learned."""
 CONFIDENCE = 0.95
+SAME_M = 1e-4
+"""Bodies of one question are as high in both maps [m]."""
 Progress = Callable[[int, int, str], object]
 
 
@@ -107,9 +113,12 @@ class Maker:
         self._tried[which] = True
 
     def take(self, earlier: StandingMap) -> None:
-        """Go on from a map of the same question: what it proves."""
+        """Go on from a map of the same question: what it proves, but for footholds, which are known
+        here.
+        """
         verdict = earlier.verdict.ravel()
         proved = (verdict == FEASIBLE) | (verdict == INFEASIBLE)
+        proved &= ~self.poses.off & (earlier.limit.ravel() != LIMITS.index("foothold"))
         self.verdict[proved] = verdict[proved]
         self.limit[proved] = earlier.limit.ravel()[proved]
         self.margin[proved] = earlier.margin.ravel()[proved]
@@ -189,6 +198,7 @@ def make_map(
     *,
     began_s: float | None = None,
     checkpoint: Path | None = None,
+    surrogate: Surrogate | None = None,
 ) -> StandingMap:
     """Make the map of these poses within the time.
 
@@ -197,13 +207,24 @@ def make_map(
         began_s: of ``time.monotonic``, from when on the time counts; now where None.
         checkpoint: file .npz from which a map of the same question goes on, and to which it is
             written now and then.
+        surrogate: of the robot's class, in the place of one that is learned here; it is calibrated
+            on this map all the same.
+
+    Raises:
+        InvalidInput: for a checkpoint of another map, and a surrogate of other problems.
     """
+    if surrogate is not None:
+        surrogate.check_fits(poses.like)
+    likely = settings.fit or surrogate is not None
     began = time.monotonic() if began_s is None else began_s
     end, maker = began + settings.time_limit_s, Maker(poses)
     seconds = {"poses": time.monotonic() - began}
     if checkpoint is not None and checkpoint.exists():
         earlier = StandingMap.read(checkpoint)
-        if earlier.question != maker.map({}).question:
+        mine = maker.map({})
+        if earlier.question != mine.question or not np.allclose(
+            earlier.z_m, mine.z_m, rtol=0.0, atol=SAME_M, equal_nan=True
+        ):
             raise InvalidInput(
                 f"{checkpoint}: expected a map of the same terrain, robot, friction and grid to go on from, got another"
             )
@@ -224,26 +245,27 @@ def make_map(
         return done
 
     started = time.monotonic()
-    until = end if not settings.fit else started + SHARE_OF_FIT * max(end - started, 0.0)
+    until = end if not likely else started + SHARE_OF_FIT * max(end - started, 0.0)
     go(maker.coarse_to_fine(), until, "proving")
     seconds["proving"] = time.monotonic() - started
-    if not settings.fit or not len(maker.open):
+    if not likely or not len(maker.open):
         return maker.map(seconds)
-    return _with_likely(maker, settings, go, seconds, end)
+    rng, began = np.random.default_rng(settings.seed), time.monotonic()
+    if surrogate is None:
+        surrogate = _learned(maker, settings, rng)
+        if surrogate is None:
+            go(maker.coarse_to_fine(), end, "proving")
+            seconds["proving"] += time.monotonic() - began
+            return maker.map(seconds)
+        seconds["fit"] = time.monotonic() - began
+    return _with_likely(maker, settings, surrogate, rng, go, seconds, end)
 
 
-def _with_likely(
-    maker: Maker,
-    settings: MapSettings,
-    go: Callable[[Index, float, str], int],
-    seconds: dict[str, float],
-    end: float,
-) -> StandingMap:
-    """Learn from what is proved, calibrate on a draw of the rest, and call what is left likely."""
+def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> Surrogate | None:
+    """What is learned from proved poses; None where all of them have one answer."""
     from ..surrogates.rows import FARTHEST, LabelledBatch
     from ..surrogates.training import SurrogateSettings, fit_rows
 
-    rng, began = np.random.default_rng(settings.seed), time.monotonic()
     proved = np.flatnonzero(
         (maker.verdict == FEASIBLE)
         | ((maker.verdict == INFEASIBLE) & (maker.limit != LIMITS.index("foothold")))
@@ -251,15 +273,13 @@ def _with_likely(
     learned = np.sort(rng.permutation(proved)[:LEARNED])
     kinds = np.where(maker.verdict[learned] == FEASIBLE, "feasible", "infeasible")
     if len(set(kinds.tolist())) < 2:
-        go(maker.coarse_to_fine(), end, "proving")
-        seconds["proving"] += time.monotonic() - began
-        return maker.map(seconds)
+        return None
     rows = LabelledBatch(
         batch=maker.poses.batch(learned),
         kinds=kinds,
         margins=np.clip(maker.margin[learned].astype(float), -FARTHEST, FARTHEST),
     )
-    surrogate = fit_rows(
+    return fit_rows(
         rows,
         SurrogateSettings(
             width=48, layers=1, epochs=settings.epochs, calibration=0.02, seed=settings.seed
@@ -267,7 +287,20 @@ def _with_likely(
         problem_class=maker.poses.terrain,
         origin={"map": maker.poses.terrain},
     )
-    seconds["fit"] = time.monotonic() - began
+
+
+def _with_likely(
+    maker: Maker,
+    settings: MapSettings,
+    surrogate: Surrogate,
+    rng: np.random.Generator,
+    go: Callable[[Index, float, str], int],
+    seconds: dict[str, float],
+    end: float,
+) -> StandingMap:
+    """Calibrate a surrogate on a draw of the rest, and call what is left likely."""
+    from ..surrogates.surrogate import CLIPPED
+
     began = time.monotonic()
     sample = rng.permutation(maker.open)[:CALIBRATION]
     go(sample, math.inf, "calibrating")  # all of them, or they are no draw by chance
@@ -281,17 +314,18 @@ def _with_likely(
         settings.error,
         lost,
     )
-    go(maker.coarse_to_fine(), end, "proving")
+    go(rng.permutation(maker.open), end, "proving")  # by chance: what is left stays like the draw
     seconds["proving"] += time.monotonic() - began
     began = time.monotonic()
     left = maker.open
     scores, margins = surrogate.scores(maker.poses.batch(left)) if len(left) else (np.zeros(0),) * 2
     for verdict, those in ((LIKELY, scores > limits[1]), (UNLIKELY, scores < limits[0])):
         maker.verdict[left[those]] = verdict
-        maker.margin[left[those]] = np.clip(margins[those], -FARTHEST, FARTHEST)
+        maker.margin[left[those]] = np.clip(margins[those], -CLIPPED, CLIPPED)
     seconds["calling"] = time.monotonic() - began
     card = {
-        "learned_from": surrogate.provenance["learned_from"],
+        "surrogate": surrogate.digest,
+        "learned_from": surrogate.provenance.get("learned_from", {}),
         "calibrated_on": {
             "feasible": int((maker.verdict[known] == FEASIBLE).sum()),
             "infeasible": int((maker.verdict[known] == INFEASIBLE).sum()),

@@ -21,7 +21,8 @@ class Screened:
             feasible, within ±0.1, non-dimensional: no bound holds it; shape (B,).
         scores: by which it answers, the larger, the more feasible, shape (B,).
         error: of truly feasible problems of the class at most this share is called infeasible, and
-            of truly infeasible ones at most this share feasible.
+            of truly infeasible ones at most this share feasible; of trivially infeasible ones only
+            where the rows of the calibration had any.
         confidence: with which that holds, by the rows that it was calibrated on.
 
     Raises:

@@ -77,8 +77,9 @@ class Surrogate:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of class, weights and calibration: what its answers follow from."""
+        """SHA-256 of class, network and calibration: what its answers follow from."""
         so_far = hashlib.sha256(f"{FORMAT} {self.problem_class} {self._like_text}".encode())
+        so_far.update(json.dumps(asdict(self.network.architecture), sort_keys=True).encode())
         for name, tensor in sorted(self.network.state_dict().items()):
             so_far.update(name.encode() + tensor.numpy().tobytes())
         for kind in KINDS:
@@ -102,9 +103,11 @@ class Surrogate:
     @property
     def least_error(self) -> float:
         """The smallest error at which it says anything, by the number of rows of its
-        calibration.
+        calibration; 1 without any.
         """
         there = [len(rows) for rows in self.calibration.values() if len(rows)]
+        if not there:
+            return 1.0
         doubt = (1.0 - CONFIDENCE) / len(there)
         return min(-math.expm1(math.log(doubt) / count) for count in there)
 
@@ -129,7 +132,7 @@ class Surrogate:
         """Raise InvalidInput unless it learned from the class of this name."""
         if name != self.problem_class:
             raise InvalidInput(
-                f"surrogate: expected one for {name}, got one for {self.problem_class}"
+                f"screen: expected a surrogate for {name}, got one for {self.problem_class}"
             )
         self.check_fits(problem)
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveInt
 from torch import Tensor
 from torch.nn import functional
 
@@ -53,7 +53,7 @@ class SurrogateSettings:
     heads: PositiveInt = 4
     epochs: PositiveInt = 40
     batch: PositiveInt = 256
-    rate: PositiveFloat = 2e-3
+    rate: Annotated[float, Field(gt=0.0, le=10.0)] = 2e-3
     decay: Annotated[float, Field(ge=0.0)] = 1e-2
     calibration: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.35
     margin: Annotated[float, Field(ge=0.0)] = 0.3
@@ -76,7 +76,7 @@ def fit_surrogate(
         calibration: rows to calibrate on, besides the part of the others that is kept for that.
 
     Raises:
-        InvalidInput: where feasible or infeasible rows are missing.
+        InvalidInput: where feasible or infeasible rows are missing, or rows to calibrate on.
     """
     rows = LabelledBatch.of(datasets)
     origin = [one.origin for one in datasets]
@@ -92,7 +92,7 @@ def fit_surrogate(
         fresh = [k for k, each in enumerate(held.batch.vertices_m) if each.tobytes() not in seen]
         held = held.select(np.array(fresh, dtype=np.intp))
         origin.append(calibration.origin)
-    return fit_rows(
+    surrogate = fit_rows(
         rows,
         settings,
         progress,
@@ -100,6 +100,12 @@ def fit_surrogate(
         origin={"datasets": origin},
         held=held,
     )
+    if not any(map(len, surrogate.calibration.values())):
+        raise InvalidInput(
+            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got none of "
+            f"{len(rows)}: a larger share, or a data set for it"
+        )
+    return surrogate
 
 
 def fit_rows(
@@ -122,6 +128,11 @@ def fit_rows(
         counts = ", ".join(f"{count} {kind}" for kind, count in known.items())
         raise InvalidInput(f"data set: expected feasible and infeasible rows, got {counts}")
     learned, held_out = _parts(rows, settings.calibration, settings.seed)
+    if len(set((rows.kinds[learned] == "feasible").tolist())) < 2:
+        raise InvalidInput(
+            f"calibration: expected a share that leaves feasible and infeasible rows to learn from, got "
+            f"{settings.calibration:g} of {len(rows)} rows"
+        )
     seer = Seer.of(rows.batch.like)
     seen = seer.features(rows.batch)
     with torch.random.fork_rng():

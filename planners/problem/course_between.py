@@ -88,6 +88,11 @@ def course_between(
             name or "the default hexapod" for name in (standing.identity, body.identity)
         )
         raise InvalidInput(f"standing: expected a map of {theirs}, got one of {mine}")
+    if standing is not None and terrain.friction > standing.friction:
+        raise InvalidInput(
+            f"standing: expected a map at a friction of {terrain.friction:g} or more, got {standing.friction:g}: what "
+            "cannot be stood on there may be here"
+        )
     way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)

@@ -486,7 +486,7 @@ class _Lattice:
         low, high = self._border
         beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
         if beyond > 0.0:
-            raise NoPlace(
+            raise InvalidInput(  # whatever the stance
                 f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
                 "beyond its border"
             )

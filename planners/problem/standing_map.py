@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,14 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import read_bytes
+from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
 
 FORMAT = "stancekit/standing-map/1"
 MOST_BYTES = 512_000_000
+DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
+DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""What comes of a file that is no map, or that was damaged."""
 MOST_POSES = 20_000_000
 VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infeasible")
 """What is known of a pose: the second and third are proved."""
@@ -54,7 +58,7 @@ class StandingMap:
             likely one the estimate of the surrogate; NaN if nothing is known.
         z_m: height of the centre of mass, NaN without places to stand, shape (X, Y, H) [m].
         aside_m: largest horizontal distance of a toe from its place in the standing posture [m].
-        error: largest share of wrong answers among the likely ones of each kind; None without any.
+        error: largest chance that a likely answer of either kind is wrong; None without any.
         confidence: confidence with which that bound holds.
         seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
@@ -105,6 +109,7 @@ class StandingMap:
             "spacing_m": self.spacing_m,
             "headings_rad": np.round(self.headings_rad, 9).tolist(),
             "shape": list(self.shape),
+            "aside_m": round(self.aside_m, 9),
         }
 
     def counts(self) -> dict[str, int]:
@@ -206,7 +211,7 @@ class StandingMap:
                 sizes = [info.file_size for info in held.zip.infolist()]
                 if sum(sizes) > MOST_BYTES:
                     raise ValueError(f"expected {MOST_BYTES} bytes of arrays or fewer")
-                head = json.loads(str(held["head"]))
+                head = parse_json(str(held["head"]), "head")
                 arrays = {name: held[name] for name in ARRAYS}
             if not isinstance(head, dict) or head.get("format") != FORMAT:
                 got = head.get("format") if isinstance(head, dict) else head
@@ -224,21 +229,29 @@ class StandingMap:
             spacing = float(head["spacing_m"])
             if headings.shape != shape[2:] or corner.shape != (2,) or not spacing > 0.0:
                 raise ValueError("expected a grid of the arrays' shape")
-            if not (np.isfinite(headings).all() and np.isfinite(corner).all()):
-                raise ValueError("expected a finite grid")
+            if not arrays["verdict"].size:
+                raise ValueError("expected one pose or more")
+            numbers = {name: float(head[name]) for name in ("friction", "aside_m")}
+            shares = {
+                name: None if head[name] is None else float(head[name])
+                for name in ("error", "confidence")
+            }
+            every = [*headings, *corner, spacing, *numbers.values()]
+            every += [share for share in shares.values() if share is not None]
+            if not np.isfinite(every).all():
+                raise ValueError("expected a finite grid, and finite numbers of it")
+            if shares["error"] is None and (arrays["verdict"] > INFEASIBLE).any():
+                raise ValueError("error: expected a number beside likely answers, got none")
             parts: dict[str, Any] = {
                 **arrays,
                 **{name: str(head[name]) for name in ("terrain", "robot", "identity")},
-                **{name: float(head[name]) for name in ("friction", "aside_m")},
-                **{
-                    name: None if head[name] is None else float(head[name])
-                    for name in ("error", "confidence")
-                },
+                **numbers,
+                **shares,
                 "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
                 "card": dict(head["card"]),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
-        except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError) as error:
+        except DAMAGED as error:
             raise InvalidInput(
                 f"{path}: expected a map of `stancekit map` ({FORMAT}): {' '.join(str(error).split()):.200}"
             ) from None

@@ -51,6 +51,9 @@ MARGIN = 4
 DET_FLOOR = 0.1
 """What min det J must be for the fast path to stop trying."""
 MOST_CONTROLS = 200_000
+SEPARABLE, FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
+"""Methods that solve axis by axis, and the cells along one: with fewer, two points a cell do not
+tell cells + 3 splines apart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,6 +125,10 @@ def fit_map(
             can hold.
     """
     began = process_time()
+    if method in SEPARABLE and min(_cells(cells)) < FEWEST_CELLS:
+        raise InvalidInput(
+            f"cells: expected {FEWEST_CELLS} or more along each axis with {method}, got {cells}"
+        )
     grid = QuadratureGrid.of_band(
         field.domain_m, checked(height_m, "height_m", above=0.0, most=100.0), _cells(cells), 2
     )

@@ -86,6 +86,13 @@ def test_a_plan_keeps_off_places_of_a_map(stancekit, level, tmp_path):
     ran = stancekit("plan", "walls", "--map", "half.npz")
     assert ran.code == 2
     assert ran.err.startswith("stancekit: error: --map: expected a terrain's file as COURSE")
+    (tmp_path / "other.obj").write_bytes(b"# another\n" + (tmp_path / level).read_bytes())
+    ran = stancekit("plan", "other.obj", *where[2:], "--map", "half.npz")
+    assert ran.code == 2
+    assert ran.err.startswith("stancekit: error: --map: expected a map of other-")
+    ran = stancekit(*where, "--friction", "0.9", "--map", "half.npz")
+    assert ran.code == 2
+    assert "--map: expected a map at a friction of 0.9 or more, got 0.8" in ran.err
     (tmp_path / "no.npz").write_bytes(b"nothing")
     ran = stancekit(*where, "--map", "no.npz")
     assert ran.code == 2

@@ -1,5 +1,7 @@
 """The conditions of Lin et al.'s theorem: boxes for which they are known, and what they imply."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,17 @@ def test_the_second_as_printed_holds_nowhere_where_p1_does_not_refuse(rows, tmp_
     assert found["3-p"].holds.of == found["3-f"].holds.of <= 6
     one, two = (selectors.theorem(boxes, rows, workers=count) for count in (1, 2))
     assert one == two
+
+
+def test_a_projection_that_the_solver_gave_up_breaks_nothing(rows, monkeypatch):
+    given_up = SimpleNamespace(residual=np.inf)
+    monkeypatch.setattr("stancekit.learners.evaluation.theorem.project", lambda *_: given_up)
+    domains = [domain_of(Scaled.of(problem)) for problem in rows.problems()]
+    low, high = (np.mean([getattr(one, end) for one in domains], axis=0) for end in ("low", "high"))
+    found, _ = asked(rows, Envelope(low=low, high=high))
+    for condition in (found["3-p"], found["3-f"]):
+        assert len(condition.undecided) == condition.holds.of > 0
+        assert not condition.broken
 
 
 def test_envelopes_of_another_class_and_rows_without_labels_are_refused(rows, tmp_path):

@@ -4,6 +4,7 @@ at a measured error.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,32 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(monkeypatch: pytest.Monk
             assert beta.ppf(0.01, wrong, len(mine) - wrong + 1) <= 0.05 or wrong == 0
 
 
+def test_a_surrogate_of_the_robot_is_calibrated_on_the_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    rows = stancekit.label("ground-6", tmp_path / "rows", rows=(60, 20), natural=True)
+    surrogate = stancekit.fit(rows, "surrogate", epochs=2, width=16, layers=1)
+    surrogate.save(tmp_path / "s.safetensors")
+    monkeypatch.setattr(making, "SHARE_OF_FIT", 0.0)
+    monkeypatch.setattr(making, "CALIBRATION", 200)
+    how = {"spacing_m": 0.7, "headings": 3, "friction": 0.4, "error": 0.2, "time_limit_s": 1e-3}
+    found = stancekit.map("rubble:0.4:3", surrogate=tmp_path / "s.safetensors", **how)  # type: ignore[arg-type]
+    card = found.card
+    assert card["surrogate"] == surrogate.digest
+    assert card["learned_from"] == surrogate.provenance["learned_from"]
+    assert sum(card["calibrated_on"].values()) == 200
+    assert found.error == 0.2
+    with pytest.raises(InvalidInput, match=r"^fit: expected none with a surrogate"):
+        stancekit.map("rubble:0.4:3", fit=True, surrogate=surrogate, **how)  # type: ignore[arg-type]
+    three = stancekit.label("ground-3", tmp_path / "three", rows=(4, 4))
+    other = stancekit.fit(three, "surrogate", epochs=1, width=16, layers=1)
+    with pytest.raises(InvalidInput, match="for a surrogate learned for ground-3"):
+        stancekit.map("rubble:0.4:3", surrogate=other, **how)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match=r"^surrogate: expected what fit\(rows, 'surrogate'\)"):
+        stancekit.map("rubble:0.4:3", surrogate=7, **how)  # type: ignore[arg-type]
+
+
 def test_limits_hold_the_share_of_wrong_calls() -> None:
     rng, broken = np.random.default_rng(1), 0
     for _ in range(200):
@@ -191,3 +218,18 @@ def test_bad_numbers_are_refused(level: Path, how: dict[str, float], line: str) 
     with pytest.raises(InvalidInput) as caught:
         stancekit.map(level, **how)  # type: ignore[arg-type]
     assert str(caught.value).startswith(line)
+
+
+def test_a_file_proves_no_footholds_and_no_poses_of_another_height(
+    level: Path, tmp_path: Path
+) -> None:
+    made, path = poses(level, spacing_m=0.4), tmp_path / "m.npz"
+    plain = make_map(made, MapSettings())
+    everywhere = np.full(plain.shape, FEASIBLE, dtype=np.uint8)
+    replace(plain, verdict=everywhere, limit=np.ones(plain.shape, dtype=np.uint8)).save(path)
+    found = make_map(made, MapSettings(), checkpoint=path)
+    assert np.array_equal(found.verdict, plain.verdict)
+    assert np.array_equal(found.limit, plain.limit)
+    replace(plain, z_m=plain.z_m + np.float32(0.01)).save(path)
+    with pytest.raises(InvalidInput, match="expected a map of the same terrain"):
+        make_map(made, MapSettings(), checkpoint=path)

@@ -86,6 +86,10 @@ def test_a_screened_set_teaches_and_never_calibrates(surrogate: Surrogate, tmp_p
     assert sum(card["learned_from"].values()) == 80 - round(0.35 * 20) * 2
     with pytest.raises(InvalidInput, match=r"^calibration: expected rows as they are drawn"):
         stancekit.fit(plain, "surrogate", epochs=1, calibration=rows)
+    with pytest.raises(
+        InvalidInput, match=r"^calibration: expected rows as they are drawn, not scr"
+    ):
+        stancekit.fit(rows, "surrogate", epochs=1)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +110,7 @@ def test_settings_that_do_not_go_together_are_refused(
 
 def test_a_surrogate_of_another_class_is_refused(surrogate: Surrogate, tmp_path: Path) -> None:
     with pytest.raises(
-        InvalidInput, match=r"^surrogate: expected one for ground-3, got one for wa"
+        InvalidInput, match=r"^screen: expected a surrogate for ground-3, got one for"
     ):
         stancekit.label("ground-3", tmp_path / "g", rows=(2, 2), screen=surrogate)
     with pytest.raises(

@@ -161,17 +161,35 @@ def test_a_file_gives_the_surrogate_back(learned: Data, tmp_path: Path) -> None:
     batch = drawn("wall-3", 20)
     assert np.array_equal(again.scores(batch)[0], surrogate.scores(batch)[0])
     content = (tmp_path / "s.safetensors").read_bytes()
-    for damaged in (
-        content[:-100],
-        content[:200],
-        b"",
-        b"{}",
-        content.replace(b"wall-3", b"wall-5"),
-    ):
+    for damaged in (content[:-100], content[:200], b"", b"{}"):
         (tmp_path / "d.safetensors").write_bytes(damaged)
         with pytest.raises(stancekit.InvalidInput) as caught:
             Surrogate.read(tmp_path / "d.safetensors")
         assert "\n" not in str(caught.value)
+    for name, other in ((b"wall-3", b"wall-5"), (b'\\"heads\\": 4', b'\\"heads\\": 2')):
+        assert content != content.replace(name, other)
+        (tmp_path / "o.safetensors").write_bytes(content.replace(name, other))
+        with pytest.raises(stancekit.InvalidInput, match=r"digest: expected"):
+            Surrogate.read(tmp_path / "o.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [
+        ({"calibration": 0.001}, "calibration: expected rows as they are drawn, not screened"),
+        ({"calibration": 0.999}, "calibration: expected a share that leaves feasible and infeas"),
+        ({"rate": 1e300}, "rate: expected less than or equal to 10, got 1e+300"),
+    ],
+)
+def test_settings_that_leave_nothing_are_refused(
+    tmp_path: Path, how: dict[str, float], line: str
+) -> None:
+    from stancekit.learners.surrogates.training import SurrogateSettings, fit_surrogate
+
+    rows = stancekit.label("wall-3", tmp_path / "w", rows=(8, 8))
+    with pytest.raises(stancekit.InvalidInput) as caught:
+        fit_surrogate([rows], SurrogateSettings(epochs=1, width=8, layers=1, **how))
+    assert str(caught.value).startswith(line)
 
 
 def test_rows_of_two_classes_are_refused(learned: Data, tmp_path: Path) -> None:

@@ -148,7 +148,8 @@ def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest
 
 def test_a_goal_off_the_terrain_says_how_far_it_is():
     with pytest.raises(
-        NoPlace, match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border"
+        InvalidInput,
+        match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border",
     ):
         path(over([LEVEL]), (0, 0), (7, 0))
 

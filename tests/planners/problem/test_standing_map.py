@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,13 @@ def made(shape: tuple[int, int, int] = (4, 3, 2)) -> StandingMap:
     )
 
 
+def changed(**keys: object) -> np.ndarray:
+    """The head of a map's file, with other keys."""
+    found = made()
+    head = {**found.to_json(), "headings_rad": found.headings_rad.tolist(), **keys}
+    return np.array(json.dumps(head))
+
+
 def test_a_map_comes_back_from_its_file(tmp_path: Path) -> None:
     found = made()
     found.save(tmp_path / "m.npz")
@@ -72,6 +80,12 @@ def test_what_is_in_the_way_is_counted_over_what_is_proved() -> None:
     assert shares["proved"] == pytest.approx(float(proved))
 
 
+def listed(content: bytes, at: int, value: int) -> bytes:
+    """An archive with another byte in the first entry of its directory."""
+    at += content.index(b"PK\x01\x02")
+    return content[:at] + bytes([value]) + content[at + 1 :]
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -79,6 +93,10 @@ def test_what_is_in_the_way_is_counted_over_what_is_proved() -> None:
         lambda c: b"",
         lambda c: b"PK\x03\x04nothing",
         lambda c: c[: len(c) // 2] + c[len(c) // 2 + 9 :],
+        lambda c: c[:120] + bytes(b ^ 0x5A for b in c[120:140]) + c[140:],
+        lambda c: listed(c, 6, 0x99),  # version
+        lambda c: listed(c, 8, 0x01),  # encrypted
+        lambda c: listed(c, 10, 0x63),  # compression
     ],
 )
 def test_a_damaged_file_is_refused_in_one_line(damage, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
@@ -109,6 +127,16 @@ def forged(tmp_path: Path, **changes: object) -> Path:
         {"head": np.array("[1]")},
         {"head": np.array(json.dumps({"format": "stancekit/standing-map/2"}))},
         {"head": np.array([object()], dtype=object)},
+        {"head": np.array("[" * 100_000)},
+        {"head": changed(spacing_m=10**400)},
+        {"head": changed(seconds={"proving": 10**400})},
+        {"head": changed(friction=math.nan)},
+        {"head": np.array(str(changed()).replace('"spacing_m": 0.1', '"spacing_m": 1e999'))},
+        {"head": changed(error=None)},
+        {
+            name: np.zeros((0, 3, 2), dtype=kind)
+            for name, kind in (("verdict", "u1"), ("limit", "u1"), ("margin", "f4"), ("z_m", "f4"))
+        },
     ],
 )
 def test_a_forged_file_is_refused(changes: dict[str, object], tmp_path: Path) -> None:

@@ -112,6 +112,10 @@ def test_reports_are_json_with_distributions():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (
+            {"cells": (8, 8, 2), "method": "gauss-newton"},
+            "cells: expected 3 or more along each axis with gauss-newton, got (8, 8, 2)",
+        ),
         ({"cells": (1, 8, 3)}, "cells: expected three whole numbers in [2, 200], got (1, 8, 3)"),
         ({"cells": (150, 150, 50)}, "cells: expected 200000 control points or fewer, got 1240677"),
         ({"height_m": 0.0}, "height_m: expected a number in (0, 100], got 0"),
