@@ -63,6 +63,20 @@ def test_a_stop_in_the_air_lands_first(accepted: AcceptedLeap):
     assert report.execution.com_final_m < 0.02
 
 
+def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(accepted: AcceptedLeap):
+    world = make_world("mujoco", accepted.robot)
+    runner = Runner(world)
+
+    def fails(state: object) -> None:
+        if runner.latch.lands:
+            raise ValueError("in the air")
+
+    runner.check_body = lambda target, state: fails(state)
+    with pytest.raises(ValueError, match="in the air"):
+        runner.run(accepted)
+    assert not runner.latch.lands
+
+
 def test_a_leap_that_nobody_judged_with_legs_is_not_run():
     plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
     with pytest.raises(InvalidInput, match="expected a leap that was judged with legs"):
