@@ -47,6 +47,13 @@ def test_a_leap_lands_where_it_should_and_stands(accepted: AcceptedLeap):
     assert np.count_nonzero(flies) > 20
 
 
+def test_a_replay_sends_the_same(accepted: AcceptedLeap, tmp_path: Path):
+    first = stancekit.run(accepted, "mujoco", log=tmp_path / "leap.mcap")
+    again = stancekit.run(accepted, "replay", setup=tmp_path / "leap.mcap")
+    assert again.sent == first.sent
+    assert again.replay_rad == 0.0
+
+
 def test_a_stop_before_take_off_is_obeyed_at_once(accepted: AcceptedLeap):
     report = stopped_at(accepted, 0.6)
     assert report.message == "e-stop"
