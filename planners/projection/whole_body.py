@@ -415,6 +415,9 @@ class _Stage:
         for found in range(rounds):
             if state.at.share <= self._limits.share:
                 return state, found
+            if time.perf_counter() > self._deadline:
+                self.late = True
+                return state, found
             at = SparedGiven(
                 scaled,
                 state.at.point,

@@ -1,5 +1,6 @@
 """Leaps in MuJoCo: landing, and stops before, in and after the air."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,15 @@ def test_a_leap_has_one_pace(accepted: AcceptedLeap):
         stancekit.run(
             accepted, "mujoco", settings=RunSettings(timing=RunSettings().timing.at_pace(0.5))
         )
+
+
+def test_a_leap_that_begins_in_motion_is_not_run(accepted: AcceptedLeap):
+    leap = accepted.plan.problem
+    start = replace(leap.start, velocity_m_s=np.array([5e-4, 0.0, 0.0]))
+    with pytest.raises(InvalidInput, match="expected a leap that begins and ends at rest"):
+        stancekit.run(replace(accepted.plan, problem=replace(leap, start=start)), "mujoco")
+
+
+def test_no_push_is_asked_of_a_leap(accepted: AcceptedLeap):
+    with pytest.raises(InvalidInput, match="least_push: expected a plan of key frames"):
+        stancekit.run(accepted, "mujoco", settings=RunSettings(least_push=0.5))
