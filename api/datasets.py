@@ -195,12 +195,17 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
         if error is not None:
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
         return None, None
-    from stancekit.learners.surrogates.screened import read_surrogate
+    try:
+        from stancekit.learners.surrogates.surrogate import Surrogate
+    except ImportError as missing:
+        raise InvalidInput(
+            f"screen: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
+        ) from None
 
     error = SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:
         raise InvalidInput(f"screen_error: expected a number above 0 and below 1, got {error:g}")
-    return read_surrogate(given), float(error)
+    return Surrogate.of(given), float(error)
 
 
 def export_scenes(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from stancekit.learners.surrogates.screened import Screened, read_surrogate
+from stancekit.learners.surrogates.screened import Screened
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureBatch, Problem
@@ -49,10 +49,10 @@ def screen(
         (5, True)
     """
     try:
-        from stancekit.learners.surrogates.surrogate import as_batch
+        from stancekit.learners.surrogates.surrogate import Surrogate, as_batch
     except ImportError as error_:
         raise InvalidInput(
             f"surrogate: expected {error_.name}, which a network needs, got none: pip install 'stancekit[rl]'"
         ) from None
     some = [problems] if isinstance(problems, Problem) else problems
-    return read_surrogate(surrogate).screen(as_batch(some), error)
+    return Surrogate.of(surrogate).screen(as_batch(some), error)

@@ -1,4 +1,4 @@
-"""Where a robot can stand on a terrain."""
+"""Map of where a robot can stand on a terrain."""
 
 from __future__ import annotations
 

@@ -134,11 +134,11 @@ class Evaluate:
         workers = executor(self.executor, workers=self.workers, address=self.address)
         for file in files:
             with progress(f"theorem {Path(file).stem}") as bar:
-                found = theorem(file, rows, name=Path(file).stem, workers=workers, progress=bar)
+                shares = theorem(file, rows, name=Path(file).stem, workers=workers, progress=bar)
             if self.json:
-                emit(found.to_json())
+                emit(shares.to_json())
             else:
-                out.print(theorem_table(rows.problem_class, found))
+                out.print(theorem_table(rows.problem_class, shares))
         return 0
 
 

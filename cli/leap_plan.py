@@ -105,16 +105,16 @@ def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
             else ""
         )
         unit = "" if group.unit == "1" else f" {group.unit}"
-        said = (
+        sentence = (
             group.message
             if group.verdict == "not checked"
             else (f"{group.value:.3g} of {group.limit:g}{unit}{where}{was}")
         )
-        yield f"{group.name}: {group.verdict}: {said}"
+        yield f"{group.name}: {group.verdict}: {sentence}"
     yield "torque: effort and velocity of the robot's file with a line between them; no motor is looked up"
     plan = outcome.solution
-    timing, own = plan.problem.timings_s[plan.timing], asked.timings_s
-    if timing not in own:
+    timing, timings = plan.problem.timings_s[plan.timing], asked.timings_s
+    if timing not in timings:
         yield f"bent: phases of {', '.join(f'{s:.2f}' for s in timing)} s"
 
 

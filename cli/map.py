@@ -79,10 +79,10 @@ class MapTerrain:
             raise InvalidInput(
                 f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
             )
-        kept = self.out if self.out is not None and self.out.suffix == ".npz" else None
+        checkpoint = self.out if self.out is not None and self.out.suffix == ".npz" else None
         names = ("spacing_m", "headings", "friction", "error", "seed", "fit", "spacing_m, headings")
         with progress(f"map {Path(self.terrain).name}") as bar, as_options(*names):
-            found = map_terrain(
+            standing = map_terrain(
                 self.terrain,
                 robot=self.robot,
                 spacing_m=self.spacing_m,
@@ -92,22 +92,22 @@ class MapTerrain:
                 fit=self.fit,
                 error=self.error,
                 seed=self.seed,
-                checkpoint=kept,
+                checkpoint=checkpoint,
                 progress=lambda done, total, stage: bar(
                     done, total, f"{stage}, {done} of {total} poses settled"
                 ),
             )
         if self.out is not None:
-            found.save(self.out)
+            standing.save(self.out)
         if self.picture is not None:
             from stancekit.views.sheet import save
             from stancekit.views.standing_maps import draw_standing_map
 
-            save(draw_standing_map(found), self.picture)
+            save(draw_standing_map(standing), self.picture)
         if self.json:
-            emit(found.to_json())
+            emit(standing.to_json())
             return 0
-        out.print(_table(found))
+        out.print(_table(standing))
         for path in (self.out, self.picture):
             if path is not None:
                 out.print(f"wrote {path}", highlight=False)

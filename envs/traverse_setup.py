@@ -318,7 +318,7 @@ def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
 
 
 def _there(given: Boxes) -> EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector:
-    """What an entry of ``envelopes`` names, with its files read.
+    """Envelopes that an entry of ``envelopes`` names, with its files read.
 
     Raises InvalidInput, also for a file in a list of sets that holds no set of envelopes.
     """

@@ -48,7 +48,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _called(thing: Any) -> str:
-    """What a message calls a thing: a class by its name, anything else by its value."""
+    """Name of a thing in messages: a class by its name, anything else by its value."""
     return f"the class {thing.__qualname__}" if isinstance(thing, type) else shown(thing)
 
 

@@ -26,7 +26,7 @@ TOUCH_N = 1.5
 
 @dataclass
 class Record:
-    """What was sent and measured.
+    """Targets and measurements of one motion.
 
     Arguments:
         pairs: target and state of every control period.

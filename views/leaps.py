@@ -66,12 +66,12 @@ class LeapView:
     @cached_property
     def motion(self) -> LeapMotion | LeapRun:
         """The body as its forces move it, and its legs where they are known."""
-        own = self.plan.problem.robot.source.own
-        return LeapRun(self.plan, settle_s=0.0) if own else LeapMotion(self.plan)
+        has_legs = self.plan.problem.robot.source.own
+        return LeapRun(self.plan, settle_s=0.0) if has_legs else LeapMotion(self.plan)
 
     @property
     def judged(self) -> str:
-        """What is said of joints and bodies."""
+        """Sentence about joints and bodies."""
         return JUDGED if self.plan.problem.robot.source.own else UNJUDGED
 
     @cached_property

@@ -131,7 +131,7 @@ class Screen:
         return cls(surrogate=surrogate, error=error, limits=surrogate.thresholds(error))
 
     def called(self, batch: PostureBatch) -> list[str]:
-        """What the surrogate calls each problem: "feasible", "infeasible" or "ask"."""
+        """Name that the surrogate gives each problem: "feasible", "infeasible" or "ask"."""
         answers = self.surrogate.answered(batch, self.limits, self.error).answers
         called: list[str] = answers.tolist()
         return called
@@ -168,9 +168,9 @@ def decide_block(
         at += skipped
     batch = source.batch(rng, count)
     after = (first + count, rng.bit_generator.state)
-    drawn, wall = time.process_time(), time.perf_counter()
+    after_draw, wall = time.process_time(), time.perf_counter()
     called = None if screen is None else screen.called(batch)
-    asked, share_ms = time.process_time(), 1e3 * (time.perf_counter() - wall) / count
+    after_screen, share_ms = time.process_time(), 1e3 * (time.perf_counter() - wall) / count
     left = [k for k in range(count) if called is None or _open(called[k], kinds)]
     some = batch if called is None else batch.select(np.array(left, dtype=np.intp))
     labeller = _Labeller(plan, shard, [first + k for k in left], kinds, kept.programs, proposers)
@@ -187,8 +187,8 @@ def decide_block(
         solve_ms=solve_ms,
         cpu_s=time.process_time() - begin,
         called=called,
-        draw_cpu_s=drawn - begin,
-        screen_cpu_s=asked - drawn,
+        draw_cpu_s=after_draw - begin,
+        screen_cpu_s=after_screen - after_draw,
     )
 
 
@@ -459,13 +459,13 @@ class ShardDraft:
                 len(self._drawn),
                 undecided,
             )
-        drawn = Counter(self._drawn)
-        drawn.pop("screened", None)
+        counts = Counter(self._drawn)
+        counts.pop("screened", None)
         tally = Tally(
             dataset=self._header.digest,
             shard=self.shard,
             rows=Counts(**self._kept),
-            drawn=Counts(**drawn),
+            drawn=Counts(**counts),
             undecided_samples=undecided,
             software=ledger.software(),
             screened=None if self._screen is None else Counts(**self._screened),

@@ -169,27 +169,27 @@ def _condition(found: Mapping[int, bool | None]) -> Condition:
 def _asked(
     envelopes: EnvelopeSet, pairs: Sequence[tuple[int, LabelledScene]]
 ) -> list[tuple[str, int, bool | None]]:
-    """What scenes say of the conditions: name, row, and whether it holds, None for undecided."""
-    programs, found = programs_of_this_thread(), list[tuple[str, int, bool | None]]()
+    """Findings of scenes about the conditions: name, row, and whether it holds, None for undecided."""
+    programs, findings = programs_of_this_thread(), list[tuple[str, int, bool | None]]()
     for row, scene in pairs:
         scaled = Scaled.of(scene.problem)
         answer = programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes.envelopes)
         admits = None if not answer.known else answer.feasible
         if not scene.feasible:
-            found.append(("2", row, _apart(programs, scaled, envelopes.envelopes)))
-            found.append(("2-p1", row, None if admits is None else not admits))
+            findings.append(("2", row, _apart(programs, scaled, envelopes.envelopes)))
+            findings.append(("2-p1", row, None if admits is None else not admits))
             continue
-        found.append(("1", row, _met(programs, scene, scaled, envelopes.envelopes)))
+        findings.append(("1", row, _met(programs, scene, scaled, envelopes.envelopes)))
         if admits:
             box = envelopes.envelopes[answer.chosen]
             points = _points(programs, scaled, box, answer)
             for keeps, way in WAYS.items():
-                found.append((f"3-{keeps}", row, _projectable(programs, way, scaled, points)))
-    return found
+                findings.append((f"3-{keeps}", row, _projectable(programs, way, scaled, points)))
+    return findings
 
 
 def _apart(programs: Programs, scaled: Scaled, boxes: Sequence[Envelope]) -> bool | None:
-    """Whether no box holds a point of P̄; None where the solver gave up and no box has one."""
+    """Tell whether no box holds a point of P̄; None where the solver gave up and no box has one."""
     holds: bool | None = True
     program = programs.get(WithinBox, scaled.layout, False)
     for box in boxes:
@@ -207,14 +207,14 @@ def _points(
     directions = np.random.default_rng(0).standard_normal((CORNERS, *box.low.shape))
     widths = np.maximum(box.high - box.low, 1e-6)
     program = programs.get(WithinBox, scaled.layout, True)
-    found = [answer.point] + [program.solve(scaled, box, each / widths)[0] for each in directions]
-    return [point for point in found if point is not None]
+    points = [answer.point] + [program.solve(scaled, box, each / widths)[0] for each in directions]
+    return [point for point in points if point is not None]
 
 
 def _projectable(
     programs: Programs, way: str, scaled: Scaled, points: Sequence[Point]
 ) -> bool | None:
-    """Whether every point projects onto m = p f.
+    """Tell whether every point projects onto m = p f.
 
     None where the solver gave up on one and no other fails.
     """
@@ -227,7 +227,7 @@ def _projectable(
 def _met(
     programs: Programs, scene: LabelledScene, scaled: Scaled, boxes: Sequence[Envelope]
 ) -> bool | None:
-    """Whether a box holds [p, f] of a posture; None where the search of one met its limit."""
+    """Tell whether a box holds [p, f] of a posture; None where the search of one met its limit."""
     if scene.posture is not None:
         at = scaled.point(scene.posture)[None]
         if any(box.contains(at, margin=INSIDE)[0] for box in boxes):
@@ -244,7 +244,7 @@ def _met(
 def _searched(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope
 ) -> bool | None:
-    """Whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's bounds
+    """Tell whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's bounds
     (``Coned``), deepest first.
     """
     program, queue = programs.get(Coned, scaled.layout), [box]
@@ -277,7 +277,7 @@ def _searched(
 def _posture(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope, relaxed: Any
 ) -> bool:
-    """Whether a part's point projects to a posture in the box, forces in it, and verified."""
+    """Tell whether a part's point projects to a posture in the box, forces in it, and verified."""
     low, high = (
         np.maximum(scaled.force_min, box.low[:, 3:]),
         np.minimum(scaled.force_max, box.high[:, 3:]),

@@ -132,14 +132,14 @@ class Maker:
         batch = self.poses.batch(which)
         answers = decide_all(self._exact, batch).outcomes
         self._tried[which] = True
-        found = [k for k, each in enumerate(answers) if each.status is Status.FEASIBLE]
+        feasible = [k for k, each in enumerate(answers) if each.status is Status.FEASIBLE]
         refuted = [k for k, each in enumerate(answers) if each.status is Status.INFEASIBLE]
-        if found:
-            room = self._rooms(ScaledBatch.of(batch.select(np.array(found))), answers, found)
+        if feasible:
+            room = self._rooms(ScaledBatch.of(batch.select(np.array(feasible))), answers, feasible)
             nearest = room.argmin(axis=1)
             for number, name in enumerate(ROOMS):
                 mine = nearest == number
-                self._set(which[np.array(found)[mine]], FEASIBLE, name, room.min(axis=1)[mine])
+                self._set(which[np.array(feasible)[mine]], FEASIBLE, name, room.min(axis=1)[mine])
         proofs = [answers[k].certificate for k in refuted]
         names = hindrances([proof for proof in proofs if proof is not None])
         for k, name in zip(refuted, names, strict=True):
@@ -269,12 +269,12 @@ def _with_likely(
     )
     seconds["fit"] = time.monotonic() - began
     began = time.monotonic()
-    drawn = rng.permutation(maker.open)[:CALIBRATION]
-    go(drawn, math.inf, "calibrating")  # all of them, or they are no draw by chance
+    sample = rng.permutation(maker.open)[:CALIBRATION]
+    go(sample, math.inf, "calibrating")  # all of them, or they are no draw by chance
     seconds["calibration"] = time.monotonic() - began
     began = time.monotonic()
-    known = drawn[maker.verdict[drawn] != UNKNOWN]
-    lost = len(drawn) - len(known)
+    known = sample[maker.verdict[sample] != UNKNOWN]
+    lost = len(sample) - len(known)
     limits = _limits(
         surrogate.scores(maker.poses.batch(known))[0],
         maker.verdict[known] == FEASIBLE,
@@ -335,7 +335,7 @@ def _least(scores: Array, wrong: NDArray[np.bool_], error: float, lost: int) -> 
 
 
 def _level(index: Index) -> NDArray[np.int_]:
-    """How often a number can be halved, up to 6 times: the coarser the grid that it is of."""
+    """Number of times that a number can be halved, up to 6 times: the coarser the grid that it is of."""
     level = np.zeros(len(index), dtype=int)
     for power in range(1, 7):
         level[index % (1 << power) == 0] = power

@@ -125,7 +125,7 @@ class Poses:
 
     @property
     def off(self) -> NDArray[np.bool_]:
-        """Whether a pose lacks a foothold, shape (P,)."""
+        """Poses that lack a foothold, shape (P,)."""
         return np.asarray((self.aside_m > self.most_aside_m).any(axis=1))
 
     def batch(self, which: Index) -> PostureBatch:

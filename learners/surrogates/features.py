@@ -37,7 +37,7 @@ class Features(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seer:
-    """What is the same in all problems of a class, and the features of any.
+    """Numbers that all problems of a class share, and the features of any.
 
     Arguments:
         scaled: a problem of the class.
@@ -94,7 +94,7 @@ class Seer:
         return Features(tokens.astype(np.float32), corners.astype(np.float32))
 
     def _room(self, vertices: Array) -> Array:
-        """How far inside its limb's reach every corner is, c and Θ nominal, shape (B, N, U)."""
+        """Distance of every corner inside its limb's reach, c and Θ nominal, shape (B, N, U)."""
         one = self.scaled
         away = vertices - one.shoulders[:, None]
         room = one.reach[:, None] - np.sqrt(np.vecdot(away, away))
@@ -112,7 +112,7 @@ def symmetries(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]]) -> Ar
     Gravity, friction cones and reach are the same in the copy. The bounds of a tilt are a box along
     the axes: where there is a tilt, turns by less than a quarter are none.
     """
-    found = []
+    rows = []
     for mirror in (1.0, -1.0):
         for k in range(TURNS):
             if scaled.tilt > 0.0 and k % (TURNS // 4):
@@ -121,8 +121,8 @@ def symmetries(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]]) -> Ar
             c, s = np.cos(angle), np.sin(angle)
             turn = np.array([[c, -s * mirror, 0.0], [s, c * mirror, 0.0], [0.0, 0.0, 1.0]])
             if _maps(scaled, half_spaces, turn):
-                found.append(turn)
-    return np.array(found)
+                rows.append(turn)
+    return np.array(rows)
 
 
 def _maps(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]], turn: Array) -> bool:

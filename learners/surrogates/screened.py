@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-
-if TYPE_CHECKING:
-    from .surrogate import Surrogate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,19 +50,3 @@ class Screened:
     def decided(self) -> float:
         """Share of the problems that are not asked of an exact planner; NaN for no problems."""
         return float(np.mean(self.answers != "ask")) if len(self.answers) else math.nan
-
-
-def read_surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file.
-
-    Raises InvalidInput.
-    """
-    from .surrogate import Surrogate  # torch takes a while to load
-
-    if isinstance(surrogate, Surrogate):
-        return surrogate
-    if not isinstance(surrogate, str | Path):
-        raise InvalidInput(
-            f"surrogate: expected what fit(rows, 'surrogate') returned, or its file, got {surrogate!r:.80}"
-        )
-    return Surrogate.read(surrogate)

@@ -92,7 +92,7 @@ class Surrogate:
 
     @cached_property
     def seer(self) -> Seer:
-        """What sees the problems of its class."""
+        """Features of the problems of its class."""
         return Seer.of(self.like)
 
     def thresholds(self, error: float) -> tuple[float, float]:
@@ -180,7 +180,7 @@ class Surrogate:
         return copy.deepcopy(self.network).double()
 
     def _within(self, batch: PostureBatch) -> NDArray[np.bool_]:
-        """Whether each problem's patches are like those that it was calibrated on."""
+        """Tell whether each problem's patches are like those that it was calibrated on."""
         values = numbers(batch)
         if values.shape[1:] != self.ranges.shape[1:]:
             raise InvalidInput(
@@ -197,6 +197,7 @@ class Surrogate:
             "problem_class": self.problem_class,
             "like": self.like.to_json(),
             "robot": self.robot,
+            "digest": self.digest,
             "architecture": asdict(self.network.architecture),
             "provenance": self.provenance,
         }
@@ -207,6 +208,21 @@ class Surrogate:
         write_tensors(path, FORMAT, header, weights | tensors)
 
     write = save
+
+    @classmethod
+    def of(cls, surrogate: Any) -> Surrogate:
+        """A surrogate, or that of a file.
+
+        Raises InvalidInput.
+        """
+        if isinstance(surrogate, Surrogate):
+            return surrogate
+        if not isinstance(surrogate, str | Path):
+            raise InvalidInput(
+                "surrogate: expected what fit(rows, 'surrogate') returned, or its file, got "
+                f"{surrogate!r:.80}"
+            )
+        return cls.read(surrogate)
 
     @classmethod
     def read(cls, path: str | Path) -> Surrogate:
@@ -236,7 +252,7 @@ class Surrogate:
         with torch.device("meta"):
             network = SurrogateNetwork(raw.architecture.architecture(path))
         load_weights(network, weights, path)
-        return cls(
+        surrogate = cls(
             network,
             like=like,
             problem_class=raw.problem_class,
@@ -244,6 +260,12 @@ class Surrogate:
             ranges=rest["ranges"].double().numpy(),
             provenance=raw.provenance,
         )
+        if surrogate.digest != raw.digest:
+            raise InvalidInput(
+                f"{path}: digest: expected {surrogate.digest[:12]}… as its content has it, got "
+                f"{raw.digest[:12]}…"
+            )
+        return surrogate
 
 
 class _Header(BaseModel):
@@ -251,6 +273,7 @@ class _Header(BaseModel):
     problem_class: str
     like: dict[str, Any]
     robot: str
+    digest: str
     architecture: ArchitectureJson
     provenance: dict[str, Any]
 

@@ -121,7 +121,7 @@ def fit_rows(
     if not known["feasible"] or not known["infeasible"] + known["trivial"]:
         counts = ", ".join(f"{count} {kind}" for kind, count in known.items())
         raise InvalidInput(f"data set: expected feasible and infeasible rows, got {counts}")
-    learned, kept = _parts(rows, settings.calibration, settings.seed)
+    learned, held_out = _parts(rows, settings.calibration, settings.seed)
     seer = Seer.of(rows.batch.like)
     seen = seer.features(rows.batch)
     with torch.random.fork_rng():
@@ -136,7 +136,7 @@ def fit_rows(
         calibration={kind: np.zeros(0) for kind in KINDS},
         ranges=_ranges(rows, held),
     )
-    kinds, scores = rows.kinds[kept], surrogate.scores(rows.batch.select(kept))[0]
+    kinds, scores = rows.kinds[held_out], surrogate.scores(rows.batch.select(held_out))[0]
     if held is not None:
         kinds = np.concatenate([kinds, held.kinds])
         scores = np.concatenate([scores, surrogate.scores(held.batch)[0]])
@@ -167,12 +167,12 @@ def _parts(
     """Rows to learn from and rows to calibrate on, of each class its share, drawn by the seed;
     never screened ones, which are not as they are drawn.
     """
-    rng, kept = np.random.default_rng(seed), []
+    rng, held_out = np.random.default_rng(seed), []
     plain = np.ones(len(rows), dtype=bool) if rows.screened is None else ~rows.screened
     for kind in KINDS:
         mine = np.flatnonzero((rows.kinds == kind) & plain)
-        kept.append(rng.permutation(mine)[: round(share * len(mine))])
-    chosen = np.sort(np.concatenate(kept))
+        held_out.append(rng.permutation(mine)[: round(share * len(mine))])
+    chosen = np.sort(np.concatenate(held_out))
     return np.setdiff1d(np.arange(len(rows)), chosen), chosen
 
 

@@ -1,4 +1,4 @@
-"""How far postures are from their limits: the room that each kind of limit leaves them."""
+"""Distance of postures from their limits: the room that each kind of limit leaves them."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ NEAR_M = 0.06
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Judged:
+class JudgedLeap:
     """A plan with what its contacts and its whole body do.
 
     Arguments:
@@ -96,7 +96,7 @@ class Judged:
 
     @property
     def short_m(self) -> Array:
-        """What the reach of every limb lacks, with what was known before, shape (N,) [m]."""
+        """Length that the reach of every limb lacks, with what was known before, shape (N,) [m]."""
         missed = np.where(self.body.path.contact, self.body.off_toes().values, 0.0).max(axis=0)
         return np.asarray(
             np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
@@ -109,7 +109,7 @@ class Judged:
 
     @property
     def score(self) -> float:
-        """How far from accepted it is, in units of ``SCALES``."""
+        """Distance from being accepted, in units of ``SCALES``."""
         total = 0.0
         for group in self.report.groups:
             if group.verdict == "violated":
@@ -138,11 +138,11 @@ class LeapBender:
 
     def judge(
         self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
-    ) -> Judged:
+    ) -> JudgedLeap:
         """Joints of a plan, and its bodies where they can do it.
 
         Arguments:
-            shortened_m, share: as of ``Judged``.
+            shortened_m, share: as of ``JudgedLeap``.
         """
         model = plan.problem.robot.source.own_model()
         if self._body is None:
@@ -168,7 +168,7 @@ class LeapBender:
             measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
             groups = tuple(measured.groups(self._limits))
         none = np.zeros(len(plan.problem.robot.limbs))
-        return Judged(
+        return JudgedLeap(
             plan=plan,
             body=measured,
             groups=groups,
@@ -188,7 +188,7 @@ class LeapBender:
         line = measured.line[rows].max(initial=0.0) / self._limits.torque
         return float(max(fast, line) + 100.0 * off * (off > self._limits.joints_m))
 
-    def bent(self, plan: LeapPlan) -> tuple[Judged, Judged]:
+    def bent(self, plan: LeapPlan) -> tuple[JudgedLeap, JudgedLeap]:
         """The plan as it was judged, and the best that bending finds: the first that is accepted,
         or the one that lacks least.
         """
@@ -226,12 +226,12 @@ class LeapBender:
         timing = tuple(round(s * t, 4) for s, t in zip(stretch, own, strict=True))
         leap = replace(leap, timings_s=(timing,))
         numbers = LeapNumbers.of(leap)
-        found = attempt(self._programs, numbers, plan.choice, share=self._share, stop=np.inf)
-        if found.point is None or found.cost > 1e2 * HOLDS:
+        attempted = attempt(self._programs, numbers, plan.choice, share=self._share, stop=np.inf)
+        if attempted.point is None or attempted.cost > 1e2 * HOLDS:
             return None
-        return _plan_of(numbers, plan.choice, found.point, plan)
+        return _plan_of(numbers, plan.choice, attempted.point, plan)
 
-    def _rounds(self, judged: Judged) -> Iterator[Judged]:
+    def _rounds(self, judged: JudgedLeap) -> Iterator[JudgedLeap]:
         """Plans of one timing, each judged, from one that was judged."""
         yield judged
         best = judged
@@ -253,7 +253,7 @@ class LeapBender:
             else:
                 near *= 0.4
 
-    def _stepped(self, judged: Judged, near_m: float, share: float) -> LeapPlan | None:
+    def _stepped(self, judged: JudgedLeap, near_m: float, share: float) -> LeapPlan | None:
         """One round: the plan of the convex steps with the joints' rows; None where its own rows do
         not hold.
         """
@@ -266,16 +266,16 @@ class LeapBender:
             LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
         )
         point = point_of(numbers, plan)
-        given = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
-        given = replace(given, joints=joint_rows(judged.body, given, share))
+        data = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
+        data = replace(data, joints=joint_rows(judged.body, data, share))
         radius = near_m
         for _ in range(STEPS):
-            answer = program.solve(nearby(given, point, radius))
+            answer = program.solve(nearby(data, point, radius))
             if answer.point is None:
                 radius *= 0.5
                 continue
             point, radius = answer.point, 0.5 * radius
-            if cost_of(replace(given, joints=None), point) <= HOLDS:
+            if cost_of(replace(data, joints=None), point) <= HOLDS:
                 return _plan_of(numbers, plan.choice, point, plan)
         return None
 
@@ -408,8 +408,8 @@ def judged_answer(
 
 def _with(report: Report[LeapPlan], groups: tuple[Group, ...]) -> Report[LeapPlan]:
     names = {group.name for group in groups}
-    kept = tuple(group for group in report.groups if group.name not in names)
-    return replace(report, groups=(*kept, *groups))
+    others = tuple(group for group in report.groups if group.name not in names)
+    return replace(report, groups=(*others, *groups))
 
 
 def failures(report: Report[LeapPlan]) -> str:

@@ -313,7 +313,7 @@ def _joint(sign: float, name: str) -> Callable[[LeapGiven], Array]:
 
 
 def _joint_left(sign: float, fast: bool, strong: bool) -> Callable[[LeapGiven], Array]:
-    """What is left of a share beside what does not depend on the variables."""
+    """Rest of a share beside what does not depend on the variables."""
     return lambda d: (
         d.joint_rows.share
         - sign * (fast * d.joint_rows.speed_rest + strong * d.joint_rows.torque_rest)

@@ -240,7 +240,7 @@ class LeapBody:
 
     @property
     def contact(self) -> NDArray[np.bool_]:
-        """Which limbs stand, shape (K, N)."""
+        """Limbs that stand, shape (K, N)."""
         return np.asarray(self.holds >= 0)
 
     @cached_property

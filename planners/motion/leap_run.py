@@ -58,7 +58,7 @@ class LeapRun:
 
     @property
     def goal_m(self) -> Array:
-        """Where the centre of mass ends, shape (3,) [m]."""
+        """Place at which the centre of mass ends, shape (3,) [m]."""
         return np.asarray(self.plan.com_m[-1])
 
     def entry(self) -> dict[str, Any]:

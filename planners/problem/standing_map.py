@@ -1,4 +1,4 @@
-"""Where a robot can stand on a terrain: an answer per place and heading, as arrays and as a file."""
+"""Map of where a robot can stand on a terrain: an answer per place and heading, as arrays and as a file."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class StandingMap:
 
     @property
     def question(self) -> dict[str, Any]:
-        """What the map is of: two maps of one question can be joined."""
+        """Question that the map answers: two maps of one question can be joined."""
         return {
             "terrain": self.terrain,
             "identity": self.identity,
@@ -143,7 +143,7 @@ class StandingMap:
         return np.where(inside, layer[i, j], np.uint8(UNKNOWN))
 
     def to_json(self) -> dict[str, Any]:
-        """What a person asks of it: counts and shares, what is in the way, and seconds; no
+        """Summary for a person: counts and shares, what is in the way, and seconds; no
         arrays.
         """
         return {

@@ -42,7 +42,7 @@ stays there."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """What one moment gives the program.
+    """Data of one moment for the program.
 
     Arguments:
         arms: maps the forces to their sum and moment, (6, 3N).

@@ -52,9 +52,9 @@ class SparedGiven(WholeBodyGiven):
         """
         out, legs = np.zeros_like(self.by_joint), self.solver.legs
         for leg in range(self.scaled.layout.limbs):
-            own = self.by_joint[:, legs == leg]
-            squared = own.transpose(0, 2, 1) @ own + DAMPED * np.eye(3)
-            out[:, legs == leg] = own @ np.linalg.inv(squared)
+            columns = self.by_joint[:, legs == leg]
+            squared = columns.transpose(0, 2, 1) @ columns + DAMPED * np.eye(3)
+            out[:, legs == leg] = columns @ np.linalg.inv(squared)
         return out
 
     @cached_property

@@ -73,7 +73,7 @@ does not do."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """What the verifier measures of one posture.
+    """Measurements of one posture by the verifier.
 
     Arguments:
         share, torque_nm: of the torque that has the largest share of its limit.
@@ -412,12 +412,12 @@ class _Stage:
         less too much; and how often that was.
         """
         rounds = min(SPARED, self._limits.steps)  # 0: forces alone
-        for found in range(rounds):
+        for count in range(rounds):
             if state.at.share <= self._limits.share:
-                return state, found
+                return state, count
             if time.perf_counter() > self._deadline:
                 self.late = True
-                return state, found
+                return state, count
             at = SparedGiven(
                 scaled,
                 state.at.point,
@@ -431,14 +431,14 @@ class _Stage:
             if restored is None or not keeps_to(
                 self._solver, scaled.layout, state.at.angles, restored.angles
             ):
-                return state, found
+                return state, count
             try:
                 other = self._state(restored, restoration.friction_share)
             except TimeEnded:
                 self.late = True
-                return state, found
+                return state, count
             if other.price >= state.price - GAIN:
-                return state, found
+                return state, count
             state = other
         return state, rounds
 

@@ -70,7 +70,7 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
 
 
 def no_motors(model: RobotModel) -> str:
-    """What a robot's file lacks of its joints' efforts and velocities, in words; empty where there
+    """Gaps in a robot's file about its joints' efforts and velocities, in words; empty where there
     are all.
     """
     slow = [

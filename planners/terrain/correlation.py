@@ -153,7 +153,7 @@ def _along(cells: GroundCells, *steps: int) -> float | None:
 
 
 def _lowest_mode(variances: Array) -> float:
-    """Where logarithms of variances first gather, which is the variance itself, however many
+    """Lowest value about which logarithms of variances gather, which is the variance itself, however many
     squares are crossed by edges.
     """
     logs = np.log(np.maximum(variances, 1e-18))

@@ -58,9 +58,9 @@ def turned(
         piece, _, pieces = wrong
         narrow = np.zeros(len(triangles), dtype=bool)
         for number in np.unique(pieces):
-            own = piece == number
-            if np.ptp(corners[triangles[own]].reshape(-1, 3), axis=0).min() < ROOM_M:
-                narrow |= own
+            mine = piece == number
+            if np.ptp(corners[triangles[mine]].reshape(-1, 3), axis=0).min() < ROOM_M:
+                narrow |= mine
                 count += 1
         triangles = np.where(narrow[:, None], triangles[:, ::-1], triangles)
     return triangles, count, inside_out(corners, triangles) if wrong is not None else None

@@ -72,8 +72,10 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     )
     footholds = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
-        told = limits if footholds.noise_length_m else replace(limits, noise_m=footholds.noise_m)
-        below = _planes_of(beside, told, friction)
+        limits_here = (
+            limits if footholds.noise_length_m else replace(limits, noise_m=footholds.noise_m)
+        )
+        below = _planes_of(beside, limits_here, friction)
         most = max((piece.surface for piece in footholds.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
         footholds = replace(

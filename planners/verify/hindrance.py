@@ -1,4 +1,4 @@
-"""Which limit is in the way of many posture problems at once, as their proofs have it."""
+"""Limit that is in the way of many posture problems at once, as their proofs have it."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def _problem(certificate: Certificate) -> Problem:
 
 
 def _bounds(numbers: Numbers, leaves: Leaves) -> Array:
-    """What the weakest leaf of every problem proves, shape (Q,)."""
+    """Bound that the weakest leaf of every problem proves, shape (Q,)."""
     starts = np.searchsorted(leaves.problem, np.arange(len(numbers.friction)))
     return np.asarray(np.minimum.reduceat(leaf_bounds(numbers, leaves), starts))
 
 
 def _grown(numbers: Numbers, leaves: Leaves, name: str, share: float) -> tuple[Numbers, Leaves]:
-    """The same with one limit of all limbs larger by a share."""
+    """Problems with one limit of all limbs larger by a share."""
     more = 1.0 + share
     if name == "friction":
         return replace(numbers, friction=more * numbers.friction), leaves

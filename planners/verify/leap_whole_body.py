@@ -215,5 +215,5 @@ def with_body(
     """The report of ``check_leap`` with the robot's own body, from one without."""
     if report.defect:
         return report
-    kept = tuple(group for group in report.groups if group.name not in LEAP_BODY)
-    return replace(report, groups=(*kept, *body_groups(report.answer, limits)))
+    others = tuple(group for group in report.groups if group.name not in LEAP_BODY)
+    return replace(report, groups=(*others, *body_groups(report.answer, limits)))

@@ -69,14 +69,14 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     from .leap_whole_body import unjudged, with_body  # reads robots, and is slow to import
 
     judge = _Judge(plan)
-    own = plan.problem.robot.source.own
+    has_legs = plan.problem.robot.source.own
     report = Report(
-        groups=(*judge.groups(), *unjudged("not asked for" if own else UNJUDGED)),
+        groups=(*judge.groups(), *unjudged("not asked for" if has_legs else UNJUDGED)),
         answer=plan,
         tolerance=TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
     )
-    return with_body(report) if body and own else report
+    return with_body(report) if body and has_legs else report
 
 
 def _defect(plan: LeapPlan) -> str:

@@ -204,7 +204,7 @@ class BodyController:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Asked:
-    """What the feet are asked to do for the body.
+    """Wrench that the feet are asked for, for the body.
 
     Arguments:
         arms: maps forces to their sum and moment, (6, 3n).

@@ -37,7 +37,7 @@ class _Unsettled(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a motion or a stop ended.
+    """End of a motion or of a stop.
 
     Arguments:
         left: the state in which the robot is.

@@ -45,7 +45,12 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
     "bench_room": {
-        TOOL: ("learners.evaluation", "learners.evaluation.env_room", "learners.evaluation.room")
+        TOOL: (
+            "learners.evaluation",
+            "learners.evaluation.env_room",
+            "learners.evaluation.room",
+            "learners.leaps.shipped",
+        )
     },
     "bench_scenes": {
         TOOL: ("learners.evaluation", "planners.formats.plan_file"),
@@ -84,9 +89,14 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "emulate_rosbridge": {TOOL: ("runner.emulators.rosbridge", "runner.emulators.start")},
     "evaluate": {
         CHOICES: ("planners.projection.project",),
-        TOOL: ("learners.evaluation.evaluate", "learners.evaluation.leaderboard"),
+        TOOL: (
+            "learners.evaluation.evaluate",
+            "learners.evaluation.leaderboard",
+            "learners.evaluation.theorem",
+        ),
     },
     "export": {TOOL: ("learners.data.export",)},
+    "fit": {DRAWS: ("learners.selectors.convergence_plot", "views")},
     "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
         TOOL: ("planners.verify.trajectory_limits",),
@@ -100,11 +110,17 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "leap_plan": {
-        CHOICES: ("planners.answer.answer", "planners.leap.finder", "planners.leap.rule"),
+        CHOICES: (
+            "planners.answer.answer",
+            "planners.answer.hindrance",
+            "planners.leap.finder",
+            "planners.leap.rule",
+        ),
         LATER: ("learners.leaps.scorer", "planners.formats.leap_file", "planners.verify"),
         DRAWS: ("views.leaps", "views.page", "views.sheet", "views.video"),
     },
     "main": {TOOL: ("planners.plugins",)},
+    "map": {DRAWS: ("views.sheet", "views.standing_maps")},
     "options": {
         CHOICES: ("planners.search.methods",),
         DRAWS: ("views.film", "views.page", "views.sheet"),
@@ -233,6 +249,6 @@ def test_a_command_imports_from_below_what_is_listed_with_its_reason(path: Path)
 
 
 def test_commands_that_ask_the_library_alone_are_seen() -> None:
-    assert not imported(FOLDER / "label.py") | imported(FOLDER / "fit.py")
+    assert not imported(FOLDER / "label.py") | imported(FOLDER / "sample.py")
     assert "planners.search.methods" in imported(FOLDER / "plan.py")
     assert MAY.keys() <= {path.stem for path in FOLDER.glob("*.py")}

@@ -85,7 +85,7 @@ def test_a_plan_keeps_off_places_of_a_map(stancekit, level, tmp_path):
     assert "places of the map where hexapod cannot stand" in barred.err
     ran = stancekit("plan", "walls", "--map", "half.npz")
     assert ran.code == 2
-    assert ran.err.startswith("stancekit: error: --map: expected a terrain's file with it")
+    assert ran.err.startswith("stancekit: error: --map: expected a terrain's file as COURSE")
     (tmp_path / "no.npz").write_bytes(b"nothing")
     ran = stancekit(*where, "--map", "no.npz")
     assert ran.code == 2

@@ -22,7 +22,7 @@ Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
 
 @dataclass(frozen=True, kw_only=True)
 class RosJoint:
-    """What ROS calls a joint, and how it counts: ros = direction · angle + offset_rad."""
+    """Name of a joint in ROS, and how it counts: ros = direction · angle + offset_rad."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -78,7 +78,7 @@ class RosSetup(SetupFile):
 
     @property
     def url(self) -> str:
-        """Where the rosbridge is."""
+        """Address of the rosbridge."""
         return f"ws://{self.host}:{self.port}"
 
 
@@ -100,7 +100,7 @@ class Mapping:
         self.offset = np.array([each.offset_rad for each in mapped])
 
     def to_ros(self, angles_rad: Array) -> Array:
-        """What is sent to ROS, shape (…, J)."""
+        """Angles that are sent to ROS, shape (…, J)."""
         return np.asarray(self.direction * angles_rad + self.offset)
 
     def from_ros(self, values: Array) -> Array:

@@ -172,8 +172,6 @@ def test_a_file_gives_the_surrogate_back(learned: Data, tmp_path: Path) -> None:
         with pytest.raises(stancekit.InvalidInput) as caught:
             Surrogate.read(tmp_path / "d.safetensors")
         assert "\n" not in str(caught.value)
-    (tmp_path / "o.safetensors").write_bytes(content.replace(b"wall-3", b"wall-5"))
-    assert Surrogate.read(tmp_path / "o.safetensors").digest != surrogate.digest
 
 
 def test_rows_of_two_classes_are_refused(learned: Data, tmp_path: Path) -> None:
