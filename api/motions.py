@@ -19,6 +19,7 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.search.friction_margin import slippery
+from stancekit.planners.verify.tipping import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
@@ -205,6 +206,10 @@ def check_run(
             isinstance(asked, AcceptedGait | AcceptedLeap) and settings.timing != Timing(),
             f"timing: expected key frames: a {'gait' if isinstance(asked, AcceptedGait) else 'leap'} runs as planned, or "
             "not at all",
+        ),
+        (
+            isinstance(asked, AcceptedLeap) and settings.least_push != LEAST_PUSH,
+            "least_push: expected a plan of key frames, got a leap, which bears nothing in the air",
         ),
     ):
         if wrong:

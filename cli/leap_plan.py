@@ -99,7 +99,11 @@ def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
             continue
         before = outcome.details.get(f"{group.name}_before")
         was = "" if before is None else f", before bending {before:.3g}"
-        where = f" ({group.where}, {group.when:.2f} s)" if group.where and group.when else ""
+        where = (
+            f" ({group.where}, {group.when:.2f} s)"
+            if group.where and group.when is not None
+            else ""
+        )
         unit = "" if group.unit == "1" else f" {group.unit}"
         sentence = (
             group.message

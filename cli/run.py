@@ -52,7 +52,8 @@ class RunMotion:
     With --policy the loop is closed: the coming key frames are observed, a selector chooses
     envelopes for them, they are planned, verified and run, and planned anew from the measured pose
     where body or feet are off the plan. PLAN may then be a course, too; a plan is what it begins
-    with. A gait is dynamic: it runs at its own pace, or is refused.
+    with. A gait and a leap are dynamic: they run at their own pace, or are refused; a leap in
+    simulations alone, where a stop that comes in the air lands it first.
 
       stancekit run plan.json --world mujoco --log run.mcap
       stancekit run walls --policy envelope.json --friction-share 0.75
@@ -66,7 +67,7 @@ class RunMotion:
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
-    """Plan file, or gait file; with --policy also a course, by name or file."""
+    """Plan file, gait file or leap file; with --policy also a course, by name or file."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class
     in a file."""
@@ -158,7 +159,7 @@ class RunMotion:
         with as_options("speed_rad_s", "friction_share", "least_push"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
-        with as_options("friction_share", "wrench", "blind", "policy"):
+        with as_options("friction_share", "wrench", "blind", "policy", "least_push"):
             try:
                 check_run(request, self.world, settings, led=led)
             except InvalidInput as error:

@@ -201,8 +201,11 @@ class AcceptedLeap:
     def verified(cls, plan: LeapPlan, source: str) -> AcceptedLeap:
         """Verify a leap now.
 
-        Raises InvalidInput for one that is rejected, or whose whole body was not judged.
+        Raises InvalidInput for one that is rejected, whose whole body was not judged, or that begins
+        or ends in motion.
         """
+        if not all(plan.problem.still):
+            raise InvalidInput(f"{source}: expected a leap that begins and ends at rest")
         report = check_leap(plan, body=True)
         if not report.accepted:
             raise InvalidInput(

@@ -51,8 +51,8 @@ class RunReport:
             forces are not measured.
         loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
         stopped_s: when the latch was tripped, on the monotonic clock that all processes of a
-            machine share, None where it was not; after: commands on their way at that moment, whose
-            write returned up to after_s later.
+            machine share, None where it was not; after: commands on their way at that moment, or
+            by which a leap of a simulation landed, whose write returned up to after_s later.
         load: processes that wanted a processor in the last minute, for each that there is; NaN
             where nobody says.
     Source:

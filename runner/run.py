@@ -150,6 +150,7 @@ class Runner:
                 message = f"{type(error).__name__}: {error}"
                 raise
             finally:
+                self.latch.lands = False  # what comes now is no leap, and a stop is obeyed at once
                 ended = self._finish(message)
         return ended, message
 
@@ -304,8 +305,7 @@ class Runner:
         Arguments:
             lean: as of ``SafeWorld.step``.
 
-        Raises:
-            Stopped: HardwareFault.
+        Raises Stopped, HardwareFault.
         """
         state = self.world.step(targets, lean)
         if self._logs:

@@ -130,7 +130,9 @@ def check_file(path: str | Path, *, why: bool = False) -> FileCheck:
     Arguments:
         path: of the file.
         why: say of a proof what would have to give.
-    Raises InvalidInput for a file that holds neither.
+
+    Raises:
+        InvalidInput: for a file that holds neither.
     """
     leap_file = read_leap(path)
     if leap_file.plan is not None:

@@ -66,13 +66,19 @@ NEAR_M = 0.06
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedLeap:
-    """A plan with what its whole body does. short_m: by how much the reach of every limb was
-    shortened for it, and has to be for the next, shape (N,).
+    """A plan with what its contacts and its whole body do.
+
+    Arguments:
+        groups: of the whole body.
+        report: on contacts and the whole body.
+        shortened_m: by how much the reach of every limb was shortened for it, shape (N,).
+        share: of joints' speeds and torques that its rows asked for.
     """
 
     plan: LeapPlan
     body: LeapBodyMeasurements
     groups: tuple[Group, ...]
+    report: Report[LeapPlan]
     shortened_m: Array
     share: float = SHARE
 
@@ -98,14 +104,14 @@ class JudgedLeap:
 
     @property
     def accepted(self) -> bool:
-        """No group of the whole body is violated."""
-        return not any(group.verdict == "violated" for group in self.groups)
+        """No group of contacts or of the whole body is violated."""
+        return self.report.accepted
 
     @property
     def score(self) -> float:
         """Distance from being accepted, in units of ``SCALES``."""
         total = 0.0
-        for group in self.groups:
+        for group in self.report.groups:
             if group.verdict == "violated":
                 total += (group.value - group.limit) / SCALES.get(group.name, 0.1)
         return total
@@ -166,6 +172,7 @@ class LeapBender:
             plan=plan,
             body=measured,
             groups=groups,
+            report=_with(check_leap(plan), groups),
             shortened_m=none if shortened_m is None else shortened_m,
             share=share,
         )
@@ -366,7 +373,6 @@ def judged_answer(
     programs: Programs,
     *,
     share: float = FRICTION_SHARE,
-    bend: bool = True,
     deadline: float = np.inf,
 ) -> Answer[LeapPlan]:
     """An answer whose plan is judged on the robot's own body, and bent where it fails; undecided
@@ -378,14 +384,15 @@ def judged_answer(
     if plan is None or not plan.problem.robot.source.own:
         return answer
     bender = LeapBender(programs, share=share, deadline=deadline)
-    if bend:
-        first, best = bender.bent(plan)
-    else:
-        first = best = bender.judge(plan)
-    report = _with(check_leap(best.plan), best.groups)
+    first, best = bender.bent(plan)
+    report = best.report
     details = dict(answer.details) | {"bending_rounds": float(bender.rounds)}
     for group in first.groups:
         details[f"{group.name}_before"] = group.value
+    late = time.perf_counter() > deadline
+    why = "the time ended before legs could do it" if late else "legs cannot do it"
+    if not report.contacts:
+        why = "contacts of the bent leap do not hold"
     status = Status.FEASIBLE if report.accepted else Status.UNDECIDED
     return replace(
         answer,
@@ -395,7 +402,7 @@ def judged_answer(
         report=report,
         residual=report.worst,
         details=details,
-        message="" if report.accepted else f"legs cannot do it: {failures(report)}",
+        message="" if report.accepted else f"{why}: {failures(report)}",
     )
 
 
@@ -406,7 +413,7 @@ def _with(report: Report[LeapPlan], groups: tuple[Group, ...]) -> Report[LeapPla
 
 
 def failures(report: Report[LeapPlan]) -> str:
-    """The groups of the whole body that fail, with the limits that bind."""
+    """The groups that fail, with the limits that bind."""
     lines = []
     for group in report.groups:
         if group.verdict == "violated":

@@ -22,6 +22,8 @@ from .walk_joints import MovingBody, WalkPostures
 
 STEP_S = 0.005
 """Spacing of the samples, at most."""
+LEAST = 4
+"""Samples of the shortest leap: torques are measured at those within."""
 TURNS = 6
 """Rounds in which legs and the body that they turn agree; each leaves a third or less of what is off."""
 SINGULAR = 0.03
@@ -68,7 +70,7 @@ class LeapBody:
         self._radii = self._body.kinematics.radii_m
         ends = plan.times_s
         count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * STEP_S if quick else STEP_S))) + 1
-        self.times_s = np.linspace(ends[0], ends[-1], count)
+        self.times_s = np.linspace(ends[0], ends[-1], max(count, LEAST))
         self._k = np.clip(
             np.searchsorted(ends, self.times_s + 1e-9, side="right") - 1, 0, len(ends) - 2
         )

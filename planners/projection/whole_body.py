@@ -417,6 +417,9 @@ class _Stage:
         for count in range(rounds):
             if state.at.share <= self._limits.share:
                 return state, count
+            if time.perf_counter() > self._deadline:
+                self.late = True
+                return state, count
             at = SparedGiven(
                 scaled,
                 state.at.point,

@@ -45,7 +45,6 @@ class LeapBodyLimits:
         legs_turn_rad: what legs turn the body by beside what the plan says; joints are judged with
             all of it.
         dip_m: how far a foot in the air is below the plane of the surface that it left or comes to.
-        bodies_m: of one link in another; in the ground what is within 1 mm counts as 0.
     """
 
     joints_m: float = 1e-4
@@ -53,7 +52,6 @@ class LeapBodyLimits:
     torque: float = 1.0
     legs_turn_rad: float = 0.05
     dip_m: float = 2e-3
-    bodies_m: float = 1e-4
 
 
 class LeapBodyMeasurements(MovingBodyMeasurements):
@@ -75,9 +73,12 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 
     @cached_property
     def shares(self) -> tuple[Array, Array]:
-        """q̇/q̇_max and τ/τ_max at the inner samples, shape (K − 2, J) each."""
+        """q̇/q̇_max and τ/τ_max at the inner samples, 0 where a limit is not known, shape (K − 2, J)
+        each.
+        """
         solver, rates = self.kinematics, self.rates_rad_s
-        fast = 0.5 * (rates[1:] + rates[:-1]) / solver.velocity_rad_s
+        most = np.where(solver.velocity_rad_s > 0.0, solver.velocity_rad_s, np.inf)
+        fast = 0.5 * (rates[1:] + rates[:-1]) / most
         return fast, self.torques_nm / solver.torque_nm
 
     @cached_property
@@ -128,14 +129,14 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         off, left = self.off_toes(), self.dips()
         legs = [self.path.feet[leg] for leg in self.kinematics.legs]
         yield _group("joints", off.values, feet, times, limits.joints_m, feet)
-        speed = self.speed()
-        yield _group("joint_speed", speed.values, joints, speed.times_s, limits.joint_speed, legs)
+        speed, model = self.speed(), self.kinematics.model
+        fast = _group("joint_speed", speed.values, joints, speed.times_s, limits.joint_speed, legs)
         torque = _group("torque", self.line, joints, times[1:-1], limits.torque, legs)
-        model = self.kinematics.model
-        unlimited = model.lines_of(model.torque_doubts)
-        if unlimited:
-            torque = replace(torque, message="; ".join(unlimited), verdict="not checked")
-        yield torque
+        known = self.kinematics.velocity_rad_s > 0.0
+        slow = [name for name, there in zip(joints, known, strict=True) if not there]
+        unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
+        yield _as_far_as_known(fast, unlimited)
+        yield _as_far_as_known(torque, [*unlimited, *model.lines_of(model.torque_doubts)])
         turned = np.abs(self.turned)
         yield _group(
             "legs_turn",
@@ -182,6 +183,13 @@ def _group(
         limb=limbs[column] if limbs else "",
         when=float(times_s[row]),
     )
+
+
+def _as_far_as_known(group: Group, unlimited: list[str]) -> Group:
+    """A group of joints of which some have no limits: what holds of the others is not checked."""
+    if not unlimited or group.verdict == "violated":
+        return group
+    return replace(group, message="; ".join(unlimited), verdict="not checked")
 
 
 def body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> tuple[Group, ...]:

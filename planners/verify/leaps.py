@@ -100,7 +100,11 @@ def _defect(plan: LeapPlan) -> str:
     if plan.gather is not None and not (
         0.05 <= plan.gather[0] <= 0.5 and 0.1 <= plan.gather[1] <= 1.0
     ):
-        return f"gather: expected shares of .05 to .5 and of .1 to 1, got {plan.gather.tolist()}"
+        return f"gather: expected shares of 0.05 to 0.5 and of 0.1 to 1, got {plan.gather.tolist()}"
+    if plan.legs_turn_rad is not None and not leap.robot.source.own:
+        return (
+            "legs_turn_rad: expected none of a robot that has limbs alone, whose legs weigh nothing"
+        )
     for j, foothold in enumerate(leap.footholds):
         if not 0 <= plan.choice[j] < len(foothold.candidates):
             return (

@@ -166,8 +166,7 @@ class SlipRecovery:
             record: of the plan's motion so far.
             estimate: the shares by what was measured with forces for such a share.
 
-        Raises:
-            Stopped: HardwareFault.
+        Raises Stopped, HardwareFault.
         """
         target, state = record.pairs[-1]
         now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0

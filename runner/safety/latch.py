@@ -31,10 +31,12 @@ class StopLatch:
 
     Arguments:
         clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all
-            processes of a machine share. sent_s: when the last write had returned, NaN before the
-            first. after, after_s: writes that returned after it was tripped, which were on their
-            way then, and how long after the last of them did. lands: a leap is under way in a
-            simulation, and a stop is obeyed when it has landed.
+            processes of a machine share.
+
+    sent_s: when the last write had returned, NaN before the first. after, after_s: writes that
+    returned after it was tripped, which were on their way then or landed a leap, and how long after
+    the last of them did. lands: a leap is under way in a simulation, and a stop is obeyed when it
+    has landed.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

@@ -79,8 +79,8 @@ class ReplayWorld(LatchedWorld):
         self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0
         self.worst_rad = 0.0
-        self.capabilities = WorldCapabilities.of_servos(
-            robot, servo, self.rate_hz, senses=self._sees
+        self.capabilities = WorldCapabilities.of_drives(
+            self.drives, self.rate_hz, senses=self._sees
         )
 
     @classmethod

@@ -1,5 +1,6 @@
 """Leaps in MuJoCo: landing, and stops before, in and after the air."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,13 @@ def test_a_leap_lands_where_it_should_and_stands(accepted: AcceptedLeap):
     assert np.count_nonzero(flies) > 20
 
 
+def test_a_replay_sends_the_same(accepted: AcceptedLeap, tmp_path: Path):
+    first = stancekit.run(accepted, "mujoco", log=tmp_path / "leap.mcap")
+    again = stancekit.run(accepted, "replay", setup=tmp_path / "leap.mcap")
+    assert again.sent == first.sent
+    assert again.replay_rad == 0.0
+
+
 def test_a_stop_before_take_off_is_obeyed_at_once(accepted: AcceptedLeap):
     report = stopped_at(accepted, 0.6)
     assert report.message == "e-stop"
@@ -63,6 +71,20 @@ def test_a_stop_in_the_air_lands_first(accepted: AcceptedLeap):
     assert report.execution.com_final_m < 0.02
 
 
+def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(accepted: AcceptedLeap):
+    world = make_world("mujoco", accepted.robot)
+    runner = Runner(world)
+
+    def fails(state: object) -> None:
+        if runner.latch.lands:
+            raise ValueError("in the air")
+
+    runner.check_body = lambda target, state: fails(state)
+    with pytest.raises(ValueError, match="in the air"):
+        runner.run(accepted)
+    assert not runner.latch.lands
+
+
 def test_a_leap_that_nobody_judged_with_legs_is_not_run():
     plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
     with pytest.raises(InvalidInput, match="expected a leap that was judged with legs"):
@@ -74,3 +96,15 @@ def test_a_leap_has_one_pace(accepted: AcceptedLeap):
         stancekit.run(
             accepted, "mujoco", settings=RunSettings(timing=RunSettings().timing.at_pace(0.5))
         )
+
+
+def test_a_leap_that_begins_in_motion_is_not_run(accepted: AcceptedLeap):
+    leap = accepted.plan.problem
+    start = replace(leap.start, velocity_m_s=np.array([5e-4, 0.0, 0.0]))
+    with pytest.raises(InvalidInput, match="expected a leap that begins and ends at rest"):
+        stancekit.run(replace(accepted.plan, problem=replace(leap, start=start)), "mujoco")
+
+
+def test_no_push_is_asked_of_a_leap(accepted: AcceptedLeap):
+    with pytest.raises(InvalidInput, match="least_push: expected a plan of key frames"):
+        stancekit.run(accepted, "mujoco", settings=RunSettings(least_push=0.5))

@@ -100,6 +100,40 @@ def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path
     assert bad.message.startswith("rejected: gather: expected shares")
 
 
+def test_legs_that_nobody_knows_turn_nothing():
+    from stancekit.planners.leap.finder import find_leap
+
+    plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
+    swung = np.zeros((plan.problem.intervals, 3))
+    assert check_leap(replace(plan, legs_turn_rad=None)).accepted
+    report = check_leap(replace(plan, legs_turn_rad=swung))
+    assert report.message.startswith("rejected: legs_turn_rad: expected none")
+
+
+@pytest.mark.parametrize(
+    ("was", "groups"),
+    [('velocity="12"', ("joint_speed", "torque")), ('effort="80"', ("torque",))],
+)
+def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str, groups, tmp_path):
+    from stancekit.configs import config_path
+    from stancekit.planners.robot.leg_limits import leaping_robot
+
+    text = config_path("robots/anymal.urdf").read_text()
+    (tmp_path / "other.urdf").write_text(text.replace(was, was.split('"')[0] + '"0"'))
+    model = leaping_robot(tmp_path / "other.urdf").source.own_model()
+    robot = replace(plan.problem.robot, model=model)
+    report = check_leap(replace(plan, problem=replace(plan.problem, robot=robot)), body=True)
+    assert report.unchecked == groups
+    assert "limit" in report.group("torque").message
+
+
+def test_a_leap_of_microseconds_is_refused_in_words(plan: LeapPlan):
+    leap = replace(plan.problem, timings_s=((1e-6, 1e-6, 1e-6),))
+    report = check_leap(replace(plan, problem=leap), body=True)
+    assert not report.accepted
+    assert report.unchecked == ()
+
+
 def test_a_robot_without_limits_of_its_joints_is_refused(tmp_path):
     from stancekit.configs import config_path
 
