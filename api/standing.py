@@ -5,16 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stancekit.learners.surrogates.calibration import checked_error
-from stancekit.learners.surrogates.screened import read_surrogate
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
+
+if TYPE_CHECKING:
+    from stancekit.learners.surrogates.surrogate import Surrogate
 
 
 @checked
@@ -105,9 +107,16 @@ def map(
             progress,
             began_s=began,
             checkpoint=path,
-            surrogate=None if surrogate is None else read_surrogate(surrogate),
+            surrogate=None if surrogate is None else _surrogate(surrogate),
         )
     except ImportError as missing:
         raise InvalidInput(
             f"fit: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
         ) from None
+
+
+def _surrogate(surrogate: Any) -> Surrogate:
+    """A surrogate, or that of a file; torch is loaded here. Raises InvalidInput."""
+    from stancekit.learners.surrogates.surrogate import Surrogate
+
+    return Surrogate.of(surrogate)
