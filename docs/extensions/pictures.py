@@ -32,8 +32,25 @@ PICTURES = {
         "900",
         "--picture",
     ),
+    "standing-map.png": (
+        "stancekit",
+        "map",
+        "configs/demo/stones.obj",
+        "--robot",
+        "configs/demo/ant.yaml",
+        "--spacing-m",
+        "0.1",
+        "--headings",
+        "4",
+        "--picture",
+    ),
 }
 """Their names, and the command whose last option takes the file."""
+STUDIES = {
+    "directions-ripple.png": "stancekit bench gait --terrain ripple --tasks 2 --seeds 0 --out FOLDER",
+    "times-ripple.png": "stancekit bench gait --terrain ripple --tasks 2 --seeds 0 --out FOLDER",
+}
+"""Pictures of studies that take longer than a build, and the command whose folder has them."""
 BROWSER = {"playground.png"}
 """Those for which a browser is needed; without one they stay as they are."""
 
