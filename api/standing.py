@@ -116,7 +116,10 @@ def map(
 
 
 def _surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file; torch is loaded here. Raises InvalidInput."""
+    """A surrogate, or that of a file; torch is loaded here.
+
+    Raises InvalidInput.
+    """
     from stancekit.learners.surrogates.surrogate import Surrogate
 
     return Surrogate.of(surrogate)

@@ -445,8 +445,9 @@ class ShardDraft:
 
     @property
     def _most(self) -> int:
-        """Largest number of samples that may be drawn. It is smaller as long as some wanted label
-        has not been found at all.
+        """Largest number of samples that may be drawn.
+
+        It is smaller as long as some wanted label has not been found at all.
         """
         lacks = (count > 0 and not self._kept[kind] for kind, count in self._room.items())
         return min(self._limit, BARREN) if not self._plan.natural and any(lacks) else self._limit

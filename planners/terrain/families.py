@@ -393,8 +393,10 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
 
 
 def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) -> Terrain:
-    """A terrain of heights that is level around the origin. Its courses begin 2 ``LEVEL_M`` ahead,
-    where it is no longer level, and its patches are those about that place.
+    """A terrain of heights that is level around the origin.
+
+    Its courses begin 2 ``LEVEL_M`` ahead, where it is no longer level, and its patches are those
+    about that place.
     """
     from .smooth_families import LEVEL_M, levelled
 

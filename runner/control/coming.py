@@ -45,7 +45,10 @@ class Coming:
         return self._known[time_s]
 
     def _look_up(self, time_s: float, pace: float) -> None:
-        """Compute the expected samples from this time on. The last request's sample is kept."""
+        """Compute the expected samples from this time on.
+
+        The last request's sample is kept.
+        """
         self._count = min(2 * self._count, AHEAD) if self._asked == self._last else 1
         known = {self._asked: self._known[self._asked]} if self._asked in self._known else {}
         times = list(accumulate([pace * self._period_s] * (self._count - 1), initial=time_s))

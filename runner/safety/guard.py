@@ -176,7 +176,9 @@ class SafeWorld:
     def reset(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """Reset the world. A real robot is only measured and does not move.
+        """Reset the world.
+
+        A real robot is only measured and does not move.
 
         Raises Stopped, InvalidInput, HardwareFault.
         """
