@@ -105,7 +105,7 @@ def test_one_planner_answers_postures_and_courses():
         "method: expected one for postures, ", lambda: make_planner("decoupled").solve(problem())
     )
     refused(
-        "gap: expected none of exact for postures",
+        "gap: expected no such argument with exact for postures",
         lambda: make_planner("exact", gap=0.5).solve(problem()),
     )
 

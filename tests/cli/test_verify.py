@@ -193,7 +193,7 @@ def test_bad_input_is_one_line(refusal, pairs, labelled):
     )
     said = refusal("verify", "problems.jsonl")
     assert said.endswith(
-        ": expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+        "(stancekit solve PROBLEMS --certificate --out ANSWERS)"
     )
     for content, message in (
         (b'{"a": NaN}', "NaN"),

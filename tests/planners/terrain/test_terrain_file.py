@@ -111,7 +111,7 @@ def test_holes_are_no_ground_unless_they_are_to_be_filled(tmp_path):
 
 
 def inside_out(path):
-    box = trimesh.creation.box((1.0, 1.0, 0.2))
+    box = trimesh.creation.box((1.0, 1.0, 0.5))
     box.invert()
     box.export(path)
 
@@ -172,7 +172,7 @@ def many(path):
             "out.stl",
             inside_out,
             {},
-            "got a solid about (-0.167, -0.167, -0.0993) m that is inside out",
+            "got a solid about (-0.167, -0.167, -0.249) m that is inside out",
         ),
         (
             "line.obj",
