@@ -129,7 +129,7 @@ ENVIRONMENTS: list[tuple[str, str, dict[str, Any]]] = [
     ("envelopes", TRAVERSE, {"envelopes": ["net.onnx"]}),
     ("net.safetensors", TRAVERSE, {"envelopes": ["net.safetensors"]}),
     ("envelopes[0]", TRAVERSE, {"envelopes": [Nothing()]}),
-    ("planners", TRAVERSE, {"planners": ["two-stage"]}),
+    ("planners[0]", TRAVERSE, {"planners": ["two-stage"]}),
     ("planners", TRAVERSE, {"planners": []}),
     ("courses", TRAVERSE, {"courses": "stairs"}),
     ("courses", TRAVERSE, {"courses": []}),
