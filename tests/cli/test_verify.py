@@ -193,7 +193,8 @@ def test_bad_input_is_one_line(refusal, pairs, labelled):
     )
     said = refusal("verify", "problems.jsonl")
     assert said.endswith(
-        "(stancekit solve PROBLEMS --certificate --out ANSWERS)"
+        ": expected a data set folder, a plan, a proof or a gait; beside posture problems, the file of "
+        "their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
     )
     for content, message in (
         (b'{"a": NaN}', "NaN"),
