@@ -24,7 +24,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.other_forces import Hung, LoadTransfer
+from .motion.other_forces import LoadTransfer
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.stream import timed_gait, timed_plan, unhurried_plan
 from .motion.time_parametrization import (
@@ -204,7 +204,7 @@ def prepare_plan(
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
-    followed: Motion = Hung(motion) if settings.hung else motion
+    followed: Motion = LoadTransfer(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(
@@ -268,7 +268,7 @@ def prepare_gait(
         np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2)
     )  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    followed: Motion = Hung(motion) if settings.hung else motion
+    followed: Motion = LoadTransfer(motion) if settings.hung else motion
     tracker = Tracker(
         followed,
         kinematics,

@@ -15,7 +15,7 @@ from ..files.codec import LATER, to_json
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
 from .foot import Foot, check_feet
-from .leg_sources import DrawnLegs, LegSource, NoLegs, OwnLegs
+from .leg_sources import DrawnLegs, LegSource, OwnLegs
 from .limb import LegLimits as LegLimits
 from .limb import Limb as Limb
 from .reach import RelativeReach
@@ -230,8 +230,8 @@ class Robot:
                 self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
             )
         if self.feet:
-            return NoLegs(self.name, len(self.feet), point=True)
-        return NoLegs(self.name, len(self.limbs), self.identity)
+            return LegSource(self.name, len(self.feet), point=True)
+        return LegSource(self.name, len(self.limbs), self.identity)
 
     @property
     def legs(self) -> RobotModel:

@@ -148,9 +148,11 @@ def _torsos(
 
 
 def _moment(robot: Robot, step_s: float) -> Array:
-    """C / Δt² in units of m·g·(stand height)."""
-    scale = robot.mass_kg * GRAVITY_M_S2 * robot.stand_height_m
-    return np.asarray(second_moment(np.asarray(robot.inertia_kgm2)) / (scale * step_s**2))
+    """C / Δt² in units of m·g·(stand height), of C = ∫ ρ x xᵀ dv = ½ tr(I) Id − I."""
+    scale = robot.weight_n * robot.stand_height_m
+    inertia = np.asarray(robot.inertia_kgm2)
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.asarray(second / (scale * step_s**2))
 
 
 def _vee(m: cs.SX) -> cs.SX:
@@ -161,8 +163,3 @@ def _vee(m: cs.SX) -> cs.SX:
 def axial(m: cs.SX) -> cs.SX:
     """ε_ijk M_jk: ∫ ρ (A x) × (R x) dv for M = A C Rᵀ with C = ∫ ρ x xᵀ dv, shape (3, 1)."""
     return cs.vertcat(m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0])
-
-
-def second_moment(inertia: Array) -> Array:
-    """C = ∫ ρ x xᵀ dv = ½ tr(I) Id − I of an inertia tensor, shape (3, 3) [kg m²]."""
-    return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia)

@@ -849,6 +849,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
         "files/documents.py",
         "files/validation.py",
         "answer/trajectory.py",
+        "robot/foot.py",
         "robot/leg_sources.py",
         "robot/limb.py",
         "robot/model.py",
