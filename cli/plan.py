@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -50,6 +50,21 @@ SETTINGS = (
     "time_limit_s",
 )
 """What a planner's complaint may begin with that is an option here."""
+OF_LEAP = (
+    "course",
+    "planner",
+    "policy",
+    "robot",
+    "reserve",
+    "time_limit_s",
+    "out",
+    "proof",
+    "picture",
+    "video",
+    "html",
+    "json",
+)
+"""Options that a leap has a use for; any other is refused."""
 
 
 @dataclass
@@ -172,9 +187,7 @@ class PlanCourse:
         from stancekit.planners.formats.proof_file import write_proof
 
         if is_leap_file(self.course):
-            from .leap_plan import plan_leap
-
-            return plan_leap(self)
+            return self._leap()
         begin = time.perf_counter()
         self._check()
         planner, limits = self._planner(), self._limits()
@@ -223,6 +236,44 @@ class PlanCourse:
                     else f"{self.proof}: not written, since nothing is proved"
                 )
         return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
+
+    def _leap(self) -> int:
+        """Plan a leap; InvalidInput is raised for options that it has no use for."""
+        from stancekit.planners.files.writing import check_writable
+
+        from .leap_plan import leap_finder, plan_leap
+
+        self._check_of_leap()
+        for path in (self.out, self.proof):
+            if path is not None:
+                check_writable(path)
+                if path.suffix != ".json":
+                    raise InvalidInput(f"{path}: expected a file whose name ends with .json")
+        check_drawn(self.picture, self.video, self.html)
+        return plan_leap(
+            self.course,
+            self.robot,
+            leap_finder(self.planner, self.policy, reserve=self.reserve),
+            time_limit_s=self.time_limit_s,
+            out_file=self.out,
+            proof=self.proof,
+            pictures=(self.picture, self.video, self.html),
+            json=self.json,
+        )
+
+    def _check_of_leap(self) -> None:
+        """Raise InvalidInput for an option that was given and that a leap has no use for."""
+        between = self.between
+        for of in (self, between, between.file, between.footholds):
+            plain: Any = PlanCourse(course="") if of is self else cast("Any", type(of))()
+            for name, value in vars(plain).items():
+                unused = is_dataclass(value) or getattr(of, name) == value
+                if unused or (of is self and name in OF_LEAP):
+                    continue
+                option = name.replace("_", "-")
+                raise InvalidInput(
+                    f"--{option}: expected none with a leap, got {getattr(of, name)}"
+                )
 
     def _limits(self) -> WholeBodyLimits:
         from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
