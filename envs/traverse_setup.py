@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
-from typing import Any, Protocol, TypedDict
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -91,30 +91,9 @@ def path_length_m(course: Problem) -> float:
     return length if length > 1e-9 else 1.0
 
 
-class TraverseOptions(TypedDict, total=False):
-    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning."""
-
-    frames: int | None
-    horizon: int
-    amount: float
-    envelopes: Sequence[Boxes] | None
-    planners: Sequence[Planner] | None
-    weights: TraverseWeights | Mapping[str, float]
-    patience: int
-    limbs: int | None
-    regions: int | None
-    corners: int
-    robot: str | Path | None
-    terrain: str | Path | None
-    executor: Executor | None
-    programs: Programs | None
-    timing: bool
-    margins: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraverseSettings:
-    """``TraverseOptions`` with their defaults.
+    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning.
 
     Raises InvalidInput for what is out of range or does not go together.
     """
