@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.plan import Plan
     from stancekit.planners.problem import Problem
-    from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.search.answer import Planner
+    from stancekit.planners.search.plan_settings import PlanSettings
     from stancekit.planners.verify import Report
 
 SETTINGS = (
@@ -190,7 +190,7 @@ class PlanCourse:
             return self._leap()
         begin = time.perf_counter()
         self._check()
-        planner, limits = self._planner(), self._limits()
+        planner = self._planner()
         title = f"plan {Path(self.course).stem} by {self.planner}"
         with progress(title) as show, self.between.in_options():
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
@@ -203,12 +203,9 @@ class PlanCourse:
                     question,
                     planner,
                     **what,
-                    body=limits,
-                    push_n=self.push_n,
-                    wrench=wrench_numbers(self.wrench),
+                    settings=self._settings(),
                     time_limit_s=left_s,
                     progress=show,
-                    checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
                 )
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
@@ -275,12 +272,23 @@ class PlanCourse:
                     f"--{option}: expected none with a leap, got {getattr(of, name)}"
                 )
 
-    def _limits(self) -> WholeBodyLimits:
-        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+    def _settings(self) -> PlanSettings:
+        """What the options say that a plan has to keep and to bear.
 
-        with as_options("torque_nm", "torque_share", "clearance_m"):
-            return WholeBodyLimits(
-                torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
+        Raises InvalidInput.
+        """
+        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+        from stancekit.planners.search.plan_settings import PlanSettings
+
+        with as_options("torque_nm", "torque_share", "clearance_m", "push_n", "wrench"):
+            return PlanSettings(
+                body=WholeBodyLimits(
+                    torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
+                ),
+                push_n=self.push_n,
+                wrench=wrench_numbers(self.wrench),
+                standing=self.between.map,
+                checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
             )
 
     def _outputs(self) -> list[Path]:
@@ -298,9 +306,7 @@ class PlanCourse:
         check_planner(self, "planner", COURSE_METHODS, "courses")
         if self.policy is not None:
             raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
-        self._limits()
-        with as_options("wrench"):
-            wrench_numbers(self.wrench)
+        self._settings()
         if self.relaxation not in (None, "envelope"):  # as plans had p1
             from stancekit.planners.relaxation.table import RELAXATIONS
 
