@@ -10,10 +10,11 @@ multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb
 frame, a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets
 all constraints but the balances of moments, whose largest component is off by ε, has
 
-    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) −
-    ρ‖r‖]
-      + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q'
-      − q) − Δ_p‖b‖ ≤  Σ_stances ‖ν_M‖₁ ε.
+    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z)
+      + Σ_limbs [r·(q − c − s − Θ × s) − ρ‖r‖]
+      + Σ_steps [a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c))]
+      + Σ_toes [b·(q' − q) − Δ_p‖b‖]
+      ≤  Σ_stances ‖ν_M‖₁ ε.
 
 Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) −
 b), σ ≥ 0, further rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
