@@ -290,12 +290,8 @@ def patches_of(pieces: Sequence[tuple[Surface, Corners]]) -> list[Patch]:
         origins = np.array([surface.origin_m for surface in surfaces])
         flat = np.array([pieces[k][1] for k in chosen])
         vertices = origins[:, None] + flat @ frames[:, :, 1:].transpose(0, 2, 1)
-        for k, surface, patch in zip(
-            chosen,
-            surfaces,
-            with_polygons([each.patch for each in surfaces], vertices, frames),
-            strict=True,
-        ):
+        moved = with_polygons([each.patch for each in surfaces], vertices, frames)
+        for k, patch in zip(chosen, moved, strict=True):
             patches[k] = patch
     return [patch for patch in patches if patch is not None]
 
