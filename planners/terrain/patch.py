@@ -129,6 +129,18 @@ class Patch:
         return np.asarray(self.vertices_m.mean(axis=0))
 
 
+def solids_of(patches: Sequence[Patch]) -> tuple[Solid, ...]:
+    """The ``solid`` of every patch; those that are not made yet are made at once."""
+    new = [patch for patch in patches if "solid" not in vars(patch)]
+    if len(new) > 1:
+        made = Solid.behind_all(
+            [patch.vertices_m for patch in new], [patch.normal for patch in new]
+        )
+        for patch, solid in zip(new, made, strict=True):
+            vars(patch).setdefault("solid", solid)
+    return tuple(patch.solid for patch in patches)
+
+
 def with_polygons(patches: Sequence[Patch], vertices_m: Array, frames: Array) -> list[Patch]:
     """Other polygons in the planes of K patches, shape (K, U, 3), looked at all at once; nothing
     else is looked at again.
@@ -141,6 +153,39 @@ def with_polygons(patches: Sequence[Patch], vertices_m: Array, frames: Array) ->
     vertices = read_only(vertices_m, (None, None, 3), "vertices_m")
     _check_polygons(vertices, frames)
     return [patch._moved_to(each) for patch, each in zip(patches, vertices, strict=True)]
+
+
+def flat_patches(
+    vertices_m: Array, normals: Array, shear_references: Array, frictions: Sequence[float]
+) -> list[Patch]:
+    """K patches of as many corners each, looked at all at once.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        vertices_m: of each in order around the border, shape (K, U, 3) [m].
+        normals, shear_references: unit vectors, shape (K, 3).
+        frictions: μ ≥ 0 of each.
+    """
+    vertices = read_only(vertices_m, (None, None, 3), "vertices_m")
+    normals = read_only(normals, (None, 3), "normal")
+    shears = read_only(shear_references, (None, 3), "shear_reference")
+    frames = contact_frames(normals, shears)
+    frames.setflags(write=False)
+    _check_polygons(vertices, frames)
+    patches = list[Patch]()
+    for k, friction in enumerate(frictions):
+        patch = object.__new__(Patch)
+        patch.__dict__.update(
+            vertices_m=vertices[k],
+            normal=normals[k],
+            shear_reference=shears[k],
+            friction=checked(friction, "friction", least=0.0),
+            certainty=None,
+            frame=frames[k],
+        )
+        patches.append(patch)
+    return patches
 
 
 def _check_polygons(vertices: Array, frames: Array) -> None:

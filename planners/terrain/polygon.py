@@ -15,7 +15,7 @@ import numpy as np
 
 from ..cached import cached_property
 from ..files.arrays import Array, cross
-from .patch import Patch, with_polygons
+from .patch import Patch, flat_patches, with_polygons
 
 Corner = tuple[float, float]
 Corners = list[Corner]
@@ -316,6 +316,25 @@ def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None
     )
 
 
+def surface_patches(
+    vertices_m: Array, frictions: Sequence[float], towards_m: Array
+) -> tuple[Patch, ...]:
+    """The ``surface_patch`` of K polygons of as many corners each, all at once.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        vertices_m: shape (K, U, 3) [m].
+        frictions: of each.
+        towards_m: a point on the robot's side of each, shape (K, 3) [m].
+    """
+    normals = _newells(vertices_m)
+    behind = np.vecdot(towards_m - vertices_m.mean(axis=1), normals) < 0.0
+    normals = np.where(behind[:, None], -normals, normals)
+    shears = np.array([shear_of(normal) for normal in normals]).reshape(-1, 3)
+    return tuple(flat_patches(vertices_m, normals, shears, frictions))
+
+
 def shear_of(normal: Array) -> Array:
     """The shear reference of the house's terrains: up on walls, forward on ground, shape (3,)."""
     return np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < STEEP else np.array([1.0, 0.0, 0.0])
@@ -325,9 +344,15 @@ def _newell(vertices: Array) -> Array:
     """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
     then refuses.
     """
-    about = vertices - vertices.mean(axis=0)
-    total = sum(
-        (cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3)
-    )
-    length = float(np.linalg.norm(total))
-    return total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
+    return _newells(vertices[None])[0]
+
+
+def _newells(vertices: Array) -> Array:
+    """The unit normals of polygons of as many corners each, shape (K, U, 3) to (K, 3)."""
+    about = vertices - vertices.mean(axis=1, keepdims=True)
+    total = np.zeros((len(vertices), 3))
+    for k in range(vertices.shape[1]):
+        total = total + cross(about[:, k], about[:, (k + 1) % vertices.shape[1]])
+    lengths = np.sqrt(np.vecdot(total, total))[:, None]
+    flat = total / np.where(lengths > 1e-12, lengths, 1.0)
+    return np.where(lengths > 1e-12, flat, np.array([0.0, 0.0, 1.0]))
