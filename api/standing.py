@@ -116,10 +116,10 @@ def map(
 
 
 def _surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file; torch is loaded here.
+    """A surrogate, or that of a file or a name; torch is loaded here.
 
     Raises InvalidInput.
     """
-    from stancekit.learners.surrogates.surrogate import Surrogate
+    from stancekit.learners.surrogates.shipped import surrogate_of
 
-    return Surrogate.of(surrogate)
+    return surrogate_of(surrogate)
