@@ -89,9 +89,7 @@ def fit_surrogate(
             raise InvalidInput(
                 f"calibration: expected rows as they are drawn, got screened ones of {calibration.ledger.folder}"
             )
-        seen = {corners.tobytes() for corners in rows.batch.vertices_m}
-        fresh = [k for k, each in enumerate(held.batch.vertices_m) if each.tobytes() not in seen]
-        held = held.select(np.array(fresh, dtype=np.intp))
+        held = held.without(rows)
         origin.append(calibration.origin)
     surrogate = fit_rows(
         rows,
