@@ -30,6 +30,9 @@ from .clock import Clock
 
 TRIES = 3
 """Plans that go on as the last one goes, before a side is parted."""
+SHARE = 0.5
+"""Share of the time that is left which one question may take: a planner that seeks the best plan takes
+all that it gets."""
 SHORT = 1e-6
 """A step that is shorter than δ by less than this is long enough [m or rad]."""
 Sides = tuple[Array | None, ...]
@@ -145,7 +148,7 @@ class _Search:
             return None
         planner = self._planner
         if hasattr(planner, "with_limit"):
-            planner = planner.with_limit(max(left_s, 1e-3))
+            planner = planner.with_limit(max(SHARE * left_s, 1e-3))
         outcome = self._solve(planner, course)
         self._asked += 1
         self._clock.count(outcome.effort.solves, outcome.effort.solver_s)

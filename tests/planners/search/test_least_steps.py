@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -74,9 +75,11 @@ def test_sides_cover_all_directions_and_each_half_space_holds_its_own_long_enoug
     assert not too_small(sides[0])
 
 
-@pytest.mark.parametrize("make", [TwoStageCoursePlanner, ExactCoursePlanner, NlpPlanner])
+@pytest.mark.parametrize(
+    "make", [TwoStageCoursePlanner, partial(ExactCoursePlanner, max_nodes=20), NlpPlanner]
+)
 def test_plans_step_as_far_and_would_not_without(climb, programs, make):
-    course = climb(0, frames=3)
+    course = climb(4, frames=3)
     asked = least(course, least_toe_m=0.06, least_rotation_rad=0.04)
     planner = make(programs=programs)
     free, kept = planner.solve(course), planner.solve(asked)
@@ -100,7 +103,7 @@ def test_plans_step_as_far_and_would_not_without(climb, programs, make):
 
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, programs, share):
-    course = climb(0, frames=2)
+    course = climb(4, frames=2)
     found = TwoStageCoursePlanner(programs=programs).solve(turned(course, share))
     assert found.status is Status.FEASIBLE
     refuted = TwoStageCoursePlanner(programs=programs).solve(turned(course, 2.0 - share))
@@ -109,7 +112,7 @@ def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, program
 
 
 def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
-    course = climb(0, frames=2)
+    course = climb(4, frames=2)
     assert len(course.moves) >= 1
     found = TwoStageCoursePlanner(programs=programs).solve(stepped(course, 0.6))
     assert found.status is Status.FEASIBLE
@@ -121,12 +124,12 @@ def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
 
 
 def test_forged_proofs_are_refused(climb, programs):
-    course = turned(climb(0, frames=2), 1.3)
+    course = turned(climb(4, frames=2), 1.3)
     proof = TwoStageCoursePlanner(programs=programs).solve(course).certificate
     assert check_certificate(proof).accepted
-    feasible = turned(climb(0, frames=2), 0.5)
+    feasible = turned(climb(4, frames=2), 0.5)
     assert not check_certificate(proof.of(feasible)).accepted
-    assert not check_certificate(proof.of(climb(0, frames=2))).accepted  # it has no such rows
+    assert not check_certificate(proof.of(climb(4, frames=2))).accepted  # it has no such rows
     tree = np.array(proof.tree)
     for forged, message in (
         (np.vstack([[4.0, 1.0, 0.0, 0.0, 0.0], tree[1:]]), "least step"),
@@ -142,7 +145,7 @@ def test_forged_proofs_are_refused(climb, programs):
 
 
 def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
-    course = turned(climb(0, frames=2), 1.3)
+    course = turned(climb(4, frames=2), 1.3)
     proof = TwoStageCoursePlanner(programs=programs).solve(course).certificate
     rows = np.array(proof.multipliers)
     rows[:, -1] *= -1.0
@@ -150,8 +153,8 @@ def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
 
 
 def test_the_reference_solves_the_same_programs(climb, programs):
-    course = least(climb(1, frames=3), least_toe_m=0.05, least_rotation_rad=0.03)
-    free = TwoStageCoursePlanner(programs=programs).solve(climb(1, frames=3))
+    course = least(climb(6, frames=3), least_toe_m=0.05, least_rotation_rad=0.03)
+    free = TwoStageCoursePlanner(programs=programs).solve(climb(6, frames=3))
     scaled = Scaled.of(along(course, free.solution))
     ours = solve_lift(programs, scaled, least_moment=False)
     theirs = solve_lift(Programs(engine="cvxpy"), scaled, least_moment=False)
@@ -160,7 +163,7 @@ def test_the_reference_solves_the_same_programs(climb, programs):
     assert ours.bound == pytest.approx(theirs.bound, rel=1e-4)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [4, 2])
 def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, seed):
     course = climb(seed, frames=2)
     for lengths in ({"least_toe_m": 0.08}, {"least_rotation_rad": 0.05}):
@@ -173,7 +176,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
 
 
 def test_within_the_time_limit_nothing_is_claimed(climb, programs):
-    course = turned(climb(0, frames=2), 1.02)
+    course = turned(climb(4, frames=2), 1.02)
     outcome = TwoStageCoursePlanner(programs=programs, time_limit_s=1e-3).solve(course)
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
@@ -181,7 +184,7 @@ def test_within_the_time_limit_nothing_is_claimed(climb, programs):
 
 
 def test_a_course_without_them_has_neither_rows_nor_sides(climb):
-    course = climb(0, frames=2)
+    course = climb(4, frames=2)
     assert course.least_steps.shape == (0,)
     assert along(course, None) is course
     asked = least(course, least_toe_m=0.1)
@@ -207,4 +210,4 @@ def test_bad_lengths_are_refused(changes, message):
 
 def test_sides_of_another_shape_are_refused(climb):
     with pytest.raises(InvalidInput, match="sides: expected"):
-        replace(climb(0, frames=2), sides=np.zeros((3, 4)))
+        replace(climb(4, frames=2), sides=np.zeros((3, 4)))
