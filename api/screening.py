@@ -7,7 +7,7 @@ from typing import Any
 
 from stancekit.learners.surrogates.screened import Screened
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.problem import PostureBatch, Problem
 
 
@@ -52,8 +52,6 @@ def screen(
     try:
         from stancekit.learners.surrogates.surrogate import Surrogate, as_batch
     except ImportError as error_:
-        raise InvalidInput(
-            f"surrogate: expected {error_.name}, which a network needs, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed("surrogate", error_.name, "networks", "rl") from None
     some = [problems] if isinstance(problems, Problem) else problems
     return Surrogate.of(surrogate).screen(as_batch(some), error)
