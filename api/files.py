@@ -85,7 +85,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the
         pair (Problem, Certificate) of a proof; Leap, or LeapPlan or such a pair where its file
         holds an answer (``stancekit/leap/1``, or YAML); Trajectory of a gait; Dataset; LeapTries;
-        GaitRobot (YAML or URDF); what a safetensors file of a neural selector, chooser or policy
+        Robot that walks (YAML or URDF); what a safetensors file of a neural selector, chooser or policy
         holds, as ``Learned``; LeapScorer. Nothing is unpickled.
 
     Raises:

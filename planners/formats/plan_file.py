@@ -197,13 +197,11 @@ def check_file(
         InvalidInput: for a file that cannot be read, and for one of another robot or course.
     """
     plan, header = read_plan(path)
-    model = plan.problem.robot.model
+    legs = plan.problem.robot.source
     if robot is not None and (
-        model is None
-        or model.digest != robot.digest
-        or model.disabled_pairs != robot.disabled_pairs
+        legs.digest != robot.digest or legs.own_model().disabled_pairs != robot.disabled_pairs
     ):
-        got = "legs or numbers of its own" if model is not None else "no legs in its file"
+        got = "legs or numbers of its own" if legs.own else "no legs in its file"
         raise InvalidInput(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.problem.robot.name} "
             f"with {got}"
@@ -226,7 +224,7 @@ def check_file(
         if find_spec("pinocchio")
         else []
     )
-    bare = model is not None and any(shape.kind == "mesh" for shape in model.shapes)
+    bare = legs.own and any(shape.kind == "mesh" for shape in legs.own_model().shapes)
     older = header["format"] if bare and header["format"] != FORMAT else ""
     parts = [
         report.message,

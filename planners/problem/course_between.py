@@ -76,9 +76,8 @@ def course_between(
         return made.of_robot(robot) if isinstance(robot, Robot) else made
 
     spec = described()
-    model = spec.robot_model(folder)
-    body = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, body), body)
+    body = spec.make_robot(folder)
+    spec = alternative.of(spec.standing(body), body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
@@ -125,7 +124,7 @@ def course_between(
     if not alternative.drawn:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
-        update["body"] = {"tilt_limit_rad": 0.0}
+        update["body"] = described().level()
     return described(stance=spec.stance, **update)
 
 

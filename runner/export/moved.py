@@ -53,7 +53,7 @@ def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, 
                 robot: Robot | None = walking_robot(subject.robot)
             except InvalidInput:
                 robot = None
-            return robot, subject.robot.foot_names, ground, GRAVITY_M_S2
+            return robot, subject.robot.limb_names, ground, GRAVITY_M_S2
         case LeapPlan():
             leap = subject.problem
             patches = tuple(leap.patch(j, subject.choice) for j in range(len(leap.footholds)))

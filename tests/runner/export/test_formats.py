@@ -277,8 +277,8 @@ def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) 
     feet = {foot["name"]: held["feet_m"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
     stands = {foot["name"]: held["contact"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
 
-    assert tuple(feet) == walk.robot.foot_names
-    for k, name in enumerate(walk.robot.foot_names):
+    assert tuple(feet) == walk.robot.limb_names
+    for k, name in enumerate(walk.robot.limb_names):
         np.testing.assert_array_equal(feet[name], walk.feet_m[:, k])
         np.testing.assert_array_equal(stands[name], walk.contact[:, k])
         assert np.abs(feet[name][stands[name] > 0, 2]).max() < 1e-3  # on level ground
