@@ -17,7 +17,7 @@ from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import shown
 from stancekit.planners.problem.leap_classes import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
@@ -100,7 +100,6 @@ def label(
         folder: folder of the data set; rows that it has already are not made again.
         robot, terrain: robot and terrain, as for ``sample``. With a robot from a file, *infeasible*
             in a row refers to the inner sets of its legs.
-        of its legs.
         rows: numbers of feasible and of infeasible rows, the latter infeasible only because of
             their moment balance; or one number, for the first so many samples as they come,
             whatever their label. Not for leaps.
@@ -197,16 +196,14 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
         return None, None
     try:
-        from stancekit.learners.surrogates.surrogate import Surrogate
+        from stancekit.learners.surrogates.shipped import surrogate_of
     except ImportError as missing:
-        raise InvalidInput(
-            f"screen: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed("screen", missing.name, "networks", "rl") from None
 
     error = SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:
         raise InvalidInput(f"screen_error: expected a number above 0 and below 1, got {error:g}")
-    return Surrogate.of(given), float(error)
+    return surrogate_of(given), float(error)
 
 
 def export_scenes(
@@ -319,7 +316,5 @@ def _proposers(path: str | Path) -> Proposers:
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:
-        raise InvalidInput(
-            f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed(str(path), error.name, "proposers", "rl") from None
     return Proposers.load(path)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -55,21 +55,9 @@ class GaitRewardWeights:
         check_numbers(self, finite=self.__dataclass_fields__)
 
 
-class GaitOptions(TypedDict, total=False):
-    """Keywords of ``WarpedGaitEnv`` beside its terrain; its page has their meaning."""
-
-    robot: Robot | str | Path | None
-    tasks: Tasks | None
-    charts: Sequence[str] | None
-    settings: GaitSettings | Mapping[str, Any]
-    weights: GaitRewardWeights | Mapping[str, float]
-    timing: bool
-    pool: int | str | Path | None
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitEnvSettings:
-    """``GaitOptions`` with their defaults.
+    """Keywords of ``WarpedGaitEnv`` beside its terrain; its page has their meaning.
 
     Raises InvalidInput for what does not go together.
     """
@@ -226,7 +214,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         terrain: str = "mixed",
         *,
         render_mode: str | None = None,
-        **options: Unpack[GaitOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         check_argument("terrain", terrain, str)
