@@ -172,9 +172,7 @@ class Between:
 
         friction, limits = self._friction(), self._limits(robot)
         with in_options():
-            return terrain(
-                Path(name), friction=friction, limits=limits, **vars(self.file.options())
-            )
+            return terrain(Path(name), friction=friction, limits=limits, **vars(self.file.asked()))
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked
@@ -182,7 +180,7 @@ class Between:
         """
         from stancekit.planners.problem.file_terrain import FileTerrain
 
-        keys = vars(self.file.options())
+        keys = vars(self.file.asked())
         return FileTerrain(
             file=str(Path(name).resolve()),
             footholds=self._limits(robot),

@@ -62,6 +62,7 @@ class StandingMap:
         confidence: confidence with which that bound holds.
         seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
+        options: what was asked of the terrain's file and of footholds, other than the usual.
 
     Raises:
         InvalidInput: from ``read``, for a file that is damaged or foreign.
@@ -91,6 +92,7 @@ class StandingMap:
     confidence: float | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     card: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -110,6 +112,7 @@ class StandingMap:
             "headings_rad": np.round(self.headings_rad, 9).tolist(),
             "shape": list(self.shape),
             "aside_m": round(self.aside_m, 9),
+            "options": self.options,
         }
 
     def counts(self) -> dict[str, int]:
@@ -170,6 +173,7 @@ class StandingMap:
             "confidence": self.confidence,
             "seconds": self.seconds,
             "card": self.card,
+            "options": self.options,
         }
 
     def save(self, path: str | Path) -> None:
@@ -249,6 +253,7 @@ class StandingMap:
                 **shares,
                 "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
                 "card": dict(head["card"]),
+                "options": dict(head.get("options", {})),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except DAMAGED as error:
