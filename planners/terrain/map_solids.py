@@ -174,9 +174,7 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
     return unseen
 
 
-def on_surfaces(
-    terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float
-) -> ElevationMap:
+def on_surfaces(terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float) -> ElevationMap:
     """A map whose cells on its surfaces are as high as these are: a single height is off its
     surface by the noise, and a box as high as the highest of its cells would hide the surface.
 
@@ -199,8 +197,9 @@ def on_surfaces(
             for (a, b), (u, v) in zip(corners[:, :2], ahead[:, :2], strict=True)
         ]
         inside = (np.array(cross) >= -1e-12).all(axis=0) | (np.array(cross) <= 1e-12).all(axis=0)
-        plane = corners[0, 2] - ((x - corners[0, 0]) * normal[0] + (y - corners[0, 1]) * normal[1]) / (
-            normal[2]
+        plane = (
+            corners[0, 2]
+            - ((x - corners[0, 0]) * normal[0] + (y - corners[0, 1]) * normal[1]) / (normal[2])
         )
         off = np.abs(plane - heights[i, j])
         with np.errstate(invalid="ignore"):
