@@ -103,7 +103,7 @@ class MapTerrain:
             "spacing_m, headings",
             "grid_m",
         )
-        meaning = vars(self.file.options(self.grid_m))
+        meaning = vars(self.file.options())
         meaning.pop("spacing_m")
         usual = self.footholds == FootholdOptions()
         limits = (
