@@ -3,7 +3,7 @@ the two-stage planner and the exact one (after the abstract of Lin, Frontiers in
 January 2026, doi 10.3389/frobt.2025.1656564).
 
     python benchmarks/nearest.py [--problem wall-3] [--postures 100] [--solved 200] [--frames 1 4 8]
-    [--courses 15] [--solved-courses 30] [--near 5] [--cold 5] [--seed 0] [--json]
+    [--courses 20] [--solved-courses 30] [--near 5] [--cold 5] [--limit-s 10] [--seed 0] [--json]
 
 Written anew: of the paper its abstract and the first page were read, of its code nothing. Its
 problems have binaries and products. Here the products are the moments; the binaries are the patch
@@ -66,10 +66,6 @@ RELAXED = (0.1, 1e-3)
 """ε of the complementarity constraints, one solve after the other."""
 OPTIONS = 8
 """Most candidates of a toe that are compared."""
-COLD_S = 10.0
-"""Time limit of MICP from nothing."""
-EXACT_S = 1.0
-"""Time limit of the exact planner per course; what it has then is what objectives are held against."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +76,14 @@ class Arguments(Options):
     postures: int = 100
     solved: int = 200
     frames: tuple[int, ...] = (1, 4, 8)
-    courses: int = 15
+    courses: int = 20
     solved_courses: int = 30
     course: str = "icy-walls"
     near: int = 5
     cold: int = 5
+    limit_s: float = 10.0
+    """Time limit of MICP from nothing, and of the exact planner per course, by the clock; what the
+    latter has then is what objectives are held against."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +110,7 @@ def main(arguments: Arguments) -> None:
         draw = partial(drawn_course, arguments.course, frames, rng)
         counts = (arguments.solved_courses, arguments.courses)
         exact, teacher = (
-            ExactCoursePlanner(time_limit_s=EXACT_S),
+            ExactCoursePlanner(time_limit_s=arguments.limit_s),
             TwoStageCoursePlanner(),
         )
         for row in measured(draw, counts, exact, TwoStageCoursePlanner(), teacher, arguments):
@@ -150,7 +149,7 @@ def measured(
             exact_s.append(seconds)
     yield row("exact", [(True, s, 1.0) for s in exact_s])
     programs, solvers = Programs(), dict[Layout, Complementary]()
-    cold = MicpPlanner(grid=MicpGrid(intervals=INTERVALS), time_limit_s=COLD_S)
+    cold = MicpPlanner(grid=MicpGrid(intervals=INTERVALS), time_limit_s=its.limit_s)
     ways: dict[str, Callable[[Problem], Answer[Plan] | None]] = {
         "two-stage": quick.solve,
         "micp": cold.solve,

@@ -32,7 +32,7 @@ from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
-from .motion.soft_start import soft_motion, soft_start
+from .motion.soft_start import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
     Prepared,
@@ -196,9 +196,15 @@ class Runner:
             terrain: what the world has, where that is not what the plan's course says.
         """
         first = prepared.first
-        rotation = first.sample.rotation
+        rotation, origin = first.sample.rotation, first.origin_m
+        if terrain is not None:
+            feet = origin + prepared.kinematics.feet(first.angles_rad) @ rotation.T
+            rise = rise_m(terrain, feet, prepared.kinematics.radii_m)
+            origin = origin + np.array([0.0, 0.0, rise])
+            if rise > 0.0:
+                self.decide("start", f"{1e3 * rise:.0f} mm higher: a foot was in the ground")
         terrain = prepared.terrain if terrain is None else terrain
-        state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
+        state = self.world.reset(terrain, first.angles_rad, origin, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
         if (wrench := self._carry(0.0)) is not None and wrench.any():
@@ -268,7 +274,7 @@ class Runner:
             felt, seen = state.forces_n, state if source == "the world" else None
             seen = odometry.seen(target, state) if source == "leg odometry" else seen
             self.check_body(target, state)
-            if tracked.sees and (why := silent.found(target, state)):
+            if tracked.sees and (why := silent.found(target, state, tracked.tracker.seeks)):
                 self.world.trip(why)
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):

@@ -26,7 +26,7 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import LabelledScene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
@@ -258,8 +258,7 @@ def _minari() -> Any:
             importlib.import_module(name)
         return importlib.import_module("minari")
     except ImportError as error:
-        what = f"export: expected Minari, {error.name} is missing"
-        raise InvalidInput(f"{what}: pip install 'stancekit[datasets]'") from None
+        raise not_installed("export", error.name, "data sets of Minari", "datasets") from None
 
 
 @contextmanager

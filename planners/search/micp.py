@@ -19,7 +19,7 @@ from ..answer.answer import Answer
 from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.arrays import checked, checked_choice
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
@@ -30,6 +30,7 @@ from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_fram
 from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
+from .least_steps import over_sides
 
 LEAST_S = 1e-3
 """A solver is given this much time even where writing the model down took all of it [s]."""
@@ -64,7 +65,7 @@ class MicpPlanner(TimeLimited):
     ) -> None:
         checked_choice(solver, "solver", SOLVERS)
         if util.find_spec(SOLVERS[solver][0]) is None:
-            raise InvalidInput(f"solver: {solver} is not installed: pip install 'stancekit[exact]'")
+            raise not_installed("solver", SOLVERS[solver][0], repr(solver), "exact")
         cones_of(grid, solver)
         PROJECTIONS.get(projection)
         if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:
@@ -75,6 +76,7 @@ class MicpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
+    @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Ask the solver, then project and verify what it found.
 

@@ -129,7 +129,8 @@ def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -
 def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(
-        InvalidInput, match=r"^executor: 'ray' needs Ray, got none: pip install 'stancekit\[ray\]'$"
+        InvalidInput,
+        match=r"""^executor: expected Ray for 'ray', it is not installed: pip install "stancekit\[ray\]"$""",
     ):
         gather(executor("ray"), [partial(square, 1)])
 
