@@ -73,11 +73,6 @@ RECIPES = {
         calibrate=Rows(rows=(7000, 7000), seed=1, natural=True),
         test=(Rows(rows=(3000, 3000), seed=202), Rows(rows=(4000, 4000), seed=203, natural=True)),
     ),
-    "ground-3": Recipe(
-        learn=(Rows(rows=(4000, 4000), seed=0), Rows(rows=(3000, 3000), seed=1, natural=True)),
-        calibrate=Rows(rows=(6000, 6000), seed=3, natural=True),
-        test=(Rows(rows=(3000, 3000), seed=202), Rows(rows=(2000, 2000), seed=203, natural=True)),
-    ),
 }
 LIMITS = (
     "Draws of one law of the default hexapod, one triangle per foot; other robots, classes, bodies and loads are refused.",
