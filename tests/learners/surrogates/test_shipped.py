@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 pytest.importorskip("torch")
 
@@ -28,7 +29,8 @@ def test_they_are_small_and_what_their_cards_say() -> None:
         assert (name, list(surrogate.legs)) == (f"surrogate-{card['problem_class']}", card["legs"])
         assert surrogate.provenance["calibrated_on"] == card["calibrated_on"]
         assert min(card["calibrated_on"].values()) > 600
-        assert all(row["wrong"] <= row["error"] * row["rows"] * 1.25 for row in card["figures"])
+        for row in card["figures"]:  # an error that is held is exceeded so far once in a thousand
+            assert binom.sf(row["wrong"] - 1, row["rows"], row["error"]) > 1e-3
 
 
 @pytest.mark.parametrize("name", NAMES)
