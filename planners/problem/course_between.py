@@ -48,6 +48,7 @@ def course_between(
     alternative: Alternative = AS_ASKED,
     avoid_m: Sequence[Array] = (),
     standing: StandingMap | None = None,
+    straight: bool = False,
 ) -> CourseSpec:
     """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along
     x.
@@ -56,6 +57,7 @@ def course_between(
         robot: the hexapod unless named.
         frames: M, by the length of the way if missing.
         avoid_m, standing: as for ``guide_path``.
+        straight: the way of the body is the straight one, whatever is below it.
 
     Raises:
         InvalidInput: for a start or goal in a solid, off the terrain or without footholds for all
@@ -93,7 +95,11 @@ def course_between(
             f"standing: expected a map at a friction of {terrain.friction:g} or more, got {standing.friction:g}: what "
             "cannot be stood on there may be here"
         )
-    way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
+    if straight:
+        heights = [float(terrain_along.grid(end[:1], end[1:])[0, 0]) for end in ends]
+        way = np.column_stack([ends, heights])
+    else:
+        way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
@@ -178,6 +184,7 @@ class LaidBetween:
     robot: Robot | str | None
     frames: int | None
     standing: StandingMap | None = None
+    straight: bool = False
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
         """The course over the inner or outer sets of the robot's legs.
@@ -214,6 +221,7 @@ class LaidBetween:
                 alternative=alternative,
                 avoid_m=avoid_m,
                 standing=self.standing,
+                straight=self.straight,
             )
             return build_course(spec, sets=sets)
         except InvalidInput as error:
