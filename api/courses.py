@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
-from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
@@ -48,6 +49,8 @@ OLD = {
     "clearance_m": "plan(course, body=WholeBodyLimits(clearance_m=...))",
     "engine": "a planner of make_planner with PlannerOptions(programs=Programs(engine=...))",
 }
+FRAMES_SHARE = 0.2
+"""Share of the time that key frames have where there is no way for the body, and a leap may be tried."""
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 
 
@@ -90,7 +93,7 @@ def plan(
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
     **old: Any,
-) -> Answer[Plan] | Answer[LeapPlan]:
+) -> Answer[Plan] | Answer[LeapPlan] | Answer[Crossing]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
     carries; or a leap.
 
@@ -140,7 +143,9 @@ def plan(
         which has the candidates and the tilt limit of one that was laid out already; or undecided,
         also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
         time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
-        ``LeapPlan``.
+        ``LeapPlan``. Over a terrain with a gap that key frames do not cross, of a robot whose legs
+        have limits of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap,
+        and key frames on from it; its ``refusal`` is what key frames alone came to.
 
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
@@ -232,18 +237,66 @@ def plan(
         and is_scene(course)
     )
     layouts = (AS_ASKED,) if given_so else ALTERNATIVES
-    return plan_course(
-        question,
-        planner,
-        shares=shares,
-        limits=limits,
-        push_n=push_n,
-        wrench=beside_weight,
-        layouts=layouts,
-        kept=None if checkpoint is None else PartialPlan(Path(checkpoint)),
-        progress=progress,
-        deadline=deadline,
-    )
+    leaps = _may_leap(question, loaded=push_n > 0.0 or beside_weight is not None)
+    until = deadline
+    if leaps and _no_way(question):
+        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
+    refusal: InvalidInput | PlanningFailed | None = None
+    answer: Answer[Plan] | None = None
+    try:
+        answer = plan_course(
+            question,
+            planner,
+            shares=shares,
+            limits=limits,
+            push_n=push_n,
+            wrench=beside_weight,
+            layouts=layouts,
+            kept=None if checkpoint is None else PartialPlan(Path(checkpoint)),
+            progress=progress,
+            deadline=until,
+        )
+    except PlanningFailed as error:
+        if not leaps:
+            raise
+        refusal = error
+    crossed: Any = None
+    if leaps and (answer is None or answer.status is not Status.FEASIBLE):
+        from stancekit.planners.leap.crossing import cross  # of gaps alone
+        from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+        assert isinstance(question, LaidBetween)
+        assert question.robot is not None
+        why = str(refusal) if answer is None else answer.message or answer.status.value
+        crossed = cross(
+            question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
+        )
+    if crossed is not None:
+        return crossed  # type: ignore[no-any-return]
+    if answer is None:
+        assert refusal is not None
+        raise refusal
+    return answer
+
+
+def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
+    """Tell whether leaps may be tried where key frames have no plan: over a terrain, by a robot that
+    was named, with nothing on its body and nobody who pushes it.
+    """
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    return isinstance(question, LaidBetween) and question.robot is not None and not loaded
+
+
+def _no_way(question: Problem | LayOut) -> bool:
+    """Tell whether a course between two places has no way for the body as it is asked for."""
+    try:
+        question("inner", AS_ASKED)  # type: ignore[operator]
+    except PlanningFailed:
+        return True
+    except InvalidInput:
+        return False
+    return False
 
 
 def _leap(

@@ -43,6 +43,8 @@ from .scp import (
 
 SHARE, LEAST_SHARE = 0.88, 0.5
 """Of joints' speeds and torques, that rows ask for; less in later rounds, but no less than that."""
+MORE_THAN = 1.03
+"""Rows ask for so much less than would make up for what was too much."""
 ROUNDS, STEPS = 6, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
 SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
@@ -94,7 +96,8 @@ class JudgedLeap:
             for group in self.groups
             if group.name in ("joint_speed", "torque") and group.verdict == "violated"
         ]
-        return max(self.share / min(max([1.0, *over]), 1.15), LEAST_SHARE)
+        less = min(MORE_THAN * max(over), 1.15) if over else 1.0
+        return max(self.share / less, LEAST_SHARE)
 
     @property
     def short_m(self) -> Array:

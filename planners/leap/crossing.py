@@ -29,7 +29,7 @@ from ..problem.candidates import CandidatePatches
 from ..problem.course_between import LaidBetween
 from ..problem.foothold import Foothold
 from ..problem.leap import BodyState, Leap, LeapLimits, Phase
-from ..problem.leap_classes import LOWEST, SPINS
+from ..problem.leap_classes import SPINS
 from ..problem.problem import Problem
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.leg_limits import leaping_robot, no_motors
@@ -37,7 +37,7 @@ from ..robot.model import Robot
 from ..search.answer import Planner
 from ..search.plan_course import plan_course
 from ..search.plan_window import Standing, course_window
-from ..terrain.polygon import half_planes
+from ..terrain.polygon import Surface, half_planes
 from ..terrain.terrain import Terrain
 from ..verify.crossings import check_crossing
 from .bend import judged_answer
@@ -52,15 +52,19 @@ LEAST_M = 0.04
 FLAT = 0.3
 """Surfaces whose normals are steeper than this are nothing to land on."""
 INTERVALS = (4, 1, 4)
-STANCES_S = (0.5, 0.6)
+STANCES_S = (0.65, 0.5)
 """Durations of the stances before and after a flight that are tried [s]."""
-FLIGHTS_M_S = (1.2, 1.6)
+FLIGHTS_M_S = (1.25, 1.6)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
 CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
-SHARES = (0.35, 0.45)
+LOW = 0.5
+"""Least height of the body over its toes, in units of that at which it stands."""
+SQUARE_M = 0.04
+"""Width of the pieces on which a climb ends that a leap follows [m]."""
+SHARES = (0.25, 0.8)
 """Of the time that is left, for one climb and for one leap, while more is to come."""
 
 
@@ -264,7 +268,11 @@ class _Crossing:
                 begin = float((standing.com_m[:2] - self.way.start_m) @ self.way.direction)
             if standing is None or abs(end - begin) > LEAST_M:
                 where = f"the climb from {begin:.2f} to {end:.2f} m along the way"
-                climbed = self._climb(standing, end, 1.0 if last else SHARES[0])
+                climbed: tuple[Plan, Effort] | str = ""
+                for square in (True, False)[last:]:
+                    climbed = self._climb(standing, end, 1.0 if last else SHARES[0], square=square)
+                    if not isinstance(climbed, str):
+                        break
                 if isinstance(climbed, str):
                     yield f"{where}: {climbed}"
                     return
@@ -285,9 +293,13 @@ class _Crossing:
             yield leap, effort
 
     def _climb(
-        self, standing: Standing | None, end_m: float, share: float
+        self, standing: Standing | None, end_m: float, share: float, *, square: bool
     ) -> tuple[Plan, Effort] | str:
-        """The plan of key frames from where the robot stands, or from the start."""
+        """The plan of key frames from where the robot stands, or from the start.
+
+        Arguments:
+            square: it is to end with its toes where they like to be for a leap.
+        """
         goal = tuple(self.way.at(end_m).tolist())
         question = replace(self.question, goal_m=goal, frames=None)
         asked: Problem | LaidBetween = question
@@ -296,6 +308,10 @@ class _Crossing:
                 start = tuple(standing.com_m[:2].tolist())
                 course = replace(question, start_m=start)("inner")
                 asked = course_window(course, 0, course.frames - 1, standing)
+            if square:
+                course = question("inner") if standing is None else asked
+                assert isinstance(course, Problem)
+                asked = self._squared(course, end_m)
             answer = plan_course(
                 asked,
                 self.planner,
@@ -321,7 +337,7 @@ class _Crossing:
             if isinstance(leap, str):
                 return leap
             now = time.perf_counter()
-            share = now + (until - now) / (len(timings) - k)
+            share = now + 0.5 * (until - now) if k + 1 < len(timings) else until
             answer = find_leap(leap, self.finder, time_limit_s=max(share - now, 0.0))
             if answer.solution is not None:
                 answer = judged_answer(answer, programs_of_this_thread(), deadline=share)
@@ -347,10 +363,7 @@ class _Crossing:
         height = float((standing.com_m[2] - standing.toes_m[:, 2]).mean())
         place = self.way.at(to_m)
         surfaces = CandidatePatches(self.terrain, 0.0)
-        ahead = self.toes_m[:, :2] @ self.way.direction
-        drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
-        wanted = place + self.toes_m[:, :2] - drawn[:, None] * self.way.direction
-        ground = _heights(self.terrain, wanted)
+        wanted, ground = self._wanted(to_m)
         if not np.isfinite(ground).all():
             return "no foothold for some toe where it lands"
         goal = np.array([*place, float(ground.mean()) + height])
@@ -379,8 +392,42 @@ class _Crossing:
             footholds=tuple(footholds),
             start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
             goal=BodyState(com_m=goal),
-            limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOWEST * height),
+            limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
         )
+
+    def _wanted(self, along_m: float) -> tuple[Array, Array]:
+        """Places of the toes from which a robot leaps, or on which it lands, shape (N, 2) [m], and
+        the heights there, shape (N,) [m].
+        """
+        ahead = self.toes_m[:, :2] @ self.way.direction
+        drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+        wanted = self.way.at(along_m) + self.toes_m[:, :2] - drawn[:, None] * self.way.direction
+        return wanted, _heights(self.terrain, wanted)
+
+    def _squared(self, course: Problem, end_m: float) -> Problem:
+        """The course whose last foothold of every limb is a small piece about where its toe likes to
+        be for a leap: bodies roll that push off with feet anywhere.
+        """
+        wanted, heights = self._wanted(end_m)
+        names, last = course.robot.limb_names, dict[str, int]()
+        for j, foothold in enumerate(course.footholds):
+            last[foothold.limb] = j
+        footholds = list(course.footholds)
+        surfaces = [Surface(patch, 0.0) for _, patch in self.terrain.standing]
+        for limb, xy, z in zip(names, wanted, heights, strict=True):
+            j, place = last[limb], np.array([*xy, z])
+            if footholds[j].frame == 0 and footholds[j].toe_m is not None:
+                continue
+            pieces = (surface.window(place, SQUARE_M) for surface in surfaces)
+            near = tuple(
+                piece
+                for piece in pieces
+                if piece is not None
+                and np.linalg.norm(piece.vertices_m.mean(axis=0) - place) < SQUARE_M
+            )
+            if near:
+                footholds[j] = replace(footholds[j], candidates=near[:CANDIDATES])
+        return replace(course, footholds=tuple(footholds))
 
     @property
     def terrain_name(self) -> str:

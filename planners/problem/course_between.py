@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
 from ..files.validation import validated
@@ -191,7 +192,13 @@ class LaidBetween:
 
         Raises InvalidInput and PlanningFailed.
         """
+        if sets == "inner" and alternative is AS_ASKED:
+            return self._as_asked
         return self._laid(self.start_m, self.frames, sets, alternative, ())
+
+    @cached_property
+    def _as_asked(self) -> Problem:
+        return self._laid(self.start_m, self.frames, "inner", AS_ASKED, ())
 
     def onward(
         self, com_m: Array, avoid_m: Sequence[Array], alternative: Alternative = AS_ASKED
