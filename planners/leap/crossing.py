@@ -306,7 +306,7 @@ class _Crossing:
         try:
             if standing is not None:
                 start = tuple(standing.com_m[:2].tolist())
-                course = replace(question, start_m=start)("inner")
+                course = replace(question, start_m=start, straight=True)("inner")
                 asked = course_window(course, 0, course.frames - 1, standing)
             if square:
                 course = question("inner") if standing is None else asked
