@@ -66,7 +66,7 @@ class FileMeaning:
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
-    def options(self, spacing_m: float) -> ImportOptions:
+    def options(self, spacing_m: float = 0.05) -> ImportOptions:
         """Import options that the reader wants, with a grid's spacing.
 
         Raises InvalidInput.
