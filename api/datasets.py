@@ -100,7 +100,6 @@ def label(
         folder: folder of the data set; rows that it has already are not made again.
         robot, terrain: robot and terrain, as for ``sample``. With a robot from a file, *infeasible*
             in a row refers to the inner sets of its legs.
-        of its legs.
         rows: numbers of feasible and of infeasible rows, the latter infeasible only because of
             their moment balance; or one number, for the first so many samples as they come,
             whatever their label. Not for leaps.
@@ -197,14 +196,14 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
         return None, None
     try:
-        from stancekit.learners.surrogates.surrogate import Surrogate
+        from stancekit.learners.surrogates.shipped import surrogate_of
     except ImportError as missing:
         raise not_installed("screen", missing.name, "networks", "rl") from None
 
     error = SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:
         raise InvalidInput(f"screen_error: expected a number above 0 and below 1, got {error:g}")
-    return Surrogate.of(given), float(error)
+    return surrogate_of(given), float(error)
 
 
 def export_scenes(

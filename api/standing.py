@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,8 @@ from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.import_options import ImportOptions
 
 if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
@@ -34,12 +38,16 @@ def map(
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int, str], object] | None = None,
+    limits: FootholdLimits | None = None,
+    grid_m: float = ImportOptions.spacing_m,
+    **meaning: object,
 ) -> StandingMap:
     """Say of every place and heading over a terrain whether a robot can stand there, how far it is
     from not being able to, and which limit is in the way.
 
     Arguments:
-        terrain: a mesh or a grid in a file, or a ground by its name as "stairs:0.5:7".
+        terrain: a mesh, a grid or a point cloud in a file, or a ground by its name as
+            "stairs:0.5:7".
         robot: a ``Robot``, a name, a .urdf file, or a .yaml file that names one (extra kin); the
             default hexapod where None.
         spacing_m: distance between places, along x and y [m]; typically 0.02 to 0.2.
@@ -61,10 +69,15 @@ def map(
             call goes on.
         progress: function called with the number of settled poses, the number in all, and the
             current task.
+        limits: limits of what counts as a foothold; unless given, those of the robot's foot, as for
+            ``terrain``.
+        grid_m: ``spacing_m`` of ``terrain``: that of a file's grid, and of the map that a cloud
+            becomes [m].
+        meaning: further fields of ``ImportOptions``, as for ``terrain``: unit_m, up, offset_m, ...
 
     Returns:
         A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and
-        ``plan(..., standing=...)`` goes by it. Feasible and infeasible are proved: a witness that
+        ``plan(..., settings=PlanSettings(standing=...))`` goes by it. Feasible and infeasible are proved: a witness that
         the verifier accepted, or a certificate, or a toe without a place to stand.
 
     Raises:
@@ -84,17 +97,32 @@ def map(
     checked_error(error)
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seed, "seed", least=0)
+    from stancekit.envs.distributions.cut import identity_of
     from stancekit.learners.maps.making import MapSettings, make_map
     from stancekit.learners.maps.poses import Poses
+
+    from .terrains import terrain as find_footholds
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")
     path = None if checkpoint is None else Path(checkpoint)
     if path is not None and path.suffix != ".npz":
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
+    who = str(robot) if isinstance(robot, Path) else robot
+    if "spacing_m" in meaning:
+        raise InvalidInput("spacing_m: expected the distance between places alone, got two")
+    file_spacing = {} if grid_m == ImportOptions.spacing_m else {"spacing_m": grid_m}
+    try:
+        footholds = find_footholds(
+            terrain, friction=friction, robot=who, limits=limits, **meaning, **file_spacing
+        )
+    except InvalidInput as refused:
+        raise InvalidInput(str(refused).replace("spacing_m", "grid_m")) from None
     poses = Poses.of(
-        terrain,
-        str(robot) if isinstance(robot, Path) else robot,
+        footholds,
+        who,
+        terrain=identity_of(terrain),
+        options=_asked(meaning | file_spacing, limits),
         spacing_m=spacing_m,
         headings=headings,
         friction=friction,
@@ -113,11 +141,20 @@ def map(
         raise not_installed("fit", missing.name, "networks", "rl") from None
 
 
+def _asked(meaning: dict[str, Any], limits: FootholdLimits | None) -> dict[str, Any]:
+    """What was asked of the file and of footholds, other than the usual, as JSON has it."""
+    asked = {k: v for k, v in meaning.items() if v != getattr(ImportOptions, k)}
+    result: dict[str, Any] = json.loads(
+        json.dumps(asked | ({} if limits is None else {"limits": asdict(limits)}), default=list)
+    )
+    return result
+
+
 def _surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file; torch is loaded here.
+    """A surrogate, or that of a file or a name; torch is loaded here.
 
     Raises InvalidInput.
     """
-    from stancekit.learners.surrogates.surrogate import Surrogate
+    from stancekit.learners.surrogates.shipped import surrogate_of
 
-    return Surrogate.of(surrogate)
+    return surrogate_of(surrogate)

@@ -1,13 +1,17 @@
 """One contact core for postures and plans: how fast it plans, plans anew and proves, and what its
 proofs are worth.
 
-    python benchmarks/contact_core.py start --against ../other-checkout    # process start to
-    verified file, in pairs python benchmarks/contact_core.py replan                               #
-    receding horizon, nothing kept python benchmarks/contact_core.py ice --frames 8 --count 200
-    # panels of ice: found, proved, open python benchmarks/contact_core.py cuts --count 80
-    # postures that only cuts in space refute python benchmarks/contact_core.py copies --count 12
-    # the same posture held over 2 and 3 frames python benchmarks/contact_core.py foreign --count
-    5000                 # certificates put to other problems
+    # process start to verified file, in pairs
+    python benchmarks/contact_core.py start --against ../other-checkout
+    python benchmarks/contact_core.py replan     # receding horizon, nothing kept
+    # panels of ice: found, proved, open
+    python benchmarks/contact_core.py ice --frames 8 --count 200
+    # postures that only cuts in space refute
+    python benchmarks/contact_core.py cuts --count 80
+    # the same posture held over 2 and 3 frames
+    python benchmarks/contact_core.py copies --count 12
+    # certificates put to other problems
+    python benchmarks/contact_core.py foreign --count 5000
 
 CPU times of one process on one thread; a yardstick, 1,000 cold solves of a fixed cone program, is
 timed in the same run and stands beside every table. ``--against`` names a checkout of another

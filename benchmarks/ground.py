@@ -5,31 +5,35 @@ cm down, rubble, and a slope with a step of 6 cm. Each is sampled as a grid or a
 that is white, or correlated over 5 cm, and the package finds the footholds. A table's row is one
 sample:
 
-    area     footholds found on the surface that they are of, as a share of the true ground that is
-    a margin from edges off_mm   95th percentile of the distance from footholds to the true surface
-    at the same place, and the largest far      share of the footholds' area that is more than 2 cm
-    off the true surface over     share of the footholds' area that lies beyond a true edge of their
-    own surface z_rms    root mean square of the distance from footholds to the true surface in
-    standard deviations, as the package
-             says them; z_beyond_3: share of the footholds' area where it is more than three
-    tilt_rms    the same of the slopes of surfaces, by their covariance; tilt_beyond_3: share of the
-             surfaces whose slopes are farther off than three deviations
-    cpu_s    time of the search
+    area       footholds found on the surface that they are of, as a share of the true ground that
+               is a margin from edges
+    off_mm     95th percentile of the distance from footholds to the true surface at the same place,
+               and the largest
+    far        share of the footholds' area that is more than 2 cm off the true surface
+    over       share of the footholds' area that lies beyond a true edge of their own surface
+    z_rms      root mean square of the distance from footholds to the true surface in standard
+               deviations, as the package says them; z_beyond_3: share of the footholds' area where
+               it is more than three
+    tilt_rms   the same of the slopes of surfaces, by their covariance; tilt_beyond_3: share of the
+               surfaces whose slopes are farther off than three deviations
+    cpu_s      time of the search
 
 With --plan a hexapod's course is planned over each, with --play it is executed on the true ground:
 
-    accepted       plans that are accepted; toes_worst_mm: the toe that is farthest off the true
-    surface toes_within    toes whose touch-down reaches the true surface toes_over      toes with a
-    true edge of 1 cm or more within 1 cm executed       plans that MuJoCo executes on the true
-    ground with success
+    accepted     plans that are accepted; toes_worst_mm: the toe that is farthest off the true
+                 surface
+    toes_within  toes whose touch-down reaches the true surface
+    toes_over    toes with a true edge of 1 cm or more within 1 cm
+    executed     plans that MuJoCo executes on the true ground with success
 
 Cells are kept in a folder, so that a run that ends goes on where it was. With --against, the same
 cells are measured with the package of another checkout, in which ``python setup.py links`` was run,
 and both are printed.
 
-    python benchmarks/ground.py --out FOLDER python benchmarks/ground.py --out FOLDER --grids 2,5
-    --clouds 1e4,1e5 --noises-cm 0,1,2,3 --correlated --draws 3 python benchmarks/ground.py --out
-    FOLDER --against ../before --plan
+    python benchmarks/ground.py --out FOLDER
+    python benchmarks/ground.py --out FOLDER --grids 2,5 --clouds 1e4,1e5 --noises-cm 0,1,2,3 \
+        --correlated --draws 3
+    python benchmarks/ground.py --out FOLDER --against ../before --plan
 """
 
 from __future__ import annotations

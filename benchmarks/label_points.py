@@ -1,11 +1,14 @@
 """Points that selectors learn from: do they follow from their problems alone, and does what is
 learned move?
 
-    python benchmarks/label_points.py same                                     # rows labelled in
-    other ways python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench    # one
-    method, many seeds, both data sets python benchmarks/label_points.py table --benches ../a/bench
-    ../b/bench    # Table I, cell by cell python benchmarks/label_points.py fresh --benches
-    ../a/bench ../b/bench    # what both learned, on rows of neither
+    # rows labelled in other ways
+    python benchmarks/label_points.py same
+    # one method, many seeds, both data sets
+    python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench
+    # Table I, cell by cell
+    python benchmarks/label_points.py table --benches ../a/bench ../b/bench
+    # what both learned, on rows of neither
+    python benchmarks/label_points.py fresh --benches ../a/bench ../b/bench
 
 `same`: every problem is labelled in blocks of 512, with Clarabel's equilibration on and on its
 careful settings, alone, and in blocks of 7; the farthest apart of any [p, f], how many rows are

@@ -3,7 +3,7 @@ the two-stage planner and the exact one (after the abstract of Lin, Frontiers in
 January 2026, doi 10.3389/frobt.2025.1656564).
 
     python benchmarks/nearest.py [--problem wall-3] [--postures 100] [--solved 200] [--frames 1 4 8]
-    [--courses 15] [--solved-courses 30] [--near 5] [--cold 5] [--seed 0] [--json]
+    [--courses 20] [--solved-courses 30] [--near 5] [--cold 5] [--limit-s 10] [--seed 0] [--json]
 
 Written anew: of the paper its abstract and the first page were read, of its code nothing. Its
 problems have binaries and products. Here the products are the moments; the binaries are the patch
@@ -66,10 +66,6 @@ RELAXED = (0.1, 1e-3)
 """ε of the complementarity constraints, one solve after the other."""
 OPTIONS = 8
 """Most candidates of a toe that are compared."""
-COLD_S = 10.0
-"""Time limit of MICP from nothing."""
-EXACT_S = 1.0
-"""Time limit of the exact planner per course; what it has then is what objectives are held against."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +76,14 @@ class Arguments(Options):
     postures: int = 100
     solved: int = 200
     frames: tuple[int, ...] = (1, 4, 8)
-    courses: int = 15
+    courses: int = 20
     solved_courses: int = 30
     course: str = "icy-walls"
     near: int = 5
     cold: int = 5
+    limit_s: float = 10.0
+    """Time limit of MICP from nothing, and of the exact planner per course, by the clock; what the
+    latter has then is what objectives are held against."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +110,7 @@ def main(arguments: Arguments) -> None:
         draw = partial(drawn_course, arguments.course, frames, rng)
         counts = (arguments.solved_courses, arguments.courses)
         exact, teacher = (
-            ExactCoursePlanner(time_limit_s=EXACT_S),
+            ExactCoursePlanner(time_limit_s=arguments.limit_s),
             TwoStageCoursePlanner(),
         )
         for row in measured(draw, counts, exact, TwoStageCoursePlanner(), teacher, arguments):
@@ -150,7 +149,7 @@ def measured(
             exact_s.append(seconds)
     yield row("exact", [(True, s, 1.0) for s in exact_s])
     programs, solvers = Programs(), dict[Layout, Complementary]()
-    cold = MicpPlanner(grid=MicpGrid(intervals=INTERVALS), time_limit_s=COLD_S)
+    cold = MicpPlanner(grid=MicpGrid(intervals=INTERVALS), time_limit_s=its.limit_s)
     ways: dict[str, Callable[[Problem], Answer[Plan] | None]] = {
         "two-stage": quick.solve,
         "micp": cold.solve,
@@ -263,7 +262,8 @@ def by_cells(
     """MICP with all binaries from a neighbour, the next one where it has no answer."""
     scaled = Scaled.of(problem)
     for one in nearest_of(known, scaled, near):
-        chosen = scaled.chosen(one.choice)
+        choice = scaled.numbers[patches_of(scaled, one)]
+        chosen = scaled.chosen(choice)
         domain = domain_of(chosen)
         width = (domain.high - domain.low) / INTERVALS
         low = domain.low + one.cells * width
@@ -272,7 +272,7 @@ def by_cells(
         if not relaxed.known or not relaxed.feasible or relaxed.point is None:
             continue
         start = relaxed.point
-        answer = accepted(programs, problem, scaled, one.choice, start, "micp, near")
+        answer = accepted(programs, problem, scaled, choice, start, "micp, near")
         if answer is not None:
             return answer
     return None
@@ -489,13 +489,23 @@ def middle(scaled: Scaled) -> Array:
     return np.concatenate([scaled.com.ravel(), np.zeros(scaled.com.size), shares, forces.ravel()])
 
 
+def patches_of(scaled: Scaled, known: Known) -> list[int]:
+    """The candidate of every foothold that a neighbour stands on, by its number; the one nearest to
+    its toe where there are fewer here.
+    """
+    places = list[int]()
+    for p, where in enumerate(of_footholds(scaled.layout)):
+        same = [k for k in where if scaled.numbers[k] == known.choice[p]]
+        away = [np.linalg.norm(scaled.pieces[k].mean(axis=0) - known.point.toes[p]) for k in where]
+        places.append(same[0] if same else where[int(np.argmin(away))])
+    return places
+
+
 def beginning(scaled: Scaled, known: Known) -> Array:
     """x at a neighbour's point: its patches, with its toes put on them as near as they go."""
     layout, shares = scaled.layout, np.zeros(len(scaled.vertices))
-    places = dict[int, int]()
-    for p, where in enumerate(of_footholds(layout)):
-        k = next((k for k in where if scaled.numbers[k] == known.choice[p]), where[0])
-        places[p] = k
+    places = patches_of(scaled, known)
+    for p, k in enumerate(places):
         corners = scaled.pieces[k]
         rows = np.vstack([corners.T, 10.0 * np.ones(len(corners))])
         weights = nnls(rows, np.append(known.point.toes[p], 10.0))[0]

@@ -2,9 +2,10 @@
 learn.
 
     python benchmarks/reinforce.py selection  [--seeds 3] [--steps 40960] [--out out/reinforce]
-    [--json] python benchmarks/reinforce.py refinement [--seeds 3] [--episodes 300] [--hindsight 40]
-    [--tries 12] [--json] python benchmarks/reinforce.py traverse   [--episodes 300] [--courses
-    stairs walls ground-to-wall] [--json]
+    python benchmarks/reinforce.py refinement [--seeds 3] [--episodes 300] [--hindsight 40]
+        [--tries 12]
+    python benchmarks/reinforce.py traverse   [--episodes 300]
+        [--courses stairs walls ground-to-wall]
 
 The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of
 train-paired.yaml, too, from whose scenes all agents learn there. CPU-s: of learning, with the

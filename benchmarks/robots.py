@@ -1,9 +1,10 @@
 """Robots as they come: what loads without a word of configuration, what their feet reach, and
 inverse kinematics.
 
-    python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo] [--correct FILE.yaml
-    ...] [--json] python benchmarks/robots.py --step          # quadrupeds over a step, and what
-    their postures are decided by
+    python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo]
+        [--correct FILE.yaml ...] [--json]
+    # quadrupeds over a step, and what their postures are decided by
+    python benchmarks/robots.py --step
 
 The hexapod, the robots of pybullet_data, and those of example-robot-data where it is installed:
 every URDF of theirs with two legs or more; --robots: those of a folder. --correct: robots as YAML

@@ -2,11 +2,12 @@
 loses a node; the time of nodes beside that of as many processes; and what each node of a cluster
 got to do.
 
-python benchmarks/scale_out.py                                   # all, small python
-benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory python benchmarks/scale_out.py
---rows 4000 --only cluster        # two nodes on this machine's loopback device python
-benchmarks/scale_out.py --rows 4000 --only pairs --pairs 5 python benchmarks/scale_out.py --rows 400
---only shares --workers 4
+    python benchmarks/scale_out.py    # all, small
+    python benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory
+    # two nodes on this machine's loopback device
+    python benchmarks/scale_out.py --rows 4000 --only cluster
+    python benchmarks/scale_out.py --rows 4000 --only pairs --pairs 5
+    python benchmarks/scale_out.py --rows 400 --only shares --workers 4
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from _bench import Options, launch
 from scipy.stats import beta
 from second_labels import HOLDS, second
 
+import stancekit
 from stancekit.learners.maps.making import BLOCK, Maker
 from stancekit.learners.maps.poses import Poses
 from stancekit.planners.problem.standing_map import (
@@ -51,14 +52,17 @@ class Arguments(Options):
 def main(options: Arguments) -> None:
     """Print the counts."""
     found = StandingMap.read(options.map)
+    robot = options.robot or None
     poses = Poses.of(
-        options.terrain,
-        options.robot or None,
+        stancekit.terrain(options.terrain, robot=robot),
+        robot,
+        terrain=found.terrain,
         spacing_m=found.spacing_m,
         headings=len(found.headings_rad),
         friction=found.friction,
     )
     assert poses.shape == found.shape, "expected the terrain and robot of the map"
+    assert not found.options, "expected a map with the usual footholds"
     verdict, rng = found.verdict.ravel(), np.random.default_rng(options.seed)
     likely = np.flatnonzero((verdict == LIKELY) | (verdict == UNLIKELY))
     likely, truth = np.sort(rng.permutation(likely)[: options.likely]), Maker(poses)

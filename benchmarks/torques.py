@@ -1,9 +1,10 @@
 """Plans of the whole body: the largest torque and the deepest collision of a plan, before and after
 they are mended.
 
-    python benchmarks/torques.py [--courses FOLDER] [--torque-nm 10] [--torque-share .9] [--only
-    walls,icy] [--json] python benchmarks/torques.py --robots FOLDER [--weaker .5]     # quadrupeds
-    over a step, within their own limits
+    python benchmarks/torques.py [--courses FOLDER] [--torque-nm 10] [--torque-share .9]
+        [--only walls,icy] [--json]
+    # quadrupeds over a step, within their own limits
+    python benchmarks/torques.py --robots FOLDER [--weaker .5]
 
 The hexapod on the built-in courses and on those of a folder. torque: in the joint with the largest
 share of its limit, of the plan as the planner has it and of the one with joints; steps: of the

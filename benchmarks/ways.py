@@ -1,9 +1,11 @@
 """The way round: thirty terrains of 4 to 20 m, planned, judged by points of every link, and
 compared.
 
-    nice -n 15 python benchmarks/ways.py plan FOLDER [--scenes block-4 ...] [--limit-s 60] [--walks]
-    [--anew] python benchmarks/ways.py judge FOLDER python benchmarks/ways.py run FOLDER --scenes
-    block-20 ... python benchmarks/ways.py table FOLDER [--against FOLDER]
+    nice -n 15 python benchmarks/ways.py plan FOLDER [--scenes block-4 ...] [--limit-s 60]
+        [--walks] [--anew]
+    python benchmarks/ways.py judge FOLDER
+    python benchmarks/ways.py run FOLDER --scenes block-20 ...
+    python benchmarks/ways.py table FOLDER [--against FOLDER]
 
 The terrains are in ways/scenes.yaml: 24 have a way for a disc as wide as the hexapod and its feet,
 which is known since it was drawn first, and 6 have none. They were drawn before anything was
@@ -11,12 +13,16 @@ planned over them.
 
 plan: every scene by the package's own command, ``plan`` or with --walks ``gait``, one process at a
 time; a line of plans.jsonl with what was said, CPU time, memory, and the length of the body's way.
-Scenes that have a line are not planned again without --anew. judge: points of every link of the
-file's URDF, at moments of the motion half as far apart as the verifier's, against the boxes of the
-scene: angles are those of the motion that is run, kinematics and geometry are written here. A link
-that is more than 3 mm inside of a solid goes through it. run: plans in the package's MuJoCo. table:
-by length: scenes planned, CPU-s per metre of the body's way, memory, and the ways against the known
-ones.
+Scenes that have a line are not planned again without --anew.
+
+judge: points of every link of the file's URDF, at moments of the motion half as far apart as the
+verifier's, against the boxes of the scene: angles are those of the motion that is run, kinematics
+and geometry are written here. A link that is more than 3 mm inside of a solid goes through it.
+
+run: plans in the package's MuJoCo.
+
+table: by length: scenes planned, CPU-s per metre of the body's way, memory, and the ways against
+the known ones.
 """
 
 from __future__ import annotations

@@ -93,8 +93,7 @@ class Between:
 
             made = robot_of(robot or "hexapod")
             who = read_reach(reach, made.limb_names).applied(made)
-        where = {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
-        return where | ({} if self.map is None else {"standing": self.map})
+        return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
         """The course of a file or a name, or over a terrain's file from start to goal.
@@ -172,9 +171,7 @@ class Between:
 
         friction, limits = self._friction(), self._limits(robot)
         with in_options():
-            return terrain(
-                Path(name), friction=friction, limits=limits, **vars(self.file.options())
-            )
+            return terrain(Path(name), friction=friction, limits=limits, **vars(self.file.asked()))
 
     def terrain(self, name: str, robot: str | None) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked
@@ -182,7 +179,7 @@ class Between:
         """
         from stancekit.planners.problem.file_terrain import FileTerrain
 
-        keys = vars(self.file.options())
+        keys = vars(self.file.asked())
         return FileTerrain(
             file=str(Path(name).resolve()),
             footholds=self._limits(robot),

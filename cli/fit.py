@@ -31,16 +31,21 @@ SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", 
 class Fit:
     """Learn a selector of envelopes from a labelled data set and write it to a file.
 
-    heuristic: the expert's bounds of Lin et al. quantile: the box that leaves a share of the
-    solutions out on each side. gmm-printed: Lin et al.'s Algorithm 2 line by line. gmm: Algorithm 2
-    with its boundary fitted by P1's own margins. ga: Lin et al.'s genetic algorithm. gradient:
-    boxes that descend P1's margins together. chooser: those, and a network that picks one a
-    terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
-    the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes,
-    between which `stancekit plan --envelope` switches. surrogate: feasibility itself, for
-    `stancekit label --screen` and `stancekit.screen`, from data sets of one class,
-    calibrated on rows of each class of answers that it has not seen. additive, set: scores of candidates for
-    `stancekit plan --policy`, from the labelled tries of a class of leaps.
+    METHOD is one of
+
+      heuristic      the expert's bounds of Lin et al.
+      quantile       the box that leaves a share of the solutions out on each side
+      gmm-printed    Lin et al.'s Algorithm 2 line by line
+      gmm            Algorithm 2 with its boundary fitted by P1's own margins
+      ga             Lin et al.'s genetic algorithm
+      gradient       boxes that descend P1's margins together
+      chooser        those, and a network that picks one a terrain
+      neural         a network from terrain to box
+      joint          one to box and point, for P1 joined with the lift
+      rl             a policy learned in the environment
+      modes          a box a terrain, between which `stancekit plan --envelope` switches
+      surrogate      feasibility itself, for `stancekit map`, `label --screen` and `screen`
+      additive, set  scores of candidates for `stancekit plan --policy`, of leaps' labelled tries
     """
 
     dataset: Annotated[

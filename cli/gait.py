@@ -34,9 +34,9 @@ class PlanGait:
     heights or of a mesh. A place is written x,y in metres; before a negative one the sign = is the
     safe way to write it, as in --start=-2.6,0.
 
-      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png stancekit gait
-      heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json stancekit
-      verify go1.json
+      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png
+      stancekit gait heights.npy --spacing-m 0.05 --goal 1,0 --robot go1.urdf --out go1.json
+      stancekit verify go1.json
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 

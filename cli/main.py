@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import shutil
 import sys
 import textwrap
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -128,15 +131,15 @@ def overview() -> str:
 
 
 def brief(name: str) -> str:
-    """The first line of a command's docstring, read from its file: to import all of them takes a
-    second.
+    """The first paragraph of a command's docstring, read from its file: to import all of them takes
+    a second.
     """
     import ast
 
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
     for node in ast.parse(source).body:
         if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name]:
-            return (ast.get_docstring(node) or "").splitlines()[0]
+            return " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
     raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
 
@@ -167,9 +170,9 @@ def parse(arguments: Sequence[str]) -> Command:
             sys.exit(2)
     asks, command = bool({"-h", "--help"} & set(arguments)), _command(arguments[0])
     for value in (asks, True):  # what is refused is said with the options' texts
-        box = io.StringIO()
+        box, page = io.StringIO(), _Page()
         try:
-            with redirect_stderr(box), _texts(told=value):
+            with redirect_stderr(box), redirect_stdout(page), _texts(told=value):
                 return tyro.cli(
                     command,
                     prog=f"stancekit {arguments[0]}",
@@ -179,12 +182,42 @@ def parse(arguments: Sequence[str]) -> Command:
         except SystemExit as end:
             if not value and end.code:
                 continue
+            print(page.broken(), end="", flush=True)
             if end.code:
                 complain(
                     f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help"
                 )
             raise
     raise AssertionError("one of the two has returned or ended")
+
+
+class _Page(io.StringIO):
+    """A help text on its way to standard output, in its letters, and its colours if a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._output = sys.stdout
+
+    def isatty(self) -> bool:
+        """Whether standard output is a terminal."""
+        return self._output is not None and self._output.isatty()
+
+    @property
+    def encoding(self) -> str | None:
+        """Standard output's."""
+        return getattr(self._output, "encoding", None)
+
+    def broken(self) -> str:
+        """The text, the lines ahead of its tables broken between words."""
+        width = min(80, shutil.get_terminal_size().columns)
+        text, table, rest = self.getvalue().partition("╭")
+        lines = [
+            line
+            if line.startswith(" ")
+            else textwrap.fill(line, width, break_long_words=False, break_on_hyphens=False)
+            for line in re.sub(r"\n\n\n+", "\n\n", text).split("\n")
+        ]
+        return "\n".join(lines) + table + rest
 
 
 @contextmanager
@@ -199,7 +232,7 @@ def _texts(*, told: bool) -> Iterator[None]:
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
 
-    plain = docstring_parser.parse_from_object
+    plain, whole = docstring_parser.parse_from_object, docstring_parser.parse
 
     def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
         if not told and is_dataclass(of := given[0]):
@@ -214,13 +247,23 @@ def _texts(*, told: bool) -> Iterator[None]:
             each.description = " ".join((each.description or "").split())
         return parsed
 
+    def of_paragraphs(text: str | None, *given: Any, **named: Any) -> docstring_parser.Docstring:
+        paragraphs = re.split(r"\n\s*\n", cleandoc(text or ""))
+        return whole("\n\n".join(map(_flowing, paragraphs)), *given, **named)
+
     docstring_parser.parse_from_object = flowing
+    docstring_parser.parse = of_paragraphs
     kept.cache_clear()  # of commands that were run before, in this process
     try:
         yield
     finally:
-        docstring_parser.parse_from_object = plain
+        docstring_parser.parse_from_object, docstring_parser.parse = plain, whole
         kept.cache_clear()
+
+
+def _flowing(paragraph: str) -> str:
+    """The paragraph on one line, unless it is a block of lines of their own."""
+    return paragraph if paragraph.startswith(" ") else " ".join(paragraph.split())
 
 
 def _option(argument: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +13,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
 from .options import LONGEST_S, OptionalPath, OptionalText, check_drawn
+from .terrain_options import OF_FILE, FileMeaning, FootholdOptions, in_options
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.standing_map import StandingMap
@@ -38,7 +39,7 @@ class MapTerrain:
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """Mesh or grid in a file, or a ground by its name, as stairs:0.5:7."""
+    """Mesh, grid or point cloud in a file, or a ground by its name, as stairs:0.5:7."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """Whose limbs stand: a built-in name, a .urdf file, or a .yaml file that names one; else the
     default hexapod."""
@@ -55,6 +56,14 @@ class MapTerrain:
     surrogate: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Of `stancekit fit --method surrogate`, for all limbs of the robot on ground, in the place of
     --fit; it is calibrated on this map, too."""
+    file: Annotated[FileMeaning, *OF_FILE] = field(default_factory=FileMeaning)
+    """What the numbers of a terrain's file mean."""
+    grid_m: float = 0.05
+    """Grid spacing of a terrain's file, and of the map that a cloud becomes [m]."""
+    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=FootholdOptions
+    )
+    """What counts as a foothold."""
     error: float = 0.005
     """Chance with which a likely answer may be wrong."""
     seed: int = 0
@@ -64,7 +73,7 @@ class MapTerrain:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the map: .png, .pdf or .svg."""
     json: bool = False
-    """One JSON object: counts, shares, what is in the way, seconds."""
+    """One JSON object: counts, shares, what is in the way, margins, seconds."""
 
     def run(self) -> int:
         """Make the map, write and say it."""
@@ -92,8 +101,21 @@ class MapTerrain:
             "fit",
             "surrogate",
             "spacing_m, headings",
+            "grid_m",
         )
-        with progress(f"map {Path(self.terrain).name}") as bar, as_options(*names):
+        meaning = vars(self.file.options())
+        meaning.pop("spacing_m")
+        usual = self.footholds == FootholdOptions()
+        limits = (
+            None
+            if usual
+            else self.footholds.limits(None if self.robot == "hexapod" else self.robot)
+        )
+        with (
+            progress(f"map {Path(self.terrain).name}") as bar,
+            as_options(*names),
+            in_options(),
+        ):
             standing = map_terrain(
                 self.terrain,
                 robot=self.robot,
@@ -106,6 +128,9 @@ class MapTerrain:
                 error=self.error,
                 seed=self.seed,
                 checkpoint=checkpoint,
+                limits=limits,
+                grid_m=self.grid_m,
+                **meaning,
                 progress=lambda done, total, stage: bar(
                     done, total, f"{stage}, {done} of {total} poses settled"
                 ),
@@ -148,5 +173,7 @@ def _table(found: StandingMap) -> Table:
     if found.in_the_way():
         text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
         table.add_row("in the way", text)
+    for name, (_, median, _) in found.margins().items():
+        table.add_row(f"margin, {name}", f"{median:.3g} in the median")
     table.add_row("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items()))
     return table

@@ -81,7 +81,7 @@ class ShowTerrain:
             from stancekit.views.page import write_page
 
             write_page(self.html, foothold_motion(footholds))
-        axes = dict(zip("xyz", self.file.options().axes, strict=True)) if self._is_file else {}
+        axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if self._is_file else {}
         if self.json:
             emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
             return 0
@@ -105,7 +105,7 @@ class ShowTerrain:
 
         limits = self.footholds.limits(self.robot)
         with in_options():
-            return terrain(self.terrain, friction=1.0, limits=limits, **vars(self.file.options()))
+            return terrain(self.terrain, friction=1.0, limits=limits, **vars(self.file.asked()))
 
 
 def _table(found: Footholds) -> Table:

@@ -31,6 +31,7 @@ OF_FILES = (
     "holes",
     "most_triangles",
     "smooth_m",
+    "grid_m",
 )
 
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
@@ -38,8 +39,8 @@ OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
 
 
 @dataclass
-class TerrainFile:
-    """Options that say what the numbers of a terrain's file mean."""
+class FileMeaning:
+    """Options that say what the numbers of a terrain's file mean, but for a grid's spacing."""
 
     kind: Annotated[
         Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
@@ -47,9 +48,6 @@ class TerrainFile:
     ] = None
     """What the file holds, where its name does not say: a .npy or .csv of three columns may be a
     cloud or a grid. A mesh that is called a grid is the map of its upper side."""
-    spacing_m: float = 0.05
-    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for
-    walks [m]."""
     unit_m: float = 1.0
     """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
     up: Literal["x", "y", "z"] = "z"
@@ -65,32 +63,19 @@ class TerrainFile:
     over it."""
     most_triangles: OptionalInt = None
     """A mesh with more is refused by its header; 200,000 unless given."""
-    smooth_m: float = 0.0
-    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the
-    grid's spacing [m]."""
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
-    def read(self, name: str) -> HeightField:
-        """The terrain of a name as one height at every place.
-
-        Raises InvalidInput.
-        """
-        from stancekit.terrains import heights
-
-        with in_options():
-            return heights(name, smooth_m=self.smooth_m, **vars(self.options()))
-
-    def options(self) -> ImportOptions:
-        """Import options that the reader wants.
+    def options(self, spacing_m: float = 0.05) -> ImportOptions:
+        """Import options that the reader wants, with a grid's spacing.
 
         Raises InvalidInput.
         """
         from stancekit.planners.terrain.import_options import ImportOptions
 
         import_settings: dict[str, Any] = {
-            name: getattr(self, name) for name in ("kind", "spacing_m", "unit_m", "up", "holes")
-        }
+            name: getattr(self, name) for name in ("kind", "unit_m", "up", "holes")
+        } | {"spacing_m": spacing_m}
         if self.heights_m is not None:
             import_settings["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
         if self.offset_m is not None:
@@ -103,6 +88,35 @@ class TerrainFile:
             import_settings["most_triangles"] = self.most_triangles
         with in_options():
             return ImportOptions(**import_settings)
+
+
+@dataclass
+class TerrainFile(FileMeaning):
+    """Options that say what the numbers of a terrain's file mean."""
+
+    spacing_m: float = 0.05
+    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for
+    walks [m]."""
+    smooth_m: float = 0.0
+    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the
+    grid's spacing [m]."""
+
+    def read(self, name: str) -> HeightField:
+        """The terrain of a name as one height at every place.
+
+        Raises InvalidInput.
+        """
+        from stancekit.terrains import heights
+
+        with in_options():
+            return heights(name, smooth_m=self.smooth_m, **vars(self.asked()))
+
+    def asked(self) -> ImportOptions:
+        """Import options that the reader wants.
+
+        Raises InvalidInput.
+        """
+        return self.options(self.spacing_m)
 
 
 @dataclass
@@ -135,8 +149,8 @@ class FootholdOptions:
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.terrain.footholds import FootholdLimits
 
-        model = None if robot is None else named_robot(robot)
-        foot_m = 0.0 if model is None else max(leg.radius_m for leg in model.legs)
+        legs = () if robot is None else named_robot(robot).legs
+        foot_m = max((leg.radius_m for leg in legs), default=0.0)
         sizes = {"margin_m": self.margin_m, "width_m": self.width_m}
         with in_options():
             return FootholdLimits.for_foot(

@@ -1,8 +1,8 @@
 """Writes docs/equations.md: every numbered equation and algorithm of both papers, and the functions
 that say so.
 
-    python docs/equations.py            # write it python docs/equations.py --check    # say whether
-    it is up to date, and whether anything is missing
+    python docs/equations.py            # write it
+    python docs/equations.py --check    # is it up to date, and is anything missing?
 
 A docstring cites an equation of Lin et al. as "E11", one of Pan et al. as "W11", several as
 "E2–E4", and algorithms as "Algorithm E1". Nothing else is read: a function that implements an

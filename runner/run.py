@@ -19,6 +19,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.crossing_motion import CrossingMotion
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
@@ -27,18 +28,19 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted, AcceptedGait, AcceptedLeap
+from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
-from .motion.soft_start import soft_motion, soft_start
+from .motion.soft_start import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
     Prepared,
     Resumption,
     Tracked,
     body_from,
+    prepare_crossing,
     prepare_gait,
     prepare_leap,
     prepare_plan,
@@ -92,7 +94,9 @@ class Runner:
         self.state: State | None = None
 
     def run(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap, terrain: Terrain | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        terrain: Terrain | None = None,
     ) -> RunReport:
         """Run one plan, or gait, from its beginning to its end.
 
@@ -163,11 +167,15 @@ class Runner:
     @overload
     def prepare(self, accepted: AcceptedLeap) -> Prepared[LeapRun]: ...
     @overload
+    def prepare(self, accepted: AcceptedCrossing) -> Prepared[CrossingMotion]: ...
+    @overload
     def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing
     ) -> Prepared[PlannedMotion]: ...
     def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap, resumption: Resumption | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        resumption: Resumption | None = None,
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it.
 
@@ -181,6 +189,8 @@ class Runner:
             prepared = prepare_plan(accepted, self.world, self.settings, resumption)
         elif isinstance(accepted, AcceptedLeap):
             prepared = prepare_leap(accepted, self.world, self.settings)
+        elif isinstance(accepted, AcceptedCrossing):
+            prepared = prepare_crossing(accepted, self.world, self.settings)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared
@@ -196,9 +206,15 @@ class Runner:
             terrain: what the world has, where that is not what the plan's course says.
         """
         first = prepared.first
-        rotation = first.sample.rotation
+        rotation, origin = first.sample.rotation, first.origin_m
+        if terrain is not None:
+            feet = origin + prepared.kinematics.feet(first.angles_rad) @ rotation.T
+            rise = rise_m(terrain, feet, prepared.kinematics.radii_m)
+            origin = origin + np.array([0.0, 0.0, rise])
+            if rise > 0.0:
+                self.decide("start", f"{1e3 * rise:.0f} mm higher: a foot was in the ground")
         terrain = prepared.terrain if terrain is None else terrain
-        state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
+        state = self.world.reset(terrain, first.angles_rad, origin, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
         if (wrench := self._carry(0.0)) is not None and wrench.any():
@@ -268,7 +284,7 @@ class Runner:
             felt, seen = state.forces_n, state if source == "the world" else None
             seen = odometry.seen(target, state) if source == "leg odometry" else seen
             self.check_body(target, state)
-            if tracked.sees and (why := silent.found(target, state)):
+            if tracked.sees and (why := silent.found(target, state, tracked.tracker.seeks)):
                 self.world.trip(why)
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):
@@ -282,9 +298,8 @@ class Runner:
         that holds its joints in the air falls, so a stop lands it first.
         """
         motion = None if self._prepared is None else self._prepared.motion
-        if isinstance(motion, LeapRun):
-            begins, ends = motion.committed_s
-            self.latch.lands = begins < time_s < ends
+        if isinstance(motion, LeapRun | CrossingMotion):
+            self.latch.lands = any(begin < time_s < end for begin, end in motion.committed_s)
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from stancekit.planners.files.arrays import Array
 
 from .scene import UP, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet, borders, fans, merged
-from .shapes import Box, Capsule, Faces, Mesh, Shape, mesh_of, triangles_of
+from .shapes import Box, Capsule, Faces, Mesh, Shape, Sphere, mesh_of, triangles_of
 
 POINT_M = 0.0011
 """Width of a line of one point, as a share of the viewer's distance."""
@@ -30,7 +30,7 @@ class Stage:
         self._scene, self._distance_m = scene, distance_m
         self._nodes: dict[str, Any] = {}
         self._drawn: dict[str, Any] = {}
-        self._places: dict[str, tuple[float, ...]] = {}
+        self._places: dict[str, tuple[list[float], list[list[float]]]] = {}
 
     def show(self, scene: Scene, root: str) -> None:
         """Show this scene under a root, and nothing else there; what it was before is changed."""
@@ -89,13 +89,13 @@ class Stage:
                 side="front",
             )
             self._drawn[name] = first = body
-        node, place = (
-            self._nodes[name],
-            (*body.position_m.tolist(), *body.rotation.ravel().tolist()),
-        )
-        if self._places.get(name) != place:
-            node.position, node.wxyz = place[:3], quaternion(body.rotation)
-            self._places[name] = place
+        node, place = self._nodes[name], (body.position_m.tolist(), body.rotation.tolist())
+        position, rotation = self._places.get(name, (None, None))
+        if position != place[0]:
+            node.position = tuple(place[0])
+        if rotation != place[1] and not isinstance(body.shape, Sphere):
+            node.wxyz = quaternion(body.rotation)
+        self._places[name] = place
         if isinstance(body.shape, Capsule) and isinstance(first.shape, Capsule):
             node.scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
         return name

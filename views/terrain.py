@@ -4,7 +4,7 @@ fields as blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -93,21 +93,25 @@ def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]
                 yield (int(i), int(j)), origin + cell @ plane.T
 
 
-def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
+Piece = tuple[Array, Array]
+"""The part of a patch that is drawn and the lines of the grid on it, (K, 3) and (L, 2, 3) [m]."""
+
+
+def surfaces(terrain: Sequence[Patch], pieces: Sequence[Piece], colours: ScalarMappable) -> Scene:
     """The parts of patches within a box in one piece each, with the lines of the grid on them: for
     those who draw with a depth buffer, and many times a second. As ``patches`` otherwise.
+
+    Arguments:
+        pieces: of each patch, as ``pieces_within`` gives them.
     """
     facets, lines, tints = list[Facet](), dict[Colour, list[Array]](), dict[float, Colour]()
-    for patch in terrain:
-        whole = _within(patch, box_m)
-        if len(whole) < 3:
+    for patch, (corners, grid) in zip(terrain, pieces, strict=True):
+        if len(corners) < 3:
             continue
         if patch.friction not in tints:
             tints[patch.friction] = tint(patch.friction, colours)
         colour = tints[patch.friction]
         edge = ICE_EDGE if patch.friction < ICY else tuple(0.82 * np.array(colour))
-        plane, origin = patch.frame[:, 1:], patch.vertices_m[0] + 0.001 * patch.normal
-        corners = patch.vertices_m[0] + whole @ plane.T
         facets.append(
             Facet(
                 corners_m=corners,
@@ -117,8 +121,7 @@ def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) ->
                 width=1.4,
             )
         )
-        grid = _grid(whole, patch.vertices_m[0] @ plane)
-        lines.setdefault(rgb(edge), []).append(origin + grid @ plane.T)
+        lines.setdefault(rgb(edge), []).append(grid)
     return Scene(
         facets=facets,
         paths=[
@@ -126,6 +129,22 @@ def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) ->
             for edge, each in lines.items()
         ],
     )
+
+
+def pieces_within(terrain: Iterable[Patch], box_m: Array) -> list[Piece]:
+    """The pieces of patches in a box that is given by two corners, shape (2, 3) [m]; nothing of
+    those outside.
+    """
+    pieces = list[Piece]()
+    for patch in terrain:
+        whole = _within(patch, box_m)
+        if len(whole) < 3:
+            pieces.append((np.zeros((0, 3)), np.zeros((0, 2, 3))))
+            continue
+        plane, origin = patch.frame[:, 1:], patch.vertices_m[0] + 0.001 * patch.normal
+        grid = _grid(whole, patch.vertices_m[0] @ plane)
+        pieces.append((patch.vertices_m[0] + whole @ plane.T, origin + grid @ plane.T))
+    return pieces
 
 
 def _within(patch: Patch, box_m: Array) -> Array:

@@ -28,7 +28,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.mesh_file import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes
@@ -78,13 +78,30 @@ class Places:
             parts = [_of_patch(piece.patch, least_m, spacing) for piece in pieces]
         else:
             parts = [_of_grid(terrain.field() if named else read_heights(path), least_m, spacing)]
+        return cls._of(parts, f"{path}: expected a terrain", least_m, float(np.arccos(STEEP)))
+
+    @classmethod
+    def of_footholds(cls, footholds: Footholds, least_m: float) -> Places:
+        """Places of footholds that have room for a circle of this radius; rungs have none.
+
+        Raises InvalidInput where there is no such place.
+        """
+        flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
+        parts = [_of_patch(patch, least_m, SPACING * least_m) for patch in flat]
+        limits = footholds.limits
+        return cls._of(parts, f"{footholds.name}: expected a terrain", least_m, limits.slope_rad)
+
+    @classmethod
+    def _of(
+        cls, parts: list[tuple[Array, Array, Array]], what: str, least: float, slope: float
+    ) -> Places:
         result = (
             [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]
         )
         if not len(result[0]):
             raise InvalidInput(
-                f"{path}: expected a terrain with footholds, flat places {2e3 * least_m:.0f} mm wide and less steep "
-                "than 45°, found none"
+                f"{what} with footholds, flat places {2e3 * least:.0f} mm wide and less steep "
+                f"than {np.degrees(slope):.0f}°, found none"
             )
         return cls(*result)
 

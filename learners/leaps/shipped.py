@@ -6,7 +6,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 
 
@@ -23,17 +22,3 @@ def scorer_card(name: str) -> dict[str, Any]:
     """
     card: dict[str, Any] = read_json(shipped_scorers()[name].with_suffix(".json"))
     return card
-
-
-def file_of(path: str | Path) -> Path:
-    """The file of a path, or of the name of a scorer that ships.
-
-    Raises InvalidInput for what is neither.
-    """
-    path = Path(path)
-    if path.exists() or path.suffix or len(path.parts) > 1:
-        return path
-    files = shipped_scorers()
-    if path.name not in files:
-        raise InvalidInput(f"{path}: expected a file, or one of {', '.join(files)}, found nothing")
-    return files[path.name]

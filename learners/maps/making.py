@@ -186,6 +186,7 @@ class Maker:
             margin=self.margin.reshape(shape).copy(),
             z_m=poses.z_m.reshape(shape).astype(np.float32),
             aside_m=poses.most_aside_m,
+            options=poses.options,
             seconds=seconds,
             **more,
         )

@@ -11,14 +11,14 @@ that alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from stancekit.envs.distributions.cut import SMALLER, Places, identity_of
+from stancekit.envs.distributions.cut import SMALLER, Places
 from stancekit.envs.distributions.patches import FORWARD, plain_problem, triangle
 from stancekit.envs.distributions.stance import NominalStance, StandingRobot
 from stancekit.planners.errors import InvalidInput
@@ -26,6 +26,7 @@ from stancekit.planners.files.arrays import Array, checked, checked_int
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.problem.standing_map import MOST_POSES
 from stancekit.planners.robot import Robot
+from stancekit.planners.terrain.footholds import Footholds
 
 Index = NDArray[np.intp]
 LARGEST_M = 1e4
@@ -44,6 +45,7 @@ class Poses:
         aside_m: how far each is from where its toe likes to be, from above, (P, N) [m].
         z_m: of the centre of mass, (P,) [m].
         most_aside_m: how far one may be.
+        options: of the terrain's file and of footholds, other than the usual.
     """
 
     terrain: str
@@ -60,18 +62,25 @@ class Poses:
     aside_m: Array
     z_m: Array
     most_aside_m: float
+    options: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls,
-        terrain: str | Path,
+        footholds: Footholds,
         robot: Robot | str | None,
         *,
+        terrain: str,
         spacing_m: float,
         headings: int,
         friction: float,
+        options: dict[str, Any] | None = None,
     ) -> Poses:
-        """The poses over a terrain's file or name.
+        """The poses over a terrain.
+
+        Arguments:
+            footholds: where its toes may stand.
+            terrain: the terrain's name.
 
         Raises InvalidInput for a grid without cells or with too many, a terrain without places to
         stand, and numbers out of range.
@@ -82,7 +91,7 @@ class Poses:
         standing = StandingRobot.of(robot)
         legs = standing.robot.limb_names
         stance = standing.stance("ground", legs)
-        places = Places.of(terrain, SMALLER * stance.circumradius_m[0])
+        places = Places.of_footholds(footholds, SMALLER * stance.circumradius_m[0])
         low, high = places.points_m[:, :2].min(axis=0), places.points_m[:, :2].max(axis=0)
         counts = np.floor((high - low) / spacing_m + 1e-9)
         if not (counts >= 1.0).all():
@@ -99,7 +108,7 @@ class Poses:
         turns = 2.0 * np.pi * np.arange(headings) / headings
         chosen, aside, z = _snapped(places, stance, corner, spacing_m, number, turns)
         return cls(
-            terrain=identity_of(terrain),
+            terrain=terrain,
             robot=standing.robot,
             places=places,
             stance=stance,
@@ -113,6 +122,7 @@ class Poses:
             aside_m=aside,
             z_m=z,
             most_aside_m=float(np.abs(stance.room_m[:, :2]).min()),
+            options=dict(options or {}),
         )
 
     def __len__(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stancekit.planners.errors import InvalidInput, not_installed
-from stancekit.planners.files.documents import decoded, open_file, parse_json
+from stancekit.planners.files.documents import decoded, file_or_named, open_file, parse_json
 from stancekit.planners.formats.answer_file import read_envelopes
 
 from .own import is_own, own_selector
@@ -24,7 +24,7 @@ def load_selector(path: str | Path) -> Learned:
     """
     if is_own(str(path)):
         return own_selector(str(path))
-    path = _found(Path(path))
+    path = file_or_named(path, shipped())
     kind = safetensors_format(path) if path.is_file() else None
     if kind is None and path.suffix == ".safetensors" and path.is_file():
         raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
@@ -34,19 +34,6 @@ def load_selector(path: str | Path) -> Learned:
         return _network(kind, path)
     except ImportError as error:
         raise not_installed(str(path), error.name, kind, "rl") from None
-
-
-def _found(path: Path) -> Path:
-    """The file of a path, or of the name of a selector that ships.
-
-    Raises InvalidInput for what is neither.
-    """
-    if path.exists() or path.suffix or len(path.parts) > 1:
-        return path
-    files = shipped()
-    if path.name not in files:
-        raise InvalidInput(f"{path}: expected a file, or one of {', '.join(files)}, found nothing")
-    return files[path.name]
 
 
 def _network(kind: str, path: Path) -> Learned:

@@ -103,6 +103,12 @@ class LabelledBatch:
             screened=None if self.screened is None else self.screened[chosen],
         )
 
+    def without(self, other: LabelledBatch) -> LabelledBatch:
+        """Those that are not in another one."""
+        seen = {corners.tobytes() for corners in other.batch.vertices_m}
+        fresh = [k for k, each in enumerate(self.batch.vertices_m) if each.tobytes() not in seen]
+        return self.select(np.array(fresh, dtype=np.intp))
+
 
 def check_alike(datasets: Sequence[Dataset]) -> None:
     """Raise InvalidInput unless data sets are of one class, robot and legs."""

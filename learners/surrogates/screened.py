@@ -24,6 +24,8 @@ class Screened:
             of truly infeasible ones at most this share feasible; of trivially infeasible ones only
             where the rows of the calibration had any.
         confidence: with which that holds, by the rows that it was calibrated on.
+        shifted: why everything is asked, where a batch of 64 problems or more is not drawn as the
+            class is, so that nothing is promised of it; empty otherwise.
 
     Raises:
         Nothing.
@@ -43,6 +45,7 @@ class Screened:
     scores: Array
     error: float
     confidence: float
+    shifted: str = ""
 
     def __len__(self) -> int:
         return len(self.answers)

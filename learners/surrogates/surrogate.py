@@ -9,9 +9,9 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -21,17 +21,20 @@ from pydantic import BaseModel, ConfigDict
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.learned import check_learned
 
-from ..selectors.tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from ..selectors.network import Architecture
+from ..selectors.tensors import load_weights, read_tensors, write_tensors
 from .calibration import CONFIDENCE, KINDS, checked_error, thresholds
 from .features import Features, Seer
+from .likeness import ALARM, BINS, Likeness
 from .network import SurrogateNetwork
 from .screened import Screened
 
-FORMAT = "stancekit/surrogate/1"
+FORMAT = "stancekit/surrogate/2"
 CHUNK = 1024
 """Problems whose scores are worked out at once."""
 BEYOND = 0.01
@@ -40,6 +43,7 @@ range."""
 NEAR = 1e-3
 """Scores this close to a limit are worked out again in double precision, so that an answer does not
 depend on which problems were scored together."""
+NUMBERS = ("x", "y", "z", "normal x", "normal y", "normal z", "friction")
 CLIPPED = 0.1
 """The largest margin that is told."""
 
@@ -51,8 +55,9 @@ class Surrogate:
     Arguments:
         like: a problem of the class.
         problem_class: its name.
-        calibration: scores of held-out rows by their true class, ascending.
+        calibration: scores of held-out rows by their true class, ascending, single precision.
         ranges: least and largest number of each kind in the rows, see ``numbers``.
+        likeness: histograms of the numbers and scores of the held-out rows.
         provenance: how it was learned, its card.
     """
 
@@ -64,12 +69,18 @@ class Surrogate:
         problem_class: str,
         calibration: Mapping[str, Array],
         ranges: Array,
+        likeness: Likeness | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         self.network = network.eval()
         self.like, self.problem_class = like, problem_class
-        self.calibration = {kind: np.sort(np.asarray(calibration[kind])) for kind in KINDS}
+        self.calibration = {
+            kind: np.sort(np.asarray(calibration[kind], dtype=np.float32)).astype(np.float64)
+            for kind in KINDS
+        }
         self.ranges = np.asarray(ranges, dtype=np.float64)
+        columns = self.ranges[0].size + 1
+        self.likeness = likeness or Likeness.of({kind: np.zeros((0, columns)) for kind in KINDS})
         self.provenance = dict(provenance or {})
         self.robot, self.legs = like.robot.identity, like.legs
         self.force_scale_n = float(like.force_scale_n or like.weight_n)
@@ -84,7 +95,8 @@ class Surrogate:
             so_far.update(name.encode() + tensor.numpy().tobytes())
         for kind in KINDS:
             so_far.update(kind.encode() + self.calibration[kind].tobytes())
-        so_far.update(self.ranges.tobytes())
+        for array in (self.ranges, self.likeness.edges, self.likeness.counts):
+            so_far.update(array.tobytes())
         return so_far.hexdigest()
 
     @cached_property
@@ -138,11 +150,36 @@ class Surrogate:
 
     def screen(self, batch: PostureBatch, error: float) -> Screened:
         """Answers at this error; "ask" also of a problem that lies beyond the rows of the
-        calibration. Raises InvalidInput for problems of another class or robot.
+        calibration, and of all problems of a batch that is not drawn as its class is.
+
+        Raises InvalidInput for problems of another class or robot.
         """
         checked_error(error)
         self.check_fits(batch.like)
-        return self.answered(batch, self.thresholds(error), error)
+        answered = self.answered(batch, self.thresholds(error), error)
+        unlike, worst = self.likeness.unlike(self.compared(batch, answered.scores))
+        if unlike > ALARM:
+            return answered
+        kinds = [kind for kind in KINDS if len(self.calibration[kind])]
+        shifted = (
+            f"problems: expected draws of {self.problem_class}, with any share of {', '.join(kinds)} ones, got "
+            f"others: {self._name_of(worst)} differ most, p < {max(unlike, 1e-99):.0e}"
+        )
+        return replace(answered, answers=np.full(len(batch), "ask"), shifted=shifted)
+
+    def compared(self, batch: PostureBatch, scores: Array) -> Array:
+        """Numbers of problems that are compared with those of the calibration, shape (B, C): of
+        their patches, and their scores.
+        """
+        return np.column_stack([numbers(batch).reshape(len(batch), self.ranges[0].size), scores])
+
+    def _name_of(self, column: int) -> str:
+        """Name of a number that is compared."""
+        if column == self.ranges[0].size:
+            return "scores"
+        limb, which = divmod(column, self.ranges.shape[2])
+        name = NUMBERS[which] if which < len(NUMBERS) else "corners"
+        return f"{name} of {self.legs[limb]}"
 
     def answered(self, batch: PostureBatch, limits: tuple[float, float], error: float) -> Screened:
         """``screen`` with thresholds that are known, of problems that fit."""
@@ -187,7 +224,8 @@ class Surrogate:
         values = numbers(batch)
         if values.shape[1:] != self.ranges.shape[1:]:
             raise InvalidInput(
-                f"contacts: expected patches of {self.ranges.shape[1] - 5} corners, got {values.shape[1] - 5}"
+                f"contacts: expected patches of {self.ranges.shape[2] - len(NUMBERS)} corners, got "
+                f"{values.shape[2] - len(NUMBERS)}"
             )
         room = BEYOND * (self.ranges[1] - self.ranges[0]) + 1e-9
         return np.asarray(
@@ -204,9 +242,13 @@ class Surrogate:
             "architecture": asdict(self.network.architecture),
             "provenance": self.provenance,
         }
-        extra = {f"calibration.{kind}": self.calibration[kind] for kind in KINDS}
+        extra = {
+            **{f"calibration.{kind}": self.calibration[kind].astype(np.float32) for kind in KINDS},
+            "ranges": self.ranges,
+            "likeness.edges": self.likeness.edges,
+            "likeness.counts": self.likeness.counts,
+        }
         tensors = {name: torch.from_numpy(values.copy()) for name, values in extra.items()}
-        tensors["ranges"] = torch.from_numpy(self.ranges.copy())
         weights = {f"network.{name}": each for name, each in self.network.state_dict().items()}
         write_tensors(path, FORMAT, header, weights | tensors)
 
@@ -247,13 +289,20 @@ class Surrogate:
             if name.startswith("network.")
         }
         rest = {name: each for name, each in tensors.items() if not name.startswith("network.")}
-        wanted = {"ranges", *(f"calibration.{kind}" for kind in KINDS)}
+        wanted = {"ranges", "likeness.edges", "likeness.counts"}
+        wanted |= {f"calibration.{kind}" for kind in KINDS}
         if set(rest) != wanted or any(rest[f"calibration.{kind}"].ndim != 1 for kind in KINDS):
             raise InvalidInput(f"{path}: expected the tensors {', '.join(sorted(wanted))}")
         if rest["ranges"].ndim != 3 or rest["ranges"].shape[:2] != (2, len(like.contacts)):
             raise InvalidInput(f"{path}: tensor ranges: expected two rows per contact")
+        edges, counts = (rest[f"likeness.{name}"].double().numpy() for name in ("edges", "counts"))
+        columns = rest["ranges"][0].numel() + 1
+        if edges.shape != (columns, BINS - 1) or counts.shape != (len(KINDS), columns, BINS):
+            raise InvalidInput(
+                f"{path}: tensors likeness.*: expected {columns} histograms per class"
+            )
         with torch.device("meta"):
-            network = SurrogateNetwork(raw.architecture.architecture(path))
+            network = SurrogateNetwork(raw.architecture)
         load_weights(network, weights, path)
         surrogate = cls(
             network,
@@ -261,6 +310,7 @@ class Surrogate:
             problem_class=raw.problem_class,
             calibration={kind: rest[f"calibration.{kind}"].double().numpy() for kind in KINDS},
             ranges=rest["ranges"].double().numpy(),
+            likeness=Likeness(edges=edges, counts=counts),
             provenance=raw.provenance,
         )
         if surrogate.digest != raw.digest:
@@ -277,18 +327,17 @@ class _Header(BaseModel):
     like: dict[str, Any]
     robot: str
     digest: str
-    architecture: ArchitectureJson
+    architecture: Annotated[Architecture, ALL_KEYS]
     provenance: dict[str, Any]
 
 
 def numbers(batch: PostureBatch) -> Array:
-    """Numbers of every patch by which a problem is known to be like others, shape (B, N, 5 + U):
-    its middle, how upright it is, its friction, and its corners' distances from the middle.
+    """Numbers of every patch by which a problem is known to be like others, shape (B, N, 7 + U):
+    ``NUMBERS``, and its corners' distances from the middle, ascending.
     """
     middle = batch.vertices_m.mean(axis=2)
     spokes = np.sort(np.linalg.norm(batch.vertices_m - middle[:, :, None], axis=-1), axis=-1)
-    rest = np.stack([batch.normals[..., 2], batch.friction], axis=-1)
-    return np.concatenate([middle, rest, spokes], axis=-1)
+    return np.concatenate([middle, batch.normals, batch.friction[..., None], spokes], axis=-1)
 
 
 def as_batch(problems: Sequence[Problem] | PostureBatch) -> PostureBatch:

@@ -24,6 +24,7 @@ from stancekit.planners.files.validation import check_fields
 from ..selectors.network import Architecture
 from .calibration import CONFIDENCE, KINDS
 from .features import Features, Seer
+from .likeness import Likeness
 from .network import SurrogateNetwork
 from .rows import FARTHEST, LabelledBatch, check_alike
 from .surrogate import Surrogate, numbers
@@ -88,9 +89,7 @@ def fit_surrogate(
             raise InvalidInput(
                 f"calibration: expected rows as they are drawn, got screened ones of {calibration.ledger.folder}"
             )
-        seen = {corners.tobytes() for corners in rows.batch.vertices_m}
-        fresh = [k for k, each in enumerate(held.batch.vertices_m) if each.tobytes() not in seen]
-        held = held.select(np.array(fresh, dtype=np.intp))
+        held = held.without(rows)
         origin.append(calibration.origin)
     surrogate = fit_rows(
         rows,
@@ -147,17 +146,21 @@ def fit_rows(
         calibration={kind: np.zeros(0) for kind in KINDS},
         ranges=_ranges(rows, held),
     )
-    kinds, scores = rows.kinds[held_out], surrogate.scores(rows.batch.select(held_out))[0]
-    if held is not None:
-        kinds = np.concatenate([kinds, held.kinds])
-        scores = np.concatenate([scores, surrogate.scores(held.batch)[0]])
-    calibrated = {kind: scores[kinds == kind] for kind in KINDS}
+    parts = [rows.select(held_out)] + ([] if held is None else [held])
+    kinds = np.concatenate([part.kinds for part in parts])
+    scores = [surrogate.scores(part.batch)[0] for part in parts]
+    compared = [
+        surrogate.compared(part.batch, each) for part, each in zip(parts, scores, strict=True)
+    ]
+    calibrated = {kind: np.concatenate(scores)[kinds == kind] for kind in KINDS}
+    likeness = Likeness.of({kind: np.concatenate(compared)[kinds == kind] for kind in KINDS})
     return Surrogate(
         network,
         like=rows.batch.like,
         problem_class=problem_class,
         calibration=calibrated,
         ranges=surrogate.ranges,
+        likeness=likeness,
         provenance={
             **origin,
             "method": "surrogate",

@@ -40,7 +40,9 @@ class Certificate:
             - kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
               after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``,
               in units of the force scale; the first child keeps the values up to it, the second
-              those from it on.
+              those from it on;
+            - kind 4, the directions of the ``i``-th least step (``Problem.least_steps``), parted: a child for
+              each of ``sides.parts`` of the side that the node has, the octants first.
         multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N
             limbs: ν_F (S, 3) of the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3)
             of reach, a (M − 1, 3) of the steps of the COM, t (M − 1, 3) of those of the rotation, g

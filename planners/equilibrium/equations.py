@@ -140,11 +140,12 @@ class PlanVariables:
             >= self.scaled.progress,
         }
         if self.layout.linear:
-            slopes, bounds = self.scaled.linear[:, :6], self.scaled.linear[:, 6]
-            along = moved @ slopes[:, :3].T + cp.diff(self.rotation, axis=0) @ slopes[:, 3:].T
-            terms["linear_step"] = cp.vec(along, order="C") <= np.tile(
-                bounds, self.layout.frames - 1
-            )
+            turned = cp.diff(self.rotation, axis=0)
+            along = [
+                rows[:, :3] @ moved[k] + rows[:, 3:6] @ turned[k] - rows[:, 6]
+                for k, rows in enumerate(self.scaled.linear)
+            ]
+            terms["linear_step"] = cp.hstack(along) <= 0.0
         if moves and self._held is None:
             terms["toe_step"] = cp.SOC(toe * np.ones(moves), self.toe_steps, axis=1)
             terms |= self.within_relative_reach()

@@ -154,6 +154,19 @@ class RelativeHalfSpaces:
         bounds = np.concatenate([each.bounds_m for each in rows]) / length_m
         return cls(normals=np.concatenate([each.normals for each in rows]), bounds=bounds)
 
+    def with_sides(self, rows: Array, length_m: float) -> RelativeHalfSpaces:
+        """The half-spaces, and those that sides n·(p′ − p) ≥ b of least steps of toes are.
+
+        Arguments:
+            rows: (n, b), shape (K, 4) [m].
+        """
+        if not len(rows):
+            return self
+        return RelativeHalfSpaces(
+            normals=np.concatenate([self.normals, -rows[:, :3]]),
+            bounds=np.concatenate([self.bounds, -rows[:, 3] / length_m]),
+        )
+
     @classmethod
     def none(cls) -> RelativeHalfSpaces:
         """No half-spaces."""

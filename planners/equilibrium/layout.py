@@ -44,6 +44,8 @@ class Layout:
             pushes alone.
         relative: (limb, other, how many half-spaces) of every pair of feet whose distance is
             limited where the limb moves.
+        least_toes: whether each step of a toe has a row of least length, which is one of relative
+            reach between the foothold before and the one after.
     """
 
     holds: tuple[tuple[int, ...], ...]
@@ -52,6 +54,7 @@ class Layout:
     reach_rows: tuple[int, ...] = ()
     points: tuple[int, ...] = ()
     relative: tuple[tuple[int, int, int], ...] = ()
+    least_toes: bool = False
     linear: int = 0
     pushes: int = 0
     stands: bool = False
@@ -171,8 +174,8 @@ class Layout:
 
     @cached_arrays
     def relative_pairs(self) -> Index:
-        """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame;
-        shape (pairs, 3).
+        """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame,
+        then the moves whose length has a least; shape (pairs, 3).
         """
         table = np.array(self.holds, dtype=np.int_)
         triples = [
@@ -181,6 +184,9 @@ class Layout:
             for pair, (limb, other, _) in enumerate(self.relative)
             if limb == i and table[k + 1, other] != LIFTED
         ]
+        first = len(self.relative)
+        if self.least_toes:
+            triples += [(*move, first + k) for k, move in enumerate(self.moves.tolist())]
         return np.array(triples, dtype=np.int_).reshape(-1, 3)
 
     @cached_arrays
@@ -188,9 +194,8 @@ class Layout:
         """(number of its half-space, row in ``relative_pairs``) of every row of relative reach,
         each of shape (R,).
         """
-        which, half_space = _expanded(
-            self.relative_pairs[:, 2], np.array([n for *_, n in self.relative], dtype=np.int_)
-        )
+        counts = [n for *_, n in self.relative] + [1] * len(self.moves) * self.least_toes
+        which, half_space = _expanded(self.relative_pairs[:, 2], np.array(counts, dtype=np.int_))
         return half_space, which
 
     @cached_arrays

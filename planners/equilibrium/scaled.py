@@ -74,7 +74,8 @@ class Scaled:
         direction: of the nominal steps, (M − 1, 3).
         progress: least along them, (M − 1,).
         goal: (3,).
-        linear: further rows of a step of the body, see ``StepLimits.linear_rows``.
+        linear: further rows of every step of the body, see ``StepLimits.linear_rows``, and the
+            side of its least rotation, shape (M − 1, R, 7).
         weights: of the objective, None for a posture, which has none.
         wrench: on the body beside its weight in each stance, force and moment about the centre of
             mass, shape (S, 6); without any (0, 6).
@@ -106,7 +107,7 @@ class Scaled:
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
     relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
-    linear: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    linear: Array = field(default_factory=lambda: np.zeros((0, 0, 7)))
     wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
     standing: Array = field(default_factory=lambda: np.zeros((0, 3)))
 

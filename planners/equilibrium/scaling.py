@@ -29,7 +29,8 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
         [each for row in course.offsets_m for each in row] if course.has_soles else [], scale
     )
     sizes = iter(len(border) for border in borders)
-    linear = limits.linear_rows(scale)
+    toe_sides, turn_sides = course.side_rows
+    linear = _linear(limits.linear_rows(scale), turn_sides, course.frames - 1)
     layout = shared(
         Layout(
             holds=tuple(tuple(row) for row in course.holds.tolist()),
@@ -42,7 +43,8 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
             if points
             else (),
             relative=RelativeHalfSpaces.pairs(course.robot),
-            linear=len(linear),
+            least_toes=len(toe_sides) > 0,
+            linear=linear.shape[1],
             stands=course.weights is not None and course.weights.stance > 0.0,
         )
     )
@@ -78,11 +80,25 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
         force_n=course.force_n,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
-        relative=RelativeHalfSpaces.of(course.robot, scale),
+        relative=RelativeHalfSpaces.of(course.robot, scale).with_sides(toe_sides, scale),
         linear=linear,
         wrench=wrench,
         standing=_standing(course, layout),
     )
+
+
+def _linear(rows: Array, turn_sides: Array, steps: int) -> Array:
+    """``Scaled.linear``: the further rows of every step of the body, and its least rotation.
+
+    Arguments:
+        rows: of each step, shape (R, 7).
+        turn_sides: n·(Θ′ − Θ) ≥ b by step, shape (M − 1, 4) or (0, 4).
+    """
+    each = np.broadcast_to(rows, (steps, *rows.shape))
+    if not len(turn_sides):
+        return each
+    turns = np.concatenate([np.zeros((steps, 3)), -turn_sides], axis=1)
+    return np.concatenate([each, turns[:, None]], axis=1)
 
 
 def _force_min(low: Array, layout: Layout) -> Array:

@@ -212,10 +212,10 @@ class BodyVariables:
         step = np.repeat(np.arange(self._layout.frames - 1), self._layout.linear)
         at = self._rows.at_most("linear_step", len(row))
         for columns, of in ((self.com, [0, 1, 2]), (self.rotation, [3, 4, 5])):
-            slope = Of("scaled.linear", (row[:, None], of))
+            slope = Of("scaled.linear", (step[:, None], row[:, None], of))
             self._rows.put(at[:, None], columns[step + 1], slope)
             self._rows.put(at[:, None], columns[step], -slope)
-        self._rows.right(at, Of("scaled.linear", (row, 6)))
+        self._rows.right(at, Of("scaled.linear", (step, row, 6)))
 
 
 class Forces:

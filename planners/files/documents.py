@@ -13,7 +13,7 @@ import json
 import os
 import stat
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -41,6 +41,21 @@ MOST_ELEMENTS = 1_000_000
 NO_FILE = "a pipe, a socket or a device"
 
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def file_or_named(path: str | Path, shipped: Mapping[str, Path]) -> Path:
+    """A path as it is, or the file of what ships by that name.
+
+    Raises InvalidInput for what is neither.
+    """
+    path = Path(path)
+    if path.exists() or path.suffix or len(path.parts) > 1:
+        return path
+    if path.name not in shipped:
+        raise InvalidInput(
+            f"{path}: expected a file, or one of {', '.join(shipped)}, found nothing"
+        )
+    return shipped[path.name]
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from ..cached import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..robot.rotation import rotations_of
+from ..terrain.patch import solids_of
 from .motion import Samples
 
 
@@ -26,7 +27,7 @@ class LeapMotion:
     def __init__(self, plan: LeapPlan) -> None:
         self.plan, leap = plan, plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-        self.solids = tuple(patch.solid for patch in patches)
+        self.solids = solids_of(patches)
         self._normals = np.array([patch.normal for patch in patches])
         self._friction = np.array([patch.friction for patch in patches])
         self._radii = leap.robot.source.foot_radii_m

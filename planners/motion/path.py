@@ -17,6 +17,7 @@ from ..answer.plan import Plan
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..terrain.patch import solids_of
 from ..terrain.prism import Solids
 from .swing import KEPT_M, clear_swing
 from .touch_down import touch_downs_m
@@ -118,7 +119,7 @@ class PlanPath:
                 f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
                 "all of them at once: no position control can execute that"
             )
-        self.solids = tuple(patch.solid for patch in course.terrain)
+        self.solids = solids_of(course.terrain)
         self._around = Solids(self.solids)
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals = np.array([patch.normal for patch in patches])

@@ -10,6 +10,7 @@ from ..answer.plan import Plan
 from ..errors import check_time
 from ..files.arrays import Array
 from ..robot.kinematics import JointAnswer, Kinematics
+from ..terrain.patch import solids_of
 
 JUMP_RAD = 0.5
 """A limb that stands, and one of whose joints would turn so far between two key frames, jumps to
@@ -38,7 +39,7 @@ def plan_angles(
     """
     course = plan.problem
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    solids = [patch.solid for patch in course.terrain]
+    solids = solids_of(course.terrain)
     answers = list[JointAnswer]()
     for k in range(course.frames):
         check_time(deadline)

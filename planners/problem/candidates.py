@@ -4,6 +4,8 @@ its shoulder.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.model import Limb
 from ..terrain.patch import Patch
-from ..terrain.polygon import Surface, nearest
+from ..terrain.polygon import Corners, Surface, nearest, patches_of
 from ..terrain.terrain import Terrain
 
 COMFORT = 0.85
@@ -85,19 +87,34 @@ class CandidatePatches:
 
         Only surfaces that face the hip, with nothing between it and the toe's place.
         """
-        hip_m = limb.hip_at(shoulder_m)
-        indices, places = self._places(limb, shoulder_m, toe_m)
-        order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
-        pieces = list[tuple[int, Patch]]()
-        for index, place in zip(indices[order].tolist(), places[order], strict=True):
-            if len(pieces) == count:
-                break
-            piece = (
-                None if self._hidden(place, hip_m) else self.surfaces[index].window(place, window_m)
-            )
-            if piece is not None:
-                pieces.append((index, piece))
-        return pieces
+        return self.candidates_of([(limb, shoulder_m, toe_m, window_m)], count)[0]
+
+    def candidates_of(
+        self, toes: Sequence[tuple[Limb, Array, Array, float]], count: int
+    ) -> list[list[tuple[int, Patch]]]:
+        """The ``candidates`` of many toes at once.
+
+        Arguments:
+            toes: limb, shoulder, toe, and width of the pieces, each as of ``candidates``.
+        """
+        found = list[list[tuple[int, Corners]]]()
+        for (limb, shoulder_m, toe_m, window_m), (indices, places) in zip(
+            toes, self._places(toes), strict=True
+        ):
+            hip_m = limb.hip_at(shoulder_m)
+            order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
+            found.append([])
+            for index, place in zip(indices[order].tolist(), places[order], strict=True):
+                if len(found[-1]) == count:
+                    break
+                if not self._hidden(place, hip_m):
+                    piece = self.surfaces[index].piece(place, window_m)
+                    if piece:
+                        found[-1].append((index, piece))
+        patches = iter(
+            patches_of([(self.surfaces[index], piece) for each in found for index, piece in each])
+        )
+        return [[(index, next(patches)) for index, _ in each] for each in found]
 
     def everywhere(
         self, limb: Limb, shoulder_m: Array, slack_m: float, toe_m: Array
@@ -129,18 +146,26 @@ class CandidatePatches:
         return [(index, piece) for _, index, piece in sorted(pieces, key=lambda each: each[:2])]
 
     def _places(
-        self, limb: Limb, shoulder_m: Array, toe_m: Array
-    ) -> tuple[NDArray[np.int_], Array]:
-        """The surfaces within reach, by index, and the place on each, shape (K, 3), for a wanted
-        toe.
+        self, toes: Sequence[tuple[Limb, Array, Array, float]]
+    ) -> list[tuple[NDArray[np.int_], Array]]:
+        """For every wanted toe the surfaces within reach, by index, and the place on each, shape
+        (K, 3).
 
         The nearest point, drawn towards the shoulder until well in reach.
         """
-        near = self.near(shoulder_m, limb.hip_at(shoulder_m), limb.reach_m)
-        if not len(near):
-            return near, np.zeros((0, 3))
+        nearby = [
+            self.near(shoulder, limb.hip_at(shoulder), limb.reach_m)
+            for limb, shoulder, _, _ in toes
+        ]
+        if not any(len(each) for each in nearby):
+            return [(each, np.zeros((0, 3))) for each in nearby]
+        counts = [len(each) for each in nearby]
+        near = np.concatenate(nearby)
+        shoulder_m = np.repeat([shoulder for _, shoulder, _, _ in toes], counts, axis=0)
+        toe_m = np.repeat([toe for _, _, toe, _ in toes], counts, axis=0)
+        reach = np.repeat([limb.reach_m for limb, _, _, _ in toes], counts)
         feet, places = self._nearest(near, shoulder_m), self._nearest(near, toe_m)
-        arm, way, comfort = feet - shoulder_m, places - feet, COMFORT * limb.reach_m
+        arm, way, comfort = feet - shoulder_m, places - feet, COMFORT * reach
         gap = np.linalg.norm(arm, axis=1)
         a, b, c = (
             (way * way).sum(axis=1),
@@ -153,12 +178,20 @@ class CandidatePatches:
         share = np.where(np.linalg.norm(places - shoulder_m, axis=1) <= comfort, 1.0, share)
         places = np.where((share < 1.0)[:, None], feet + share[:, None] * way, places)
         places = np.where((gap >= comfort)[:, None], feet, places)
-        return near[gap <= limb.reach_m], places[gap <= limb.reach_m]
+        ends = np.cumsum(counts)[:-1]
+        return [
+            (indices[reached], at[reached])
+            for indices, at, reached in zip(
+                nearby, np.split(places, ends), np.split(gap <= reach, ends), strict=True
+            )
+        ]
 
-    def _nearest(self, chosen: NDArray[np.int_], point_m: Array) -> Array:
-        """The points of some surfaces, inside the margin, nearest to a point, shape (K, 3) [m]."""
+    def _nearest(self, chosen: NDArray[np.int_], points_m: Array) -> Array:
+        """The points of K surfaces, inside the margin, each nearest to a point, shapes (K, 3)
+        [m].
+        """
         origins, axes = self._origins[chosen], self._axes[chosen]
-        flat = np.matmul((point_m - origins)[:, None], axes)[:, 0]
+        flat = np.matmul((points_m - origins)[:, None], axes)[:, 0]
         on = nearest(self._rooms[chosen], flat)
         return np.asarray(origins + np.matmul(on[:, None], axes.transpose(0, 2, 1))[:, 0])
 

@@ -48,16 +48,15 @@ def build_course(
         reach: a folder of polytopes in place of the robot's reach.
         alternative: another way to lay it out.
     """
-    model = spec.robot_model(folder)
-    robot = spec.make_robot(model, sets)
+    robot = spec.make_robot(folder, sets)
     if reach is not None:
         from ..robot.reach_file import read_reach
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
     if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
-        placed_by = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, placed_by, sets), placed_by)
+        placed_by = spec.make_robot(folder)
+    spec = alternative.of(spec.standing(placed_by, sets), placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
@@ -170,13 +169,18 @@ def _footholds(
     """
     footholds, placed = list[Foothold](), list[tuple[int, Patch]]()
     alone = dict[str, int]()  # limbs that have one surface only, and its index
-    for frame, limb, until in _schedule(robot, lifts):
+    schedule, toes = list(_schedule(robot, lifts)), list[tuple[Limb, Array, Array, float]]()
+    for frame, limb, until in schedule:
         shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
         toe = shoulder + toe_offset(limb, _stance(spec, int(passed[frame])))
-        room = (
-            0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
-        )
-        if spec.candidates.everywhere:
+        sole = 0.0 if limb.sole_m is None else float(np.linalg.norm(limb.sole_m, axis=1).max())
+        toes.append((limb, shoulder, toe, spec.candidates.window_m + 2.0 * sole))
+    near = (
+        None if spec.candidates.everywhere else footing.candidates_of(toes, spec.candidates.count)
+    )
+    for k, (frame, limb, _) in enumerate(schedule):
+        _, shoulder, toe, _ = toes[k]
+        if near is None:
             about, slack = (
                 com_m[frame] + limb.shoulder_m,
                 _slack(limb, float(radius_m[frame]), spec),
@@ -186,9 +190,7 @@ def _footholds(
                 message = footing.refusal(frame, limb, about)
                 raise NoFooting(f"{message}, and the shoulder moves by {slack:.3g} m at most")
         else:
-            everywhere = footing.candidates(
-                limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room
-            )
+            everywhere = near[k]
         if not everywhere:
             raise NoPlace(footing.refusal(frame, limb, shoulder))
         alone.pop(limb.name, None)

@@ -6,6 +6,7 @@ body's centre of mass is to go. Generators reach far enough beyond both ends for
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.patch import Patch
-from ..terrain.polygon import surface_patch
+from ..terrain.polygon import surface_patch, surface_patches
 from ..terrain.rung import Rung
 from ..terrain.terrain import Terrain
 from .family_scene import FamilyScene as FamilyScene
@@ -166,36 +167,36 @@ class Walls(TerrainSpec):
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """One tall rectangle a side."""
         (low, high), (bottom, top) = _span(path_m[:, 0]), _span(path_m[:, 2])
-        patches = [
-            self._panel(side, low, high, bottom, top, path_m[0], self.friction) for side in (0, 1)
-        ]
-        return Terrain(tuple(patches), (True, True))
+        panels = [(side, low, high, bottom, top) for side in (0, 1)]
+        return Terrain(self._panels(panels, path_m[0], [self.friction] * 2), (True, True))
 
-    def _panel(
+    def _panels(
         self,
-        side: int,
-        low: float,
-        high: float,
-        bottom: float,
-        top: float,
+        panels: Sequence[tuple[int, float, float, float, float]],
         about: Array,
-        friction: float,
-    ) -> Patch:
-        """A rectangle of the wall, x in [low, high], z in [bottom, top]; it leans about the height
-        of the start.
+        frictions: Sequence[float],
+    ) -> tuple[Patch, ...]:
+        """Rectangles of the walls, which lean about the height of the start.
+
+        Arguments:
+            panels: of each the side, x from and to, z from and to.
         """
+        corners = np.array([self._corners(*panel, about) for panel in panels]).reshape(-1, 4, 3)
+        middles = [
+            (0.5 * (low + high), 0.0, 0.5 * (bottom + top)) for _, low, high, bottom, top in panels
+        ]
+        return surface_patches(corners, frictions, np.array(middles).reshape(-1, 3))
+
+    def _corners(
+        self, side: int, low: float, high: float, bottom: float, top: float, about: Array
+    ) -> list[Point]:
         sign = (1.0, -1.0)[side]
         slope = np.tan(self.lean_rad[side])
 
         def corner(x: float, z: float) -> Point:
             return x, sign * (self.apart_m + self.offset_m[side] - slope * (z - about[2])), z
 
-        corners = np.array(
-            [corner(low, bottom), corner(high, bottom), corner(high, top), corner(low, top)]
-        )
-        return surface_patch(
-            corners, friction, towards_m=np.array([0.5 * (low + high), 0.0, 0.5 * (bottom + top)])
-        )
+        return [corner(low, bottom), corner(high, bottom), corner(high, top), corner(low, top)]
 
 
 class IcyWalls(Walls):
@@ -214,7 +215,7 @@ class IcyWalls(Walls):
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """Panels row by row, left wall first."""
         _check_size(2 * _count(path_m[:, 0], self.panel_m) * _count(path_m[:, 2], self.panel_m))
-        patches = []
+        panels, frictions = list[tuple[int, float, float, float, float]](), list[float]()
         columns, rows = (_grid(path_m[:, axis], path_m[0, axis], self.panel_m) for axis in (0, 2))
         for side, pattern in enumerate((self.left, self.right)):
             for row, bottom in enumerate(rows[:-1]):
@@ -222,9 +223,9 @@ class IcyWalls(Walls):
                 for column, low in enumerate(columns[:-1]):
                     grips = signs[column % len(signs)] == "#"
                     high, top = low + self.panel_m, bottom + self.panel_m
-                    friction = self.friction if grips else 0.0
-                    patches.append(self._panel(side, low, high, bottom, top, path_m[0], friction))
-        return Terrain(tuple(patches), (True,) * len(patches))
+                    panels.append((side, low, high, bottom, top))
+                    frictions.append(self.friction if grips else 0.0)
+        return Terrain(self._panels(panels, path_m[0], frictions), (True,) * len(panels))
 
 
 class Tube(TerrainSpec):
@@ -245,15 +246,27 @@ class Tube(TerrainSpec):
         """Rings from the bottom up, each facet a rectangle tangent to the tube at its middle."""
         _check_size(self.sides * _count(path_m[:, 2], self.ring_m))
         levels = _grid(path_m[:, 2], path_m[0, 2], self.ring_m)
-        patches = []
+        facets, insides = list[Array](), list[Array]()
         for index in range(self.sides * (len(levels) - 1)):
             ring, side = divmod(index, self.sides)
             azimuth = self.first_azimuth_rad + 2.0 * np.pi * side / self.sides
             lean = self.leans_rad[index % len(self.leans_rad)]
-            patches.append(self._facet(path_m[0], azimuth, levels[ring] + 0.5 * self.ring_m, lean))
-        return Terrain(tuple(patches), (True,) * len(patches))
+            corners, inside = self._facet(
+                path_m[0], azimuth, levels[ring] + 0.5 * self.ring_m, lean
+            )
+            facets.append(corners)
+            insides.append(inside)
+        patches = surface_patches(
+            np.array(facets).reshape(-1, 4, 3),
+            [self.friction] * len(facets),
+            np.array(insides).reshape(-1, 3),
+        )
+        return Terrain(patches, (True,) * len(patches))
 
-    def _facet(self, about: Array, azimuth: float, height: float, lean: float) -> Patch:
+    def _facet(
+        self, about: Array, azimuth: float, height: float, lean: float
+    ) -> tuple[Array, Array]:
+        """The corners of a facet, shape (4, 3), and a point inside the tube, shape (3,) [m]."""
         out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         along, up = np.array([-out[1], out[0], 0.0]), np.array([0.0, 0.0, 1.0])
         centre = np.array([about[0], about[1], height]) + self.radius_m * out
@@ -261,7 +274,7 @@ class Tube(TerrainSpec):
         rise = 0.5 * self.ring_m * (np.cos(lean) * up - np.sin(lean) * out)
         signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         corners = np.array([centre + s * half_width * along + t * rise for s, t in signs])
-        return surface_patch(corners, self.friction, towards_m=centre - out)
+        return corners, centre - out
 
 
 class Bars(TerrainSpec):
@@ -327,7 +340,8 @@ class GroundToWall(Walls):
         base = np.array([0.0, 0.0, 0.0])
         left, right = (self.apart_m + self.offset_m[side] for side in (0, 1))
         patches = [_level(low, high, -right, left, 0.0, self.friction)]
-        patches += [self._panel(side, low, high, 0.0, top, base, self.friction) for side in (0, 1)]
+        panels = [(side, low, high, 0.0, top) for side in (0, 1)]
+        patches += self._panels(panels, base, [self.friction] * 2)
         return Terrain(tuple(patches), (True,) * 3)
 
 

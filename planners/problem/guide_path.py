@@ -30,7 +30,6 @@ from .candidates import NoPlace
 from .standing_map import INFEASIBLE, UNLIKELY
 
 if TYPE_CHECKING:
-    from ..robot.single_body import GaitRobot
     from ..terrain.heightfield import HeightField
     from ..terrain.terrain import Terrain
     from .standing_map import StandingMap
@@ -126,7 +125,7 @@ class Footprint:
         )
 
     @classmethod
-    def of_walker(cls, robot: GaitRobot, yaw_rad: float) -> Footprint:
+    def of_walker(cls, robot: Robot, yaw_rad: float) -> Footprint:
         """The footprint of a torso and its feet that faces so from x towards y [rad]."""
         toes = np.array([foot.nominal_m for foot in robot.feet])
         half = robot.trunk_half_m
@@ -476,7 +475,7 @@ class _Lattice:
     def _node(self, place: Array, name: str) -> int:
         """The node at a place.
 
-        Raises NoPlace where the robot cannot stand.
+        Raises NoPlace where the robot cannot stand, and InvalidInput where it cannot in any stance.
         """
         at = np.round((place - self.corner_m) / self.spacing_m).astype(int)
         where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
@@ -495,10 +494,12 @@ class _Lattice:
         gaps = self.corner_m + self.spacing_m * np.argwhere(self.free) - place
         gap = float(np.linalg.norm(gaps, axis=1).min(initial=np.inf))
         nearest = f"the nearest place to stand is {gap:.3g} m away"
-        if (solid := self._solid_at(place)) is not None:
-            raise NoPlace(
+        if (high := self._solid_at(place)) is not None:
+            # over one that is higher than legs are long nobody stands, however wide or high
+            refused = InvalidInput if high > self.footprint.reach_m else NoPlace
+            raise refused(
                 f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
-                f"{solid}; {nearest}"
+                f"solid that is {high:.3g} m high; {nearest}"
             )
         if inside and np.isfinite(self.z_m[tuple(at)]):
             number = int(self.by[tuple(at)])
@@ -515,8 +516,8 @@ class _Lattice:
         )
         raise NoPlace(f"{where}, got {reason}; {nearest}")
 
-    def _solid_at(self, place: Array) -> str | None:
-        """The solid that stands on the ground over a place."""
+    def _solid_at(self, place: Array) -> float | None:
+        """Height of the solid that stands on the ground over a place [m]."""
         ground = self._ground(place)
         over = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
@@ -544,7 +545,7 @@ class _Lattice:
                 continue
             if ground + 1e-3 < float(other.vertices_m[:, 2].min()) < top:
                 return None
-        return f"solid that is {top - ground:.3g} m high"
+        return top - ground
 
     def _ground(self, place: Array) -> float:
         """Height of the lowest ground that faces up about a place, as most of the terrain has it

@@ -33,13 +33,16 @@ NotNegative = Annotated[float, Within(least=0.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class StepLimits:
-    """Largest steps between neighbouring key frames (E11), and the least progress.
+    """Largest and least steps between neighbouring key frames (E11), and the least progress.
 
     Arguments:
         com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max.
         progress_m: the paper's least step is not convex; in its place the COM moves at least this
             far along the straight line of its nominal path, where that moves.
         yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
+        least_toe_m: Δp_min of a toe that is put down anew; 0 for none. A toe that stays takes no
+            step. Not convex: planners branch over directions (``problem.sides``).
+        least_rotation_rad: ΔΘ_min, likewise.
     """
 
     com_m: Annotated[float, Within(above=0.0)] = 0.15
@@ -47,13 +50,21 @@ class StepLimits:
     rotation_rad: NotNegative = 0.15
     progress_m: NotNegative = 0.0
     yaw_rad: NotNegative | None = field(default=None, metadata=LATER)
+    least_toe_m: NotNegative = field(default=0.0, metadata=LATER)
+    least_rotation_rad: NotNegative = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_limits(self)
-        if self.progress_m > self.com_m:
-            raise InvalidInput(
-                f"progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, got {self.progress_m:g}"
-            )
+        for least, most in (
+            ("progress_m", "com_m"),
+            ("least_toe_m", "toe_m"),
+            ("least_rotation_rad", "rotation_rad"),
+        ):
+            came, limit = getattr(self, least), getattr(self, most)
+            if came > limit:
+                raise InvalidInput(
+                    f"{least}: expected at most steps.{most} = {limit:g}, the largest step, got {came:g}"
+                )
 
     @property
     def linear(self) -> dict[str, float]:

@@ -33,7 +33,7 @@ from ..files.arrays import (
     locked,
     read_only,
 )
-from ..files.codec import LATER, fields_to_json, from_json
+from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
@@ -45,6 +45,7 @@ from .foothold import Stance as Stance
 from .limits import StepLimits as StepLimits
 from .limits import Weights as Weights
 from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
+from .sides import OPEN
 from .wrench import checked_wrench
 
 Value = TypeVar("Value")
@@ -88,6 +89,9 @@ class Problem:
         wrench: force [N] and moment about the centre of mass [Nm] that act on the body in addition
             to its weight at each frame, such as those of a payload, wind or a rope, in world axes,
             shape (M, 6) (``problem.wrench``); None for none.
+        sides: half-spaces n·Δ ≥ b, rows (n, b), one for each of ``least_steps``, in the place of
+            ‖Δ‖ ≥ δ, as a planner that branches over directions asks for them, shape (E, 4); None
+            where the least steps are asked for. No file has them.
 
     Raises:
         InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers
@@ -130,6 +134,7 @@ class Problem:
     push_n: float = field(default=0.0, metadata=LATER)
     wrench: Array | None = field(default=None, metadata=LATER)
     modes: tuple[int, ...] | None = None
+    sides: Array | None = field(default=None, metadata=UNWRITTEN)
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -201,6 +206,8 @@ class Problem:
             self._check_posture()
         _ = self.holds  # every limb stands on something from the first frame on
         _ = self.regions
+        if self.sides is not None:
+            set_field(self, "sides", read_only(self.sides, (len(self.least_steps), 4), "sides"))
 
     @classmethod
     def posture(
@@ -625,6 +632,38 @@ class Problem:
                 )
             )
         return tuple(contacts)
+
+    @property
+    def moves(self) -> NDArray[np.int_]:
+        """(foothold before, foothold after) of every toe that moves, by frame, then limb, shape
+        (K, 2).
+        """
+        changed = self.holds[1:] != self.holds[:-1]
+        return np.stack([self.holds[:-1][changed], self.holds[1:][changed]], axis=1)
+
+    @property
+    def least_steps(self) -> Array:
+        """δ of every step that has a least length, those of toes in the order of ``moves`` [m], then
+        those of the rotation [rad], shape (E,).
+        """
+        toes, turns = self._least_counts
+        return np.repeat([self.steps.least_toe_m, self.steps.least_rotation_rad], [toes, turns])
+
+    @property
+    def side_rows(self) -> tuple[Array, Array]:
+        """Rows (n, b) of n·Δ ≥ b of the least steps of toes [m] and of the rotation [rad], which
+        hold always where a side is open; shapes (·, 4).
+        """
+        count = sum(self._least_counts)
+        rows = np.tile(OPEN, (count, 1)) if self.sides is None else self.sides
+        toes = self._least_counts[0]
+        return rows[:toes], rows[toes:]
+
+    @property
+    def _least_counts(self) -> tuple[int, int]:
+        """How many steps of toes, and of the rotation, have a least length."""
+        toes = len(self.moves) if self.steps.least_toe_m > 0.0 else 0
+        return toes, self.frames - 1 if self.steps.least_rotation_rad > 0.0 else 0
 
     def wrench_at(self, frame: float) -> Array | None:
         """The wrench at a key frame or between two, where it goes over from one to the other, shape

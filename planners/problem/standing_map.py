@@ -62,6 +62,7 @@ class StandingMap:
         confidence: confidence with which that bound holds.
         seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
+        options: what was asked of the terrain's file and of footholds, other than the usual.
 
     Raises:
         InvalidInput: from ``read``, for a file that is damaged or foreign.
@@ -91,6 +92,7 @@ class StandingMap:
     confidence: float | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     card: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -110,6 +112,7 @@ class StandingMap:
             "headings_rad": np.round(self.headings_rad, 9).tolist(),
             "shape": list(self.shape),
             "aside_m": round(self.aside_m, 9),
+            "options": self.options,
         }
 
     def counts(self) -> dict[str, int]:
@@ -130,6 +133,18 @@ class StandingMap:
         numbers = np.bincount(those, minlength=len(LIMITS)).tolist()
         named = {name or "not known": n for name, n in zip(LIMITS, numbers, strict=True) if n}
         return dict(sorted(named.items(), key=lambda each: -each[1]))
+
+    def margins(self) -> dict[str, list[float]]:
+        """5 %, median and 95 % of the margins per verdict that has any, by name."""
+        held = {
+            name: self.margin[(self.verdict == number) & np.isfinite(self.margin)]
+            for number, name in enumerate(VERDICTS)
+        }
+        return {
+            name: [round(float(q), 5) for q in np.quantile(values, (0.05, 0.5, 0.95))]
+            for name, values in held.items()
+            if values.size
+        }
 
     def place(self, cell: tuple[int, int, int]) -> tuple[float, float, float]:
         """x, y [m] and heading [rad] of a pose."""
@@ -165,11 +180,13 @@ class StandingMap:
             "counts": self.counts(),
             "shares": self.shares(),
             "in_the_way": self.in_the_way(),
+            "margins": self.margins(),
             "aside_m": self.aside_m,
             "error": self.error,
             "confidence": self.confidence,
             "seconds": self.seconds,
             "card": self.card,
+            "options": self.options,
         }
 
     def save(self, path: str | Path) -> None:
@@ -249,6 +266,7 @@ class StandingMap:
                 **shares,
                 "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
                 "card": dict(head["card"]),
+                "options": dict(head.get("options", {})),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except DAMAGED as error:

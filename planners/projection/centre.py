@@ -4,8 +4,8 @@ at once.
 With the toes held c, Θ and f form a convex set (``terms.Moments``). Its analytic centre
 
     minimise  −Σ log(ρ_i² − ‖u_i‖²) − log(r² − ‖c − c_0‖²) − Σ log(tilt² − Θ_k²)
-              −Σ log(μ_i² f_n² − f_y² − f_z²) − Σ log(f − f_min) − Σ log(f_max − f)    subject to
-              (E5), (E6)
+              −Σ log(μ_i² f_n² − f_y² − f_z²) − Σ log(f − f_min) − Σ log(f_max − f)
+    subject to (E5), (E6)
 
 is unique and depends on the toes and the problem alone, not on the point that it is sought from.
 Newton's method finds it to rounding, in numpy, problem by problem the same whatever the batch.

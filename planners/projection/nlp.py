@@ -164,7 +164,8 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     for k in range(steps):
         step = cs.vertcat(moved[:, k], turned[:, k])
         limits += [
-            cs.dot(data["linear"][:6, r], step) - data["linear"][6, r] for r in range(layout.linear)
+            cs.dot(data["linear"][:6, r], step) - data["linear"][6, r]
+            for r in range(k * layout.linear, (k + 1) * layout.linear)
         ]
     limits += [cs.sumsqr(step) - data["limits"][1] ** 2 for step in walked]
     for row, which in enumerate(layout.relative_rows[1].tolist()):
@@ -228,7 +229,7 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
         "row_bounds": (1, len(layout.row_limbs)),
         "apart_normals": (3, len(layout.relative_rows[0])),
         "apart_bounds": (1, len(layout.relative_rows[0])),
-        "linear": (7, layout.linear),
+        "linear": (7, steps * layout.linear),
         "standing": (3, len(layout.standing[0]) if layout.stands else 0),
         "wrench": (6, len(layout.stances) if layout.loaded else 0),
     }

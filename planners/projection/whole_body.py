@@ -40,6 +40,7 @@ from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY
 from .joint_ranges import keeps_to
 from .largest_torque import largest, on_the_way
+from .least_steps import along
 from .restoration import Restoration, Restored
 from .spared_contacts import SparedGiven, spared_contacts
 from .support_margin import pressing, push_share, pushed
@@ -347,6 +348,7 @@ class _Stage:
         course = pressing(plan.problem, float(plan.provenance.get("press_share", 0.0)))
         if braced:
             course = pushed(course, push_share(plan))
+        course = along(course, plan)
         self._scaled, self._programs = Scaled.of(course).chosen(plan.choice), Programs()
 
     def run(self, *, collides: bool) -> tuple[Plan | None, int]:

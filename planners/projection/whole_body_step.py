@@ -4,10 +4,11 @@ once.
 About a plan that is exact in its kinematics and balances (bars), to first order, in δq and in c, Θ,
 p, f:
 
-    c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā        feet of the joints at their toes, ā from c to
-    the foot, r its radius Σ f = b,  Σ p̄ × f + (p − p̄) × f̄ = c × b − M        balances (E5, E6)
-    with a residual that costs ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every
-    joint of a leg that carries, l its lever
+    c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā         feet of the joints at their toes,
+                                                      ā from c to the foot, r its radius
+    Σ f = b,  Σ p̄ × f + (p − p̄) × f̄ = c × b − M       balances (E5, E6), with a residual that costs
+    ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share        torque of every joint of a leg that carries,
+                                                      l its lever
 
 with b = w e_z − F and M what is on the body, cones (E10), reach and steps (E11), bounds of joints,
 distances of bodies (``clearance``), and a box about the bars in which this is to be believed. The

@@ -3,8 +3,8 @@
 The lever of joint j is ∂p_F/∂q_j of its own foot, so that a force f on the foot takes the torque
 −lever · f. With a_j the unit vector that a joint turns about (0 where it slides)
 
-    ∂lever_j/∂q_k = a_min(j, k) × lever_max(j, k)     for joints of one leg, ∂lever_j/∂δ   = δ ×
-    lever_j                        for a small rotation δ of the base about the world's axes.
+    ∂lever_j/∂q_k = a_min(j, k) × lever_max(j, k)   for joints of one leg,
+    ∂lever_j/∂δ   = δ × lever_j   for a small rotation δ of the base about the world's axes.
 """
 
 from __future__ import annotations

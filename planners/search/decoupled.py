@@ -30,6 +30,7 @@ from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 from .cuts import LEAF, alone
 from .either import Kind
+from .least_steps import over_sides
 
 
 class Positions:
@@ -93,6 +94,7 @@ class DecoupledPlanner:
         self.acceptance = acceptance
         self.programs = programs or Programs()
 
+    @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course."""
         clock, scaled = Clock.start(), Scaled.of(course)

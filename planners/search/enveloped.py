@@ -35,6 +35,7 @@ from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
 from .cuts import alone
 from .either import Kind
+from .least_steps import over_sides
 from .two_stage import TwoStageCoursePlanner
 
 WHOLE = 1e-4
@@ -80,6 +81,7 @@ class EnvelopeCoursePlanner(TimeLimited):
         self.max_nodes, self.max_solves, self.time_limit_s = max_nodes, max_solves, time_limit_s
         self.programs = programs or Programs()
 
+    @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course.
 

@@ -36,6 +36,7 @@ from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
 from .either import Kind
+from .least_steps import over_sides
 from .proposals import Proposer
 from .two_stage import TwoStageCoursePlanner, decide
 
@@ -151,6 +152,7 @@ class ExactCoursePlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()
 
+    @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it
         without a proof.

@@ -76,7 +76,7 @@ class FarkasCuts:
                 np.sum(parts["nu_F"] * scaled.wrench[:, :3] + nu_M * scaled.wrench[:, 3:])
             )
         step = parts["com_step"] - parts["progress"][:, None] * scaled.direction
-        linear = parts["linear_step"] @ scaled.linear[:, :6]
+        linear = np.matmul(parts["linear_step"][:, None], scaled.linear[..., :6])[:, 0]
         step, turn = step + linear[:, :3], parts["rotation_step"] + linear[:, 3:]
         for slope, change in ((pull, step), (twist, turn)):
             slope[1:] += change
@@ -96,7 +96,7 @@ class FarkasCuts:
             - toe_step * norm(parts["toe_step"], axis=1).sum()
             - parts["relative_reach"] @ scaled.relative.bounds[layout.relative_rows[0]]
             + parts["progress"] @ scaled.progress
-            - np.sum(parts["linear_step"] @ scaled.linear[:, 6])
+            - np.sum(parts["linear_step"] * scaled.linear[..., 6])
         )
 
     def _pulls(self, parts: dict[str, Array]) -> Array:

@@ -30,6 +30,7 @@ from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_fram
 from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .clock import Clock
+from .least_steps import over_sides
 
 LEAST_S = 1e-3
 """A solver is given this much time even where writing the model down took all of it [s]."""
@@ -75,6 +76,7 @@ class MicpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
+    @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Ask the solver, then project and verify what it found.
 

@@ -20,6 +20,7 @@ from ..relaxation.lift import solve_lift
 from .answer import Acceptance, Claim, TimeLimited, plan_of
 from .choice import nearest
 from .clock import Clock
+from .least_steps import over_sides
 
 Start = Literal["nominal", "p1"]
 STARTS: tuple[Start, ...] = get_args(Start)
@@ -59,6 +60,7 @@ class NlpPlanner(TimeLimited):
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance, self._programs = acceptance, programs or Programs()
 
+    @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
         clock, scaled = Clock.start(), Scaled.of(problem)

@@ -31,6 +31,7 @@ from .choice import ChoiceSearch, SearchLimits
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch
 from .either import Kind
+from .least_steps import over_sides
 
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
@@ -80,6 +81,7 @@ class TwoStageCoursePlanner(TimeLimited):
         self.steps = steps
         self.programs = programs or Programs()
 
+    @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of
         the whole search.

@@ -336,7 +336,8 @@ def _family(name: str) -> Family:
     family = _found(OLD[name][0]) if name in OLD else TERRAIN_FAMILIES.get(name)
     if isinstance(family, Family):
         return family
-    return Family(quantity=(getdoc(family) or name).splitlines()[0], draw=family)
+    first = (getdoc(family) or name).split("\n\n")[0]
+    return Family(quantity=" ".join(first.split()), draw=family)
 
 
 def _found(where: str) -> Family:

@@ -4,6 +4,7 @@ contact frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,6 +107,9 @@ class Patch:
         """
         vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
+        return self._moved_to(vertices)
+
+    def _moved_to(self, vertices: Array) -> Patch:
         new = self._with("vertices_m", vertices)
         vars(new).pop("solid", None)
         return new
@@ -117,19 +121,81 @@ class Patch:
         return new
 
     def _check_polygon(self, vertices: Array) -> None:
-        if not 3 <= len(vertices) <= MOST_VERTICES:
-            message = (
-                "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
-            )
-            raise InvalidInput(f"vertices_m: expected {message}, got {len(vertices)}")
-        defect = polygon_defect(vertices[None], self.frame[None])
-        if defect:
-            raise InvalidInput(defect[1])
+        _check_polygons(vertices[None], self.frame[None])
 
     @property
     def centre_m(self) -> Array:
         """Mean of the vertices, shape (3,) [m]."""
         return np.asarray(self.vertices_m.mean(axis=0))
+
+
+def solids_of(patches: Sequence[Patch]) -> tuple[Solid, ...]:
+    """The ``solid`` of every patch; those that are not made yet are made at once."""
+    new = [patch for patch in patches if "solid" not in vars(patch)]
+    if len(new) > 1:
+        made = Solid.behind_all(
+            [patch.vertices_m for patch in new], [patch.normal for patch in new]
+        )
+        for patch, solid in zip(new, made, strict=True):
+            vars(patch).setdefault("solid", solid)
+    return tuple(patch.solid for patch in patches)
+
+
+def with_polygons(patches: Sequence[Patch], vertices_m: Array, frames: Array) -> list[Patch]:
+    """Other polygons in the planes of K patches, shape (K, U, 3), looked at all at once; nothing
+    else is looked at again.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        frames: those of the patches, shape (K, 3, 3).
+    """
+    vertices = read_only(vertices_m, (None, None, 3), "vertices_m")
+    _check_polygons(vertices, frames)
+    return [patch._moved_to(each) for patch, each in zip(patches, vertices, strict=True)]
+
+
+def flat_patches(
+    vertices_m: Array, normals: Array, shear_references: Array, frictions: Sequence[float]
+) -> list[Patch]:
+    """K patches of as many corners each, looked at all at once.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        vertices_m: of each in order around the border, shape (K, U, 3) [m].
+        normals, shear_references: unit vectors, shape (K, 3).
+        frictions: μ ≥ 0 of each.
+    """
+    vertices = read_only(vertices_m, (None, None, 3), "vertices_m")
+    normals = read_only(normals, (None, 3), "normal")
+    shears = read_only(shear_references, (None, 3), "shear_reference")
+    frames = contact_frames(normals, shears)
+    frames.setflags(write=False)
+    _check_polygons(vertices, frames)
+    patches = list[Patch]()
+    for k, friction in enumerate(frictions):
+        patch = object.__new__(Patch)
+        patch.__dict__.update(
+            vertices_m=vertices[k],
+            normal=normals[k],
+            shear_reference=shears[k],
+            friction=checked(friction, "friction", least=0.0),
+            certainty=None,
+            frame=frames[k],
+        )
+        patches.append(patch)
+    return patches
+
+
+def _check_polygons(vertices: Array, frames: Array) -> None:
+    count = vertices.shape[1]
+    if not 3 <= count <= MOST_VERTICES:
+        message = "3 or more vertices" if count < 3 else f"{MOST_VERTICES} vertices or fewer"
+        raise InvalidInput(f"vertices_m: expected {message}, got {count}")
+    defect = polygon_defect(vertices, frames)
+    if defect:
+        raise InvalidInput(defect[1])
 
 
 def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:

@@ -8,11 +8,17 @@ corners where a border is crossed.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..cached import cached_property
 from ..files.arrays import Array, cross
-from .patch import Patch
+from .patch import Patch, flat_patches, with_polygons
+
+Corner = tuple[float, float]
+Corners = list[Corner]
 
 SMALLEST_M = 1e-3
 """What is left of a surface counts as nothing where it is nowhere wider than this [m]."""
@@ -23,6 +29,8 @@ VOID_M = -0.6
 """Height of what is between stones and in gaps, where a height is needed [m]."""
 EDGE_M = 1e-9
 """Neighbouring surfaces have no seam between them [m]."""
+ROUNDING_M2 = 1e-9
+"""An area below this says nothing of the side that a point is on [m²]."""
 UPRIGHT = 0.1
 """A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a
 place."""
@@ -60,6 +68,17 @@ def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
                 break
             polygon = _below(polygon, polygon @ normal - offset)
     return polygon if len(polygon) >= 3 and width(polygon) > SMALLEST_M else np.zeros((0, 2))
+
+
+def in_square(corners: Corners, centre: Corner, side_m: float) -> Corners:
+    """The corners of the part of a convex polygon inside a square along the axes of its plane; none
+    where nothing with an area is left. Few corners: no arrays are made.
+    """
+    for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
+        offset = sign * centre[axis] + 0.5 * side_m
+        if any(sign * corner[axis] > offset for corner in corners):
+            corners = _cut(corners, [sign * corner[axis] - offset for corner in corners])
+    return corners if len(corners) >= 3 and _least_width(corners) > SMALLEST_M else []
 
 
 def shrunk(polygon: Array, margin_m: float) -> Array:
@@ -100,7 +119,15 @@ def _below(polygon: Array, heights: Array) -> Array:
     """
     if heights.max() <= 0.0:
         return polygon
-    corners, points, high = list[tuple[float, float]](), polygon.tolist(), heights.tolist()
+    corners = _cut([(x, y) for x, y in polygon.tolist()], heights.tolist())
+    return np.array(corners) if corners else np.zeros((0, 2))
+
+
+def _cut(points: Corners, high: list[float]) -> Corners:
+    """The corners where heights, linear between them, are not positive; none where there are fewer
+    than three.
+    """
+    corners = Corners()
     ahead = zip(points[1:] + points[:1], high[1:] + high[:1], strict=True)
     for (x, y), h, ((to_x, to_y), g) in zip(points, high, ahead, strict=True):
         if h <= 0.0:
@@ -114,7 +141,7 @@ def _below(polygon: Array, heights: Array) -> Array:
         for (x, y), (before_x, before_y) in pairs
         if max(abs(x - before_x), abs(y - before_y)) > 1e-9
     ]
-    return np.array(thinned) if len(thinned) >= 3 else np.zeros((0, 2))
+    return thinned if len(thinned) >= 3 else []
 
 
 def width(polygon: Array) -> float:
@@ -131,6 +158,28 @@ def width(polygon: Array) -> float:
     return float((heights.max(axis=1) - heights.min(axis=1)).min()) if len(normals) else 0.0
 
 
+def _least_width(corners: Corners) -> float:
+    """The ``width`` of a convex polygon of few corners [m]."""
+    least = math.inf
+    for (x, y), (to_x, to_y) in zip(corners, corners[1:] + corners[:1], strict=True):
+        length = math.hypot(to_x - x, to_y - y)
+        if length > 1e-12:
+            across = [((to_y - y) * p - (to_x - x) * q) / length for p, q in corners]
+            least = min(least, max(across) - min(across))
+    return least if math.isfinite(least) else 0.0
+
+
+def _clearly_outside(corners: Corners, point: Corner) -> bool:
+    """Tell whether a point of the plane is on both sides of edges of a convex polygon, by more than
+    rounding.
+    """
+    turns = [
+        (to_x - x) * (point[1] - y) - (to_y - y) * (point[0] - x)
+        for (x, y), (to_x, to_y) in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+    return min(turns) < -ROUNDING_M2 and max(turns) > ROUNDING_M2
+
+
 class Surface:
     """A patch of the terrain with its plane coordinates, made once and asked for many toes.
 
@@ -140,7 +189,7 @@ class Surface:
     def __init__(self, patch: Patch, margin_m: float) -> None:
         self.patch = patch
         self._axes = patch.frame[:, 1:]  # y and z of the contact frame
-        self._origin = patch.centre_m
+        self.origin_m = patch.centre_m
         self.polygon = self._flat(patch.vertices_m)
         self._margin_m = margin_m
 
@@ -148,6 +197,14 @@ class Surface:
     def room(self) -> Array:
         """Remainder of the polygon ``margin_m`` from its border, shape (V, 2), maybe (0, 2)."""
         return shrunk(self.polygon, self._margin_m)
+
+    @cached_property
+    def _corners(self) -> Corners:
+        return [(y, z) for y, z in self.polygon.tolist()]
+
+    @cached_property
+    def _room_corners(self) -> Corners:
+        return [(y, z) for y, z in self.room.tolist()]
 
     @property
     def empty(self) -> bool:
@@ -162,11 +219,13 @@ class Surface:
 
     def height(self, point_m: Array) -> float:
         """Distance of a point from the plane, positive on the robot's side [m]."""
-        return float((point_m - self._origin) @ self.patch.normal)
+        return float((point_m - self.origin_m) @ self.patch.normal)
 
     def covers(self, point_m: Array) -> bool:
         """Tell whether the patch, margin and all, lies above or below a point."""
         point = self._flat(point_m)
+        if _clearly_outside(self._corners, (float(point[0]), float(point[1]))):
+            return False
         return bool(np.all(nearest(self.polygon, point) == point))
 
     def under(self, point_m: Array) -> float | None:
@@ -176,7 +235,7 @@ class Surface:
         normal = self.patch.normal
         if abs(normal[2]) < SMALLEST_M:
             return None
-        height = float(self._origin[2] - (point_m - self._origin[:2]) @ normal[:2] / normal[2])
+        height = float(self.origin_m[2] - (point_m - self.origin_m[:2]) @ normal[:2] / normal[2])
         return height if self.covers(np.array([*point_m, height])) else None
 
     def nearest(self, point_m: Array) -> Array:
@@ -187,8 +246,13 @@ class Surface:
         """The part inside the margin and a square about ``centre_m`` along the shear axes; None
         where there is none.
         """
-        piece = clipped(self.room, *self._square(centre_m, side_m))
-        return self.patch.with_vertices(self._world(piece)) if len(piece) else None
+        piece = self.piece(centre_m, side_m)
+        return patches_of([(self, piece)])[0] if piece else None
+
+    def piece(self, centre_m: Array, side_m: float) -> Corners:
+        """The corners of a ``window`` in the plane; none where there is none."""
+        y, z = self._flat(centre_m).tolist()
+        return in_square(self._room_corners, (y, z), side_m)
 
     def around(self, centre_m: Array, side_m: float) -> tuple[Patch, ...]:
         """Remainder that ``window`` leaves of the part inside the margin, in convex pieces."""
@@ -204,10 +268,32 @@ class Surface:
         return axes, axes @ self._flat(centre_m) + 0.5 * side_m
 
     def _flat(self, points_m: Array) -> Array:
-        return np.asarray((points_m - self._origin) @ self._axes)
+        return np.asarray((points_m - self.origin_m) @ self._axes)
 
     def _world(self, points: Array) -> Array:
-        return np.asarray(self._origin + points @ self._axes.T)
+        return np.asarray(self.origin_m + points @ self._axes.T)
+
+
+def patches_of(pieces: Sequence[tuple[Surface, Corners]]) -> list[Patch]:
+    """Pieces of surfaces as patches; those of as many corners are put together at once.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        pieces: each surface with the corners of a convex piece in its plane.
+    """
+    patches: list[Patch | None] = [None] * len(pieces)
+    for count in {len(corners) for _, corners in pieces}:
+        chosen = [k for k, (_, corners) in enumerate(pieces) if len(corners) == count]
+        surfaces = [pieces[k][0] for k in chosen]
+        frames = np.array([surface.patch.frame for surface in surfaces])
+        origins = np.array([surface.origin_m for surface in surfaces])
+        flat = np.array([pieces[k][1] for k in chosen])
+        vertices = origins[:, None] + flat @ frames[:, :, 1:].transpose(0, 2, 1)
+        moved = with_polygons([each.patch for each in surfaces], vertices, frames)
+        for k, patch in zip(chosen, moved, strict=True):
+            patches[k] = patch
+    return [patch for patch in patches if patch is not None]
 
 
 def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None = None) -> Patch:
@@ -230,6 +316,25 @@ def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None
     )
 
 
+def surface_patches(
+    vertices_m: Array, frictions: Sequence[float], towards_m: Array
+) -> tuple[Patch, ...]:
+    """The ``surface_patch`` of K polygons of as many corners each, all at once.
+
+    Raises InvalidInput for the first that is none.
+
+    Arguments:
+        vertices_m: shape (K, U, 3) [m].
+        frictions: of each.
+        towards_m: a point on the robot's side of each, shape (K, 3) [m].
+    """
+    normals = _newells(vertices_m)
+    behind = np.vecdot(towards_m - vertices_m.mean(axis=1), normals) < 0.0
+    normals = np.where(behind[:, None], -normals, normals)
+    shears = np.array([shear_of(normal) for normal in normals]).reshape(-1, 3)
+    return tuple(flat_patches(vertices_m, normals, shears, frictions))
+
+
 def shear_of(normal: Array) -> Array:
     """The shear reference of the house's terrains: up on walls, forward on ground, shape (3,)."""
     return np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < STEEP else np.array([1.0, 0.0, 0.0])
@@ -239,9 +344,15 @@ def _newell(vertices: Array) -> Array:
     """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
     then refuses.
     """
-    about = vertices - vertices.mean(axis=0)
-    total = sum(
-        (cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3)
-    )
-    length = float(np.linalg.norm(total))
-    return total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
+    return _newells(vertices[None])[0]
+
+
+def _newells(vertices: Array) -> Array:
+    """The unit normals of polygons of as many corners each, shape (K, U, 3) to (K, 3)."""
+    about = vertices - vertices.mean(axis=1, keepdims=True)
+    total = np.zeros((len(vertices), 3))
+    for k in range(vertices.shape[1]):
+        total = total + cross(about[:, k], about[:, (k + 1) % vertices.shape[1]])
+    lengths = np.sqrt(np.vecdot(total, total))[:, None]
+    flat = total / np.where(lengths > 1e-12, lengths, 1.0)
+    return np.where(lengths > 1e-12, flat, np.array([0.0, 0.0, 1.0]))

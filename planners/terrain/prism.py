@@ -39,29 +39,61 @@ class Solid:
             normal: its unit normal, shape (3,).
             thickness_m: of the solid.
         """
-        corners = _prism(border_m, normal, thickness_m)
-        count = len(corners) // 2
-        heights = corners[:count] @ normal
-        if np.ptp(heights) > FLAT_M:
-            return cls.of_corners(corners)  # bent as far as a patch may be
-        top = np.arange(count)
-        then = np.roll(top, -1)
-        around = cross(corners[:count], corners[then]).sum(axis=0) @ normal
-        sides = np.sign(around) * cross(corners[then] - corners[:count], normal)
-        sides /= np.linalg.norm(sides, axis=1)[:, None]
-        normals = np.vstack([normal, -normal, sides])
+        return cls.behind_all([border_m], [normal], thickness_m)[0]
+
+    @classmethod
+    def behind_all(
+        cls, borders_m: Sequence[Array], normals: Sequence[Array], thickness_m: float = THICKNESS_M
+    ) -> list[Solid]:
+        """The solids ``behind`` many surfaces; those of as many corners are made at once."""
+        prisms = [_prism(b, n, thickness_m) for b, n in zip(borders_m, normals, strict=True)]
+        solids: list[Solid | None] = [None] * len(prisms)
+        for size in {len(corners) for corners in prisms}:
+            chosen = [k for k, corners in enumerate(prisms) if len(corners) == size]
+            corners, outwards = (
+                np.array([prisms[k] for k in chosen]),
+                np.array([normals[k] for k in chosen]),
+            )
+            for k, solid in zip(chosen, cls._of_prisms(corners, outwards), strict=True):
+                solids[k] = solid
+        return [solid for solid in solids if solid is not None]
+
+    @classmethod
+    def _of_prisms(cls, corners: Array, normal: Array) -> list[Solid]:
+        """The solids between K borders and what lies behind them.
+
+        Arguments:
+            corners: the borders, and the same moved back, shape (K, 2U, 3) [m].
+            normal: unit normals, shape (K, 3).
+        """
+        count = corners.shape[1] // 2
+        border, top = corners[:, :count], np.arange(count)
+        then = np.concatenate([top[1:], top[:1]])
+        bent = np.ptp(np.matmul(border, normal[:, :, None])[..., 0], axis=1) > FLAT_M
+        around = np.vecdot(cross(border, border[:, then]).sum(axis=1), normal)
+        sides = np.sign(around)[:, None, None] * cross(
+            border[:, then] - border, np.repeat(normal[:, None], count, axis=1)
+        )
+        sides /= np.linalg.norm(sides, axis=2)[..., None]
+        faces = np.concatenate([normal[:, None], -normal[:, None], sides], axis=1)
+        offsets = np.matmul(faces, corners.transpose(0, 2, 1)).max(axis=2)
         fan = np.stack([np.zeros_like(top[2:]), top[1:-1], top[2:]], axis=1)
         walls = [
             np.stack([top, top + count, then], axis=1),
             np.stack([then, top + count, then + count], axis=1),
         ]
         triangles = np.concatenate([fan, fan[:, ::-1] + count, *walls])
-        return cls(
-            corners=corners,
-            normals=normals,
-            offsets_m=(normals @ corners.T).max(axis=1),
-            triangles=triangles if around > 0.0 else triangles[:, ::-1],
-        )
+        return [
+            cls.of_corners(corners[k])  # bent as far as a patch may be
+            if bent[k]
+            else cls(
+                corners=corners[k],
+                normals=faces[k],
+                offsets_m=offsets[k],
+                triangles=triangles if around[k] > 0.0 else triangles[:, ::-1],
+            )
+            for k in range(len(corners))
+        ]
 
     @classmethod
     def of_corners(cls, corners: Array) -> Solid:
@@ -110,5 +142,6 @@ def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
     """The border without doubled corners, then the same moved back along the normal, shape (2U, 3)
     [m].
     """
-    apart = np.linalg.norm(border - np.roll(border, 1, axis=0), axis=1) > 1e-9
+    before = border[[-1, *range(len(border) - 1)]]
+    apart = np.linalg.norm(border - before, axis=1) > 1e-9
     return np.concatenate([border[apart], border[apart] - thickness_m * normal])

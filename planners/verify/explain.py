@@ -20,7 +20,14 @@ from .certificate import GAP, check_certificate, forest_of
 from .explanation import Explanation as Explanation
 from .explanation import Relaxation as Relaxation
 from .geometry import length
-from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
+from .lagrangian import (
+    Leaves,
+    Numbers,
+    body_pulls,
+    leaf_bounds,
+    least_lagrangians,
+    with_sides,
+)
 from .multipliers import Multipliers
 from .tree import Forest
 
@@ -33,6 +40,8 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
 )
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its
 scale), radius."""
+FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
+"""Limits that have to fall."""
 BISECTIONS = 30
 MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
@@ -134,8 +143,8 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
         "tilt_limit",
         "",
         "rad",
-        problem.tilt_limit_rad,
-        TILT_CAP_RAD - problem.tilt_limit_rad,
+        float(numbers.tilt[0]),
+        TILT_CAP_RAD - float(numbers.tilt[0]),
         lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
     )
     relaxations.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
@@ -264,7 +273,15 @@ def _lengths(
         for h, limb in enumerate(numbers.schedule.row_limb):
             reach[:, limb] += m.reach_rows[0, :, h]
     pulls = m.reach if gripped is None else m.reach + gripped
-    pull = length(body_pulls(numbers, leaf.problem, pulls, m)[0])[0]
+    linear = with_sides(numbers, leaf)[2]
+    pull = length(body_pulls(numbers, leaf.problem, pulls, m, linear)[0])[0]
+    of_toes = numbers.schedule.least_toes
+    between = m.relative_reach[0]
+    between, least_toes = np.split(between, [len(between) - of_toes])
+    shares = np.maximum(leaf.sides[0, :, 3], 0.0)  # h δ of each least step
+    least_toes = least_toes @ shares[:of_toes] / max(steps.least_toe_m / unit_m, 1e-9)
+    least_turns = m.linear_step[0, :, -1:].sum(axis=1)[: len(shares) - of_toes] @ shares[of_toes:]
+    least_turns /= max(steps.least_rotation_rad, 1e-9)
     frame, limb = (int(i) for i in np.unravel_index(int(reach.argmax()), reach.shape))
     worst, owner = int(pull.argmax()), course.robot.limbs[limb]
     rows = (
@@ -284,7 +301,9 @@ def _lengths(
         ),
         (float(length(m.com_step).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
         (float(length(m.toe_step).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
-        (float(m.relative_reach.sum()), "reach between feet", 0.0, unit_m, "m"),
+        (float(between.sum()), "reach between feet", 0.0, unit_m, "m"),
+        (float(least_toes), "steps.least_toe_m", steps.least_toe_m, unit_m, "m"),
+        (float(least_turns), "steps.least_rotation_rad", steps.least_rotation_rad, 1.0, "rad"),
         (
             float(length(m.rotation_step).sum()),
             "steps.rotation_rad",
@@ -304,7 +323,7 @@ def _lengths(
     )
     relaxations = []
     for size, name, now, scale, unit in rows:
-        falls = name == "steps.progress_m"
+        falls = name in FALLING
         by = value / size * scale if size > 1e-9 else math.inf
         if by <= (now if falls else MOST_LENGTH):
             relaxations.append(
@@ -324,9 +343,10 @@ def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float
     rows = np.repeat(
         list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear]
     )
+    used = m.linear_step[0][:, : len(rows)]
     for name, limit in course.steps.linear.items():
         unit = LINEAR[name][1]
-        pull = float(m.linear_step[0][:, rows == name].sum())
+        pull = float(used[:, rows == name].sum())
         yield pull, f"steps.{name}", limit, course.length_scale_m if unit == "m" else 1.0, unit
 
 

@@ -144,12 +144,13 @@ def relative_pulls(feet: NDArray[np.intp], normals: Array, sigma: Array, foothol
     """Slope in every toe that multipliers σ of such half-spaces add, shape (L, P, 3).
 
     Arguments:
+        normals: of each leaf's, (L, rows, 3).
         sigma: (L, rows).
     """
     signs = np.zeros((len(feet), footholds))
     signs[np.arange(len(feet)), feet[:, 1]] = 1.0
     signs[np.arange(len(feet)), feet[:, 0]] = -1.0
-    return np.asarray(np.einsum("ij,jk,jp->ipk", sigma, normals, signs, optimize=True))
+    return np.asarray(np.einsum("ij,ijk,jp->ipk", sigma, normals, signs, optimize=True))
 
 
 def half_space_pulls(

@@ -10,13 +10,15 @@ multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb
 frame, a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets
 all constraints but the balances of moments, whose largest component is off by ε, has
 
-    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) −
-    ρ‖r‖]
-      + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q'
-      − q) − Δ_p‖b‖ ≤  Σ_stances ‖ν_M‖₁ ε.
+    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z)
+      + Σ_limbs [r·(q − c − s − Θ × s) − ρ‖r‖]
+      + Σ_steps [a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c))]
+      + Σ_toes [b·(q' − q) − Δ_p‖b‖]
+      ≤  Σ_stances ‖ν_M‖₁ ε.
 
 Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) −
-b), σ ≥ 0, further rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0.
+b), σ ≥ 0, further rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0. Sides of least steps
+(``problem.sides``) are such rows, b − n·(q' − q) and b − n·(Θ' − Θ), which each leaf has of its own.
 
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame;
 g ≥ 0.) A force F and a moment M on the body beside its weight add ν_F·F + ν_M·(c × F + M) in their
@@ -93,9 +95,11 @@ class Numbers:
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
     apart_normals: Array = field(
         default_factory=lambda: np.zeros((0, 3))
-    )  # of ``half_spaces.relative_rows``
+    )  # of ``half_spaces.relative_rows``, without the sides of least steps
     apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
-    linear: Array = field(default_factory=lambda: np.zeros((0, 7)))  # of ``StepLimits.linear_rows``
+    linear: Array = field(
+        default_factory=lambda: np.zeros((0, 7))
+    )  # of ``StepLimits.linear_rows``, likewise
     wrench: Array | None = (
         None  # (Q, S, 6), force and moment on the body in every stance beside the weight
     )
@@ -117,6 +121,7 @@ class Leaves:
             vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be off all
             pieces by ``sag[j]``.
         multipliers: the largest entry of each row ±1, or 0.
+        sides: the rows (n, b) of n·Δ ≥ b of the least steps, of toes and then of the rotation.
     """
 
     problem: Index  # (L,)
@@ -127,12 +132,13 @@ class Leaves:
     vertices: Array  # (V, 3)
     first: Index  # (J + 1,)
     sag: Array  # (J,)
+    sides: Array  # (L, E, 4)
 
     def part(self, begin: int, end: int) -> Leaves:
         """Some of the leaves."""
         rows = {
             name: getattr(self, name)[begin:end]
-            for name in ("problem", "lower", "upper", "pieces", "multipliers")
+            for name in ("problem", "lower", "upper", "pieces", "multipliers", "sides")
         }
         return replace(self, **rows)
 
@@ -190,9 +196,10 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     gripped = m.gripped(who, numbers.row_normals[q])
     pulls = m.reach if gripped is None else m.reach + gripped
     toes = toe_pulls(who, pulls, m)
+    apart_normals, apart_bounds, linear = with_sides(numbers, leaves)
     if len(who.apart):
-        toes += relative_pulls(who.apart, numbers.apart_normals, m.relative_reach, toes.shape[1])
-    pull, twist = body_pulls(numbers, q, pulls, m)
+        toes += relative_pulls(who.apart, apart_normals, m.relative_reach, toes.shape[1])
+    pull, twist = body_pulls(numbers, q, pulls, m, linear)
     com, weight, shoulders, tilt = (
         numbers.com[q],
         numbers.weight[q],
@@ -255,17 +262,18 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
     if who.linear:
-        used, size = m.linear_step.sum(axis=1), np.abs(numbers.linear)  # (L, R)
-        value -= used @ numbers.linear[:, 6]  # a·(c' − c, Θ' − Θ) ≤ b
-        loose += used.sum(axis=1)
-        terms += used @ (size[:, 6] + 2.0 * length(size[:, 3:6]) * (1.0 + SLACK))
-        terms += (used @ length(size[:, :3])) * 2.0 * far_com.max(axis=1)
+        used, size = m.linear_step, np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
+        value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
+        loose += used.sum(axis=(1, 2))
+        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + SLACK)
+        terms += (used * weighed).sum(axis=(1, 2))
+        terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
         value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
     if len(who.apart):
-        value -= m.relative_reach @ numbers.apart_bounds  # a·(q' − q) ≤ b
+        value -= np.vecdot(m.relative_reach, apart_bounds)  # a·(q' − q) ≤ b
         used = m.relative_reach.sum(axis=1)
         loose += used
-        terms += m.relative_reach @ np.abs(numbers.apart_bounds) + 2.0 * used * far.max(axis=1)
+        terms += np.vecdot(m.relative_reach, np.abs(apart_bounds)) + 2.0 * used * far.max(axis=1)
         value = np.where((m.relative_reach < 0.0).any(axis=1), -np.inf, value)
     if gripped is not None:
         used, bounds, bent = (
@@ -347,14 +355,33 @@ def _candidates(
     return candidates.reshape(2, *shape), farthest, empty
 
 
+def with_sides(numbers: Numbers, leaves: Leaves) -> tuple[Array, Array, Array]:
+    """Rows of the feet relative to each other, (L, R, 3) and (L, R), and further rows of the body's
+    steps, (L, M − 1, R, 7), with the sides of least steps that each leaf has.
+    """
+    count, steps = len(leaves.problem), len(numbers.schedule.holds) - 1
+    toes, turns = np.split(leaves.sides, [numbers.schedule.least_toes], axis=1)
+    normals = np.broadcast_to(numbers.apart_normals, (count, *numbers.apart_normals.shape))
+    bounds = np.broadcast_to(numbers.apart_bounds, (count, len(numbers.apart_bounds)))
+    linear = np.broadcast_to(numbers.linear, (count, steps, *numbers.linear.shape))
+    if toes.shape[1]:
+        normals = np.concatenate([normals, -toes[..., :3]], axis=1)
+        bounds = np.concatenate([bounds, -toes[..., 3]], axis=1)
+    if turns.shape[1]:
+        rows = np.concatenate([np.zeros((*turns.shape[:2], 3)), -turns], axis=2)
+        linear = np.concatenate([linear, rows[:, :, None]], axis=2)
+    return normals, bounds, linear
+
+
 def body_pulls(
-    numbers: Numbers, problem: Index, pulls: Array, m: Multipliers
+    numbers: Numbers, problem: Index, pulls: Array, m: Multipliers, linear: Array
 ) -> tuple[Array, Array]:
     """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
 
     Arguments:
         problem: of each leaf.
         pulls: r + α of every limb at every frame, (L, M, N, 3).
+        linear: further rows of the steps, (L, M − 1, R, 7).
     """
     who = numbers.schedule
     pull = -pulls.sum(axis=2)
@@ -374,9 +401,10 @@ def body_pulls(
     twist[:, 1:] += m.rotation_step
     twist[:, :-1] -= m.rotation_step
     if who.linear:
-        for slopes, change in ((pull, numbers.linear[:, :3]), (twist, numbers.linear[:, 3:6])):
-            slopes[:, 1:] += m.linear_step @ change
-            slopes[:, :-1] -= m.linear_step @ change
+        weighed = np.matmul(m.linear_step[:, :, None], linear[..., :6])[:, :, 0]
+        for slopes, change in ((pull, weighed[..., :3]), (twist, weighed[..., 3:])):
+            slopes[:, 1:] += change
+            slopes[:, :-1] -= change
     return pull, twist
 
 

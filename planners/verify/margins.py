@@ -4,8 +4,9 @@ With toes and body held, the contacts of a stance balance a set of horizontal pu
 of mass, and they carry the weight from a set of places of it. Both sets are convex, shadows of the
 forces within cones and bounds:
 
-    Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0  pushes F = (F_x, F_y, 0) of a body that gives way
-    by y F / w Σ f = w e_z,      Σ (p − c − t) × f = 0        places c + t, t = (t_x, t_y, 0)
+    Σ f = w e_z − F,  Σ (p − c − y F / w) × f = 0   pushes F = (F_x, F_y, 0) of a body that
+                                                    gives way by y F / w
+    Σ f = w e_z,      Σ (p − c − t) × f = 0         places c + t, t = (t_x, t_y, 0)
 
 Of a course with a wrench on the body it is the loaded robot's: the weight is w e_z less the force,
 the moment on the right −M, and the wrench goes where the centre of mass goes.

@@ -386,7 +386,8 @@ class _Sweep:
             np.array([self._names.index(foothold.limb) for foothold in of]),
         )
         self._note("relative_reach", apart, *where)
-        toes = length(plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]])
+        moved = plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]]
+        toes = length(moved)
         limbs = np.arange(len(self._names))
         self._note(
             "toe_step",
@@ -394,11 +395,44 @@ class _Sweep:
             np.repeat(later, len(limbs)),
             np.tile(limbs, len(later)),
         )
+        self._least_steps(moved, turn, later)
         ahead = np.diff(course.com_nominal_m, axis=0)
         far = length(ahead)
         moving = far > 1e-9
         made = (step * ahead).sum(axis=1)[moving] / far[moving]
         self._note("progress", limits.progress_m - made, later[moving])
+
+    def _least_steps(self, toes: Array, turns: Array, later: Index) -> None:
+        """Steps of toes that are put down anew, and of the rotation, are as long as they have to be
+        (E11).
+
+        Arguments:
+            toes: steps, (M − 1, N, 3) [m].
+            turns: of the rotation, (M − 1, 3) [rad].
+        """
+        course, holds = self._course, self._who.holds
+        toe_sides, turn_sides = course.side_rows
+        step, limb = np.nonzero(holds[1:] != holds[:-1])
+        if len(toe_sides):
+            moved, least = toes[step, limb], course.steps.least_toe_m
+            self._found["least_toe_step"] = self._group("least_toe_step", 0.0, unit="m")
+            short = self._short(moved, least, toe_sides)
+            self._note("least_toe_step", short, later[step], limb)
+        if len(turn_sides):
+            least = course.steps.least_rotation_rad
+            self._found["least_rotation_step"] = self._group("least_rotation_step", 0.0, unit="rad")
+            self._note("least_rotation_step", self._short(turns, least, turn_sides), later)
+
+    def _short(self, steps: Array, least: float, sides: Array) -> Array:
+        """By how much steps are too short, or, on a course with sides, short of their half-spaces.
+
+        Arguments:
+            steps: Δ, shape (K, 3).
+            sides: (n, b), shape (K, 4).
+        """
+        if self._course.sides is None:
+            return np.asarray(least - length(steps))
+        return np.asarray(sides[:, 3] - np.vecdot(sides[:, :3], steps))
 
     def _note(self, group: str, values: Array, frame: Index, limb: Index | None = None) -> None:
         """Note the worst of some violations in SI; what is 0 or less is none, what is no number

@@ -50,6 +50,7 @@ class Schedule:
         default_factory=lambda: np.zeros((0, 2), dtype=np.intp)
     )  # (L, 2): ``relative_rows``
     linear: int = 0  # further rows of a step of the body
+    least_toes: int = 0  # steps of toes with a least length, the last rows of ``apart``
 
     @cached_arrays
     def foothold(self) -> Index:
@@ -136,6 +137,10 @@ class Schedule:
             np.repeat(np.arange(len(limbs)), [*map(len, limbs)]),
         )
         row, point = expanded(limb, counts_of(course.robot.limbs))
+        toe_sides, turn_sides = course.side_rows
+        changed = holds[1:] != holds[:-1]
+        moves = np.stack([holds[:-1][changed], holds[1:][changed]], axis=1)
+        apart = [relative_rows(course.robot, holds)[0], moves[: len(toe_sides)]]
         return Schedule(
             holds=holds,
             frame=np.array([stance.frame for stance in course.stances]),
@@ -143,8 +148,9 @@ class Schedule:
             limb=limb[row],
             point=point,
             row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
-            apart=relative_rows(course.robot, holds)[0],
-            linear=len(course.steps.linear_rows(1.0)),
+            apart=np.concatenate(apart),
+            linear=len(course.steps.linear_rows(1.0)) + (len(turn_sides) > 0),
+            least_toes=len(toe_sides),
         )
 
 

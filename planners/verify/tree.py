@@ -12,6 +12,7 @@ from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
+from ..problem.sides import half_space, parts, too_small
 from .geometry import contact_frames, cut, sag
 from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers
@@ -19,8 +20,10 @@ from .multipliers import multiplier_count
 from .soles import counts_of, sole_points
 from .stances import Index, Schedule, wrenches
 
-Node = tuple[Index, Array, Array]
-"""The piece that each candidate still has, and the force boxes."""
+Side = Array | None
+"""Corners of a side of a least step; None where it is open."""
+Node = tuple[Index, Array, Array, tuple[Side, ...]]
+"""The piece that each candidate still has, the force boxes, and the side of each least step."""
 Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
 MOST_CORNERS = 1_000_000
@@ -37,8 +40,9 @@ class Forest:
     Piece T q + t, for problem q and candidate t of T, is the whole patch; cuts add more.
     """
 
-    def __init__(self, numbers: Numbers, patches: list[Array]) -> None:
+    def __init__(self, numbers: Numbers, patches: list[Array], least: Array, sides: Array) -> None:
         self.numbers = numbers
+        self._least, self._open = least, sides  # δ, (E,); rows where a side is open, (E, 4)
         self._count = multiplier_count(numbers.schedule)
         self._pieces = patches  # (U, 3) each, Q·T to begin with
         self._sags: dict[int, float] = {}
@@ -68,6 +72,10 @@ class Forest:
             relative_rows(course.robot, who.holds),
         )
         low, high = course.force_bounds
+        toe_sides, turn_sides = (np.array(rows) for rows in course.side_rows)
+        toe_sides[:, 3] /= length
+        least = course.least_steps if course.sides is None else np.zeros(0)
+        least[: len(toe_sides)] /= length
         numbers = Numbers(
             schedule=who,
             candidate=np.repeat(
@@ -94,7 +102,8 @@ class Forest:
             linear=steps.linear_rows(length),
             wrench=None if course.wrench is None else _scaled_wrench(course)[None, who.frame],
         )
-        return Forest(numbers, [vertices / length for vertices in points])
+        pieces = [vertices / length for vertices in points]
+        return Forest(numbers, pieces, least, np.concatenate([toe_sides, turn_sides]))
 
     @staticmethod
     def of_postures(problems: Sequence[Problem]) -> Forest:
@@ -159,9 +168,8 @@ class Forest:
         sizes = [len(contact.region.vertices_m) for contact in contacts]
         whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
         ends = np.cumsum(sizes).tolist()
-        return Forest(
-            numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)]
-        )
+        pieces = [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+        return Forest(numbers, pieces, np.zeros(0), np.zeros((0, 4)))
 
     @property
     def patches(self) -> list[Array]:
@@ -191,7 +199,12 @@ class Forest:
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
         stack: list[Node] = [
-            (root, self.numbers.force_min[problem], self.numbers.force_max[problem])
+            (
+                root,
+                self.numbers.force_min[problem],
+                self.numbers.force_max[problem],
+                (None,) * len(self._least),
+            )
         ]
         leaves: list[Node] = []
         for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
@@ -213,8 +226,12 @@ class Forest:
                 if second:
                     raise InvalidInput(f"{where}: expected a zero after a force")
                 stack += self._split(node, i, j, first, where)
+            elif kind == 4:
+                if j or first or second:
+                    raise InvalidInput(f"{where}: expected zeros after a least step")
+                stack += self._parted(node, i, where)
             else:
-                raise InvalidInput(f"{where}: expected kind 0, 1, 2 or 3, got {kind:g}")
+                raise InvalidInput(f"{where}: expected kind 0, 1, 2, 3 or 4, got {kind:g}")
         if stack:
             raise InvalidInput(f"tree: expected {len(stack)} more nodes or more after {len(tree)}")
         if len(leaves) != len(rows):
@@ -233,29 +250,47 @@ class Forest:
         sags[roots:] = [self._sag(root) for root in self._roots]
         return Leaves(
             problem=np.repeat(list(replayed), [len(leaves) for leaves, _ in replayed.values()]),
-            lower=np.array([lower for _, lower, _ in nodes]),
-            upper=np.array([upper for *_, upper in nodes]),
+            lower=np.array([lower for _, lower, *_ in nodes]),
+            upper=np.array([upper for _, _, upper, _ in nodes]),
             pieces=np.array([pieces for pieces, *_ in nodes]),
             multipliers=rows / np.where(largest > 0.0, largest, 1.0),
             vertices=np.concatenate(self._pieces),
             first=np.concatenate([[0], np.cumsum(sizes)]),
             sag=sags,
+            sides=np.array([self._rows(sides) for *_, sides in nodes]),
         )
+
+    def _rows(self, sides: tuple[Side, ...]) -> Array:
+        """The rows (n, b) of a leaf's sides, shape (E, 4)."""
+        rows = np.array(self._open)
+        for e, side in enumerate(sides):
+            if side is not None:
+                rows[e] = half_space(side, float(self._least[e]))
+        return rows
+
+    def _parted(self, node: Node, step: float, where: str) -> list[Node]:
+        """The parts of the side that a least step has; the first one last."""
+        *same, sides = node
+        e = _index(step, len(sides), f"{where}: least step")
+        if too_small(sides[e]):
+            raise InvalidInput(f"{where}: expected a side that is wide enough to be parted")
+        children = [(*sides[:e], part, *sides[e + 1 :]) for part in parts(sides[e])]
+        return [(same[0], same[1], same[2], child) for child in reversed(children)]
 
     def _chosen(self, node: Node, candidate: int) -> list[Node]:
         """The slot's foothold on this candidate, and not on it; the first child last."""
-        pieces, lower, upper = node
+        pieces, lower, upper, sides = node
         on, off = (
             np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces),
             pieces.copy(),
         )
         on[candidate], off[candidate] = pieces[candidate], -1
-        return [(off, lower, upper), (on, lower, upper)]
+        return [(off, lower, upper, sides), (on, lower, upper, sides)]
 
     def _cut(
         self, node: Node, candidate: int, first: float, second: float, where: str
     ) -> list[Node]:
-        pieces, lower, upper = node
+        pieces, lower, upper, sides = node
         piece = int(pieces[candidate])
         if piece < 0:
             raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
@@ -281,13 +316,13 @@ class Forest:
             self._roots.append(piece if piece < roots else self._roots[piece - roots])
             self._pieces.append(part)
             self._depths.append(depth)
-            children.insert(0, (child, lower, upper))
+            children.insert(0, (child, lower, upper, sides))
         return children
 
     def _split(
         self, node: Node, contact: float, component: float, value: float, where: str
     ) -> list[Node]:
-        pieces, lower, upper = node
+        pieces, lower, upper, sides = node
         i = _index(contact, len(lower), f"{where}: contact")
         k = _index(component, 3, f"{where}: force component")
         if not lower[i, k] <= value <= upper[i, k]:
@@ -296,7 +331,7 @@ class Forest:
             )
         below, above = upper.copy(), lower.copy()
         below[i, k] = above[i, k] = value
-        return [(pieces, above, upper), (pieces, lower, below)]
+        return [(pieces, above, upper, sides), (pieces, lower, below, sides)]
 
     def _candidate(self, foothold: float, candidate: float, where: str) -> int:
         """The number, among all candidates, of one of a foothold's.

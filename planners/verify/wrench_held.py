@@ -4,12 +4,11 @@ it.
 A stance is asked alone, with the multiple σ of its wrench, whatever the robot does before and
 after:
 
-    Σ λ_u = 1, λ ≥ 0                                        the toe of every limb that carries on
-    its candidates  (1) Σ C f_u = w e_z − σ F                                   f_u = λ_u f, the
-    force as if the toe were at v_u       (5) Σ v_u × C f_u − c × (w e_z − σ F) + σ M = 0
-    (6) f_u in its cone, λ_u f_min ≤ f_u ≤ λ_u f_max
-    (10) ‖p − c − s − Θ × s‖ ≤ ρ, ‖c − c_nominal‖ ≤ radius, |Θ| ≤ tilt
-    (11)
+    Σ λ_u = 1, λ ≥ 0                                 the toe of a limb on its candidates  (1)
+    Σ C f_u = w e_z − σ F                            f_u = λ_u f, as if the toe were at v_u  (5)
+    Σ v_u × C f_u − c × (w e_z − σ F) + σ M = 0      (6)
+    f_u in its cone, λ_u f_min ≤ f_u ≤ λ_u f_max     (10)
+    ‖p − c − s − Θ × s‖ ≤ ρ, ‖c − c_nominal‖ ≤ radius, |Θ| ≤ tilt    (11)
 
 That is the lift of the stance, which every posture is in: where it has no point for some σ, no
 posture holds so much. The multiples that it has one for are an interval from 0, but for what the

@@ -11,6 +11,7 @@ for it only make that foot slide.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +91,10 @@ class FootPlacement:
         step_s: feet in the air step aside by what the body's velocity error makes in this time; 0
             for never.
         touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
-            exact, shape (P,). touched: which feet have landed, shape (N,). moved_m: what is added
-            to the planned places of all feet, shape (N, 3); shift_m: to that of the body, shape
-            (3,).
+            exact, shape (P,). touched: which feet have landed, shape (N,). seeks: which of those
+            that stand have not met their uncertain ground yet and are being lowered, shape (N,).
+            moved_m: what is added to the planned places of all feet, shape (N, 3); shift_m: to that
+            of the body, shape (3,).
     """
 
     def __init__(
@@ -109,7 +111,7 @@ class FootPlacement:
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
         self._most_step = STEP * kinematics.model.stand_height_m
-        self.touched, self._landed, self._planned = first.stands, first.feet_m, first.feet_m
+        self._landed, self._planned = first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
@@ -117,12 +119,18 @@ class FootPlacement:
         known = np.zeros(0) if touch_downs_m is None else touch_downs_m
         deepest = np.minimum(known + GIVES_M, feedback.seek_m)
         self._deepest = np.append(np.where(known > 0.0, deepest, feedback.seek_m), feedback.seek_m)
+        self._uncertain = np.append(known > 0.0, False)
+        self._met, self._heard = first.stands & ~self._on(self._uncertain, first), False
+        self.touched, self.seeks = self._met, np.zeros(len(first.feet_m), dtype=np.bool_)
 
     def seek(
         self, now: Samples, then: Samples, felt_n: Array, late: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Lower feet that should touch and do not; for which that were in the air just now to wait,
-        shape (N,).
+        """Lower feet that should touch and do not; tell for which of them to wait, shape (N,).
+
+        Those are the ones that were in the air just now, and on uncertain ground also the ones that
+        the motion begins with: such feet are lowered until they feel, however little they should
+        press.
 
         Arguments:
             felt_n: along the normals, shape (N,).
@@ -131,14 +139,32 @@ class FootPlacement:
         self._listen(np.minimum(felt_n[~then.stands], 0.0))
         stands, lands, wanted = then.stands, ~now.stands, then.along_n
         late = late & stands & lands & self._feedback.waits
-        missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
-        deepest = self._deepest[np.clip(then.foothold, -1, len(self._deepest) - 1)]
-        missing &= (felt_n < self._touch_n) & (self._depth < deepest)
+        touches = self._touches(felt_n)
+        self._met = stands & (touches | (self._met & ~lands))
+        unmet = stands & ~self._met & self._on(self._uncertain, then)
+        missing = stands & ~late & (lands | unmet | (wanted > 4.0 * self._touch_n))
+        missing &= ~touches & (self._depth < self._on(self._deepest, then))
+        self.seeks = missing & unmet
         self._depth = np.where(
             missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth
         )
         self._depth = np.where(stands, self._depth, FADES * self._depth)
-        return np.asarray((missing & lands) | late)
+        return np.asarray((missing & (lands | unmet)) | late)
+
+    def _touches(self, felt_n: Array) -> NDArray[np.bool_]:
+        """Tell which feet touch, shape (N,). Before the first period nothing was felt yet: feet are
+        taken to stand where the ground is exact, and nowhere else.
+        """
+        return (felt_n >= self._touch_n) & (self._met | self._heard)
+
+    @staticmethod
+    def _on(of_footholds: NDArray[Any], sample: Samples) -> NDArray[Any]:
+        """Values of the footholds that limbs stand on, the last one in the air, shape (N,).
+
+        Arguments:
+            of_footholds: shape (P + 1,).
+        """
+        return np.asarray(of_footholds[np.clip(sample.foothold, -1, len(of_footholds) - 1)])
 
     @property
     def _touch_n(self) -> float:
@@ -186,7 +212,7 @@ class FootPlacement:
             shift = np.where(self.touched[:, None], self.shift_m, 0.0)
             goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
             self._stay(then, early=self.touched & ~stands, landed=landed)
-        self._planned = then.feet_m
+        self._planned, self._heard = then.feet_m, True
         away = goal - self._depth[:, None] * then.normals - self.moved_m
         turns = (
             SMOOTH_HZ * self._period_s
@@ -202,7 +228,7 @@ class FootPlacement:
         before, stands = self.touched, then.stands
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
         early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
-        self.touched = (stands & (before | (felt >= self._touch_n))) | (
+        self.touched = (stands & (before | self._touches(felt))) | (
             ~stands & comes & (before | early)
         )
         feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T

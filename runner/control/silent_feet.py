@@ -8,8 +8,10 @@ and the others slide.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record import TOUCH_N
 from ..worlds.world import State
@@ -35,13 +37,19 @@ class SilentFeet:
         self._presses_n = min(BEARS * TOUCH_N, OF_WEIGHT * weight_n)
         self._silent = np.zeros(len(names))
 
-    def found(self, target: Target, state: State) -> str:
+    def found(
+        self, target: Target, state: State, seeks: NDArray[np.bool_] | Literal[False] = False
+    ) -> str:
         """Message about a silent foot, and since when it is known, in one line; empty where none
         is. One more period.
+
+        Arguments:
+            seeks: feet that are still being lowered to uncertain ground, shape (N,): their time
+                does not count.
         """
         sample = target.sample
         wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
-        presses = sample.stands & (wanted_n >= self._presses_n)
+        presses = sample.stands & (wanted_n >= self._presses_n) & np.logical_not(seeks)
         self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
         limb = int(np.argmax(self._silent))
         if self._silent[limb] < self._periods:

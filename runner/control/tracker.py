@@ -164,6 +164,13 @@ class Tracker:
         return self._kinematics
 
     @property
+    def seeks(self) -> NDArray[np.bool_]:
+        """Feet that stand and are being lowered to uncertain ground that they have not met yet,
+        shape (N,).
+        """
+        return self._feet.seeks
+
+    @property
     def coming(self) -> Samples:
         """Sample that should be reached at the end of the next period."""
         return self._next[0]

@@ -13,11 +13,13 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 
-from ..worlds.world import Solids
+from ..worlds.world import Ground, Solids, Terrain
 
 SLACK_M = 0.006
 """So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no
 collision."""
+TOUCHING_M, RISES = 0.001, 40
+"""A foot that is no deeper in the terrain touches it; and how often a robot is put higher."""
 SAMPLES = 40
 STILL_RAD = 1e-4
 PEAK = 1.875
@@ -71,6 +73,24 @@ def soft_start(
         f"soft start: limb {limb}: its foot would go {1e3 * depth:.0f} mm into a surface on the way from the measured "
         "pose to the first one: bring the robot closer to it, or check its calibration"
     )
+
+
+def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
+    """Height by which a robot has to be put higher for no foot to be in the terrain [m].
+
+    Arguments:
+        feet_m: centres of the feet, shape (N, 3).
+        radii_m: of the feet, shape (N,).
+    """
+    solids: Solids = (terrain,) if isinstance(terrain, Ground) else [each.solid for each in terrain]
+    rise = 0.0
+    for _ in range(RISES):
+        feet = feet_m + np.array([0.0, 0.0, rise])
+        deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
+        if deepest <= TOUCHING_M:
+            break
+        rise += deepest
+    return rise
 
 
 def _deepest(

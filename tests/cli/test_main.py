@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from stancekit.cli import console, sample
-from stancekit.cli.main import commands
+from stancekit.cli.main import brief, commands
 from stancekit.cli.names import NAMES
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.search.methods import PLANNERS
@@ -103,6 +103,18 @@ def test_every_command_explains_itself(command, stancekit, tmp_path):
     for option in options:
         assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option
     assert os.listdir(tmp_path) == []
+
+
+def test_the_overview_says_whole_sentences():
+    assert all(brief(name).endswith((".", "?")) for name in commands())
+
+
+def test_lines_ahead_of_the_tables_are_broken_between_words(stancekit):
+    for command in commands():
+        text = stancekit(command, "--help").out.partition("\n options")[0]
+        prose = [line for line in text.splitlines() if line and not line.startswith(" ")]
+        assert all(len(line) <= 80 or " " not in line for line in prose), command
+        assert "\n\n\n" not in text, command
 
 
 def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):

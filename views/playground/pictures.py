@@ -19,7 +19,7 @@ from ..robots import RobotShape, climber
 from ..scene import DrawnBody, Label, Path, Scene
 from ..shapes import Sphere, dashed
 from ..sheet import ACCENT, INK, friction_colours
-from ..terrain import surfaces
+from ..terrain import Piece, pieces_within, surfaces
 
 STEP_M = 0.25
 AROUND_M = 0.75
@@ -34,6 +34,7 @@ class Pictures:
     def __init__(self) -> None:
         self._shape: tuple[Hashable, RobotShape] | None = None
         self._ground: tuple[Hashable, Scene] | None = None
+        self._pieces: tuple[Hashable, list[Piece]] | None = None
 
     def shape(self, robot: Robot) -> RobotShape:
         """Shape of a robot."""
@@ -49,13 +50,17 @@ class Pictures:
     def ground(self, course: Problem) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
         box = bounds_m(course)
-        key = (
+        places = (
             box.tobytes(),
-            *((patch.vertices_m.tobytes(), patch.friction) for patch in course.terrain),
+            *((patch.vertices_m.tobytes(), patch.normal.tobytes()) for patch in course.terrain),
         )
+        frictions = [patch.friction for patch in course.terrain]
+        if self._pieces is None or self._pieces[0] != places:
+            self._pieces = (places, pieces_within(course.terrain, box))
+        key = (places, *frictions)
         if self._ground is None or self._ground[0] != key:
-            colours = friction_colours([patch.friction for patch in course.terrain])
-            self._ground = (key, surfaces(course.terrain, box, colours))
+            colours = friction_colours(frictions)
+            self._ground = (key, surfaces(course.terrain, self._pieces[1], colours))
         return self._ground[1]
 
     def asked(self, course: Problem) -> Scene:

@@ -48,7 +48,14 @@ def poses(
     friction: float = 0.5,
     robot: str | None = None,
 ) -> Poses:
-    return Poses.of(terrain, robot, spacing_m=spacing_m, headings=headings, friction=friction)
+    return Poses.of(
+        stancekit.terrain(terrain, robot=robot),
+        robot,
+        terrain=str(terrain),
+        spacing_m=spacing_m,
+        headings=headings,
+        friction=friction,
+    )
 
 
 def test_level_ground_is_feasible_but_where_toes_lack_a_place(level: Path) -> None:

@@ -582,6 +582,10 @@ def scip(course, *, nodes):
     def within(vector, radius):
         model.addCons(sum(x * x for x in vector) <= radius**2)
 
+    def beyond(vector, least):
+        if least > 0.0:
+            model.addCons(sum(x * x for x in vector) >= least**2)
+
     def cross(a, b):
         return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
@@ -643,6 +647,7 @@ def scip(course, *, nodes):
         step = [com[k][j] - com[k - 1][j] for j in range(3)]
         within(step, course.steps.com_m)
         within([turn[k][j] - turn[k - 1][j] for j in range(3)], course.steps.rotation_rad)
+        beyond([turn[k][j] - turn[k - 1][j] for j in range(3)], course.steps.least_rotation_rad)
         model.addCons(step[2] >= course.steps.progress_m)  # these courses lead straight up
         cost += weights.com_step * sum(x * x for x in step)
         for i in range(len(course.robot.limbs)):
@@ -650,6 +655,7 @@ def scip(course, *, nodes):
             if before != after:
                 step = [toes[after][j] - toes[before][j] for j in range(3)]
                 within(step, course.steps.toe_m)
+                beyond(step, course.steps.least_toe_m)
                 cost += weights.toe_step * sum(x * x for x in step)
     value = model.addVar(lb=0.0)
     model.addCons(cost <= value)
