@@ -70,6 +70,32 @@ def realtime(wanted: bool) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 
 
+class Lines:
+    """Results by key, one JSON object per line; what a kill left of a last line is dropped."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.rows = path, dict[str, dict[str, Any]]()
+        if not path.exists():
+            return
+        text = path.read_text(encoding="utf-8")
+        whole = text[: text.rfind("\n") + 1]
+        for line in whole.splitlines():
+            row = json.loads(line)
+            self.rows[row["key"]] = row
+        if whole != text:
+            path.write_text(whole, encoding="utf-8")
+
+    def add(self, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
+        """Write a line, on the disk when this returns."""
+        self.rows[key] = {"key": key, **row}
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(self.rows[key]) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        return self.rows[key]
+
+
 def kept(path: Path, measure: Callable[[], Row]) -> Row:
     """The cell of this file; measured, and written, where it is not there."""
     if not path.exists():

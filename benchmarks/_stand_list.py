@@ -4,14 +4,13 @@ survive a kill.
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
+from _bench import Lines as Lines
 from _stand_grounds import Ground, ground
 
 FOLDER = Path(__file__).with_name("stands")
@@ -72,29 +71,3 @@ def read_list(path: Path = LIST) -> dict[str, Any]:
     """The list as it stands in its file."""
     listed: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     return listed
-
-
-class Lines:
-    """Results by key, one JSON object per line; what a kill left of a last line is dropped."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.rows = path, dict[str, dict[str, Any]]()
-        if not path.exists():
-            return
-        text = path.read_text(encoding="utf-8")
-        whole = text[: text.rfind("\n") + 1]
-        for line in whole.splitlines():
-            row = json.loads(line)
-            self.rows[row["key"]] = row
-        if whole != text:
-            path.write_text(whole, encoding="utf-8")
-
-    def add(self, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
-        """Write a line, on the disk when this returns."""
-        self.rows[key] = {"key": key, **row}
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(self.rows[key]) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        return self.rows[key]

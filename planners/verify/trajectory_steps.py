@@ -72,7 +72,7 @@ class StepMeasurements:
 
     def swing_time(self, least_s: float) -> Series:
         """Time by which a swing is too short, between the samples at which the foot stands before
-        and after it [s]; of one that the trajectory's ends cut off nobody knows.
+        and after it [s]; a swing that the trajectory's ends cut off has none.
         """
         whole = (swing for swing in self._swings if swing.whole)
         return self._marked(

@@ -204,7 +204,7 @@ class BodyController:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Asked:
-    """Wrench that the feet are asked for, for the body.
+    """Wrench on the body that the feet are to make.
 
     Arguments:
         arms: maps forces to their sum and moment, (6, 3n).

@@ -24,7 +24,11 @@ FARTHEST = 2.0
 
 
 class LoopStiffness:
-    """Stiffness of all loops of a robot together. share: s, 1 until something is known."""
+    """Stiffness of all loops of a robot together.
+
+    Attributes:
+        share: of the stiffness that loops have, s; 1 until something is known.
+    """
 
     def __init__(self, drives: Drives, period_s: float, memory_s: float) -> None:
         self._drives, self._period_s = drives, period_s

@@ -227,12 +227,10 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 20 draws, levels from 0.05 to
-    1.
-    """
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 7 draws, levels from 1/7 to 1."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(20):
-        level = (seed + 1) / 20
+    for seed in range(7):
+        level = (seed + 1) / 7
         scene, whole = (
             family_terrain(family, level, seed),
             family_terrain(family, level, seed, WIDE),
@@ -246,7 +244,7 @@ def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
             off[borders[kept] > 0.05].max(),
         )
         looked += len(off)
-    assert looked > 300
+    assert looked > 100
 
 
 @pytest.mark.parametrize("family", SMOOTH)
@@ -261,7 +259,7 @@ def test_patches_of_smooth_ground_keep_to_its_heights(family):
         off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])
         assert off.max() < 3.0 * ROUGHNESS_M, (seed, off.max())
         looked += len(off)
-    assert looked > 300
+    assert looked > 100
 
 
 @pytest.mark.parametrize("family", [*SCENES, *SMOOTH])
