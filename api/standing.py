@@ -77,7 +77,7 @@ def map(
 
     Returns:
         A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and
-        ``plan(..., standing=...)`` goes by it. Feasible and infeasible are proved: a witness that
+        ``plan(..., settings=PlanSettings(standing=...))`` goes by it. Feasible and infeasible are proved: a witness that
         the verifier accepted, or a certificate, or a toe without a place to stand.
 
     Raises:
