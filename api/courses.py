@@ -209,11 +209,11 @@ def plan(
 
 def _crossed(
     question: Problem | LayOut,
-    planner: Planner[Any, Any],
+    planner: Planner,
     why: str,
     limits: WholeBodyLimits,
     deadline: float,
-) -> Answer[Crossing] | None:
+) -> Answer[Plan] | Answer[Crossing] | None:
     """Climb, leap and climb where key frames alone have no plan; None where no leap helps."""
     from stancekit.planners.leap.crossing import cross  # of gaps alone
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
