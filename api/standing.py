@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stancekit.learners.surrogates.calibration import checked_error
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
@@ -21,6 +21,11 @@ from stancekit.planners.terrain.import_options import ImportOptions
 
 if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
+
+
+BESIDE = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit", "surrogate")
+BESIDE += ("error", "seed", "checkpoint", "progress", "limits")
+"""Arguments beside the meaning of a file."""
 
 
 @checked
@@ -100,8 +105,8 @@ def map(
     from stancekit.envs.distributions.cut import identity_of
     from stancekit.learners.maps.making import MapSettings, make_map
     from stancekit.learners.maps.poses import Poses
-
-    from .terrains import terrain as find_footholds
+    from stancekit.planners.robot.robot_file import robot_of
+    from stancekit.planners.terrain.foothold_search import footholds_on
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")
@@ -109,20 +114,19 @@ def map(
     if path is not None and path.suffix != ".npz":
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
     who = str(robot) if isinstance(robot, Path) else robot
-    if "spacing_m" in meaning:
-        raise InvalidInput("spacing_m: expected the distance between places alone, got two")
-    file_spacing = {} if grid_m == ImportOptions.spacing_m else {"spacing_m": grid_m}
     try:
-        footholds = find_footholds(
-            terrain, friction=friction, robot=who, limits=limits, **meaning, **file_spacing
+        options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=BESIDE)
+        made = limits or FootholdLimits.for_foot(
+            0.0 if robot is None else robot_of(who).source.known_radius_m
         )
-    except InvalidInput as refused:
+        footholds = footholds_on(terrain, options, made, friction)
+    except InvalidInput as refused:  # the file's spacing has another name here
         raise InvalidInput(str(refused).replace("spacing_m", "grid_m")) from None
     poses = Poses.of(
         footholds,
         who,
         terrain=identity_of(terrain),
-        options=_asked(meaning | file_spacing, limits),
+        options=_asked(options, limits),
         spacing_m=spacing_m,
         headings=headings,
         friction=friction,
@@ -141,12 +145,11 @@ def map(
         raise not_installed("fit", missing.name, "networks", "rl") from None
 
 
-def _asked(meaning: dict[str, Any], limits: FootholdLimits | None) -> dict[str, Any]:
+def _asked(options: ImportOptions, limits: FootholdLimits | None) -> dict[str, Any]:
     """What was asked of the file and of footholds, other than the usual, as JSON has it."""
-    asked = {k: v for k, v in meaning.items() if v != getattr(ImportOptions, k)}
-    result: dict[str, Any] = json.loads(
-        json.dumps(asked | ({} if limits is None else {"limits": asdict(limits)}), default=list)
-    )
+    asked = {k: v for k, v in vars(options).items() if v != getattr(ImportOptions, k)}
+    more = {} if limits is None else {"limits": asdict(limits)}
+    result: dict[str, Any] = json.loads(json.dumps(asked | more, default=list))
     return result
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from stancekit.planners.arguments import checked, settings_from
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
@@ -13,7 +12,6 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import (
     named_ground,
-    named_surface,
     named_terrain,
     names_ground,
 )
@@ -60,7 +58,11 @@ def terrain(
     """
     from stancekit.planners.robot.robot_file import robot_of
     from stancekit.planners.terrain.elevation import ElevationMap
-    from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
+    from stancekit.planners.terrain.foothold_search import (
+        check_unasked,
+        footholds_of,
+        footholds_on,
+    )
 
     options = settings_from(
         ImportOptions, meaning, beside=("source", "friction", "robot", "limits")
@@ -71,19 +73,10 @@ def terrain(
             if robot is None
             else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
         )
-    if not isinstance(source, HeightField) and Path(source).exists() and ".py" not in str(source):
-        return read_footholds(source, options, limits, friction)
-    surface = (
-        ElevationMap.of_field(source)
-        if isinstance(source, HeightField)
-        else named_surface(str(source))
-    )
-    if further := [
-        name for name, value in meaning.items() if value != getattr(ImportOptions, name)
-    ]:
-        what = surface.name or "a height field"
-        raise InvalidInput(f"{further[0]}: expected none with {what}, which is read from no file")
-    return footholds_of(surface, limits, friction)
+    if not isinstance(source, HeightField):
+        return footholds_on(source, options, limits, friction)
+    check_unasked(options, source.name)
+    return footholds_of(ElevationMap.of_field(source), limits, friction)
 
 
 @checked

@@ -301,6 +301,9 @@ class Surrogate:
             raise InvalidInput(
                 f"{path}: tensors likeness.*: expected {columns} histograms per class"
             )
+        every = [edges, counts, *(rest[name].double().numpy() for name in wanted)]
+        if not all(np.isfinite(each).all() for each in every) or (counts < 0.0).any():
+            raise InvalidInput(f"{path}: expected finite numbers, and counts of 0 or more")
         with torch.device("meta"):
             network = SurrogateNetwork(raw.architecture)
         load_weights(network, weights, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,3 +84,28 @@ def read_footholds(
     if isinstance(terrain, TriangleMesh):
         terrain.check_size(options.unit_m)
     return footholds_of(terrain, limits, friction)
+
+
+def footholds_on(
+    source: str | Path, options: ImportOptions, limits: FootholdLimits, friction: float
+) -> Footholds:
+    """The footholds of a terrain's file, or of a ground by its name, which is read from no file.
+
+    Raises InvalidInput.
+    """
+    if Path(source).exists() and ".py" not in str(source):
+        return read_footholds(source, options, limits, friction)
+    from .reference import named_surface  # splines are slow to import
+
+    surface = named_surface(str(source))
+    check_unasked(options, surface.name)
+    return footholds_of(surface, limits, friction)
+
+
+def check_unasked(options: ImportOptions, name: str) -> None:
+    """Raise InvalidInput for options of a file where there is none."""
+    for field in fields(options):
+        if getattr(options, field.name) != field.default:
+            raise InvalidInput(
+                f"{field.name}: expected none with {name or 'a height field'}, which is read from no file"
+            )
