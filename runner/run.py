@@ -200,7 +200,7 @@ class Runner:
         if terrain is not None:
             feet = origin + prepared.kinematics.feet(first.angles_rad) @ rotation.T
             rise = rise_m(terrain, feet, prepared.kinematics.radii_m)
-            origin = origin + [0.0, 0.0, rise]
+            origin = origin + np.array([0.0, 0.0, rise])
             if rise > 0.0:
                 self.decide("start", f"{1e3 * rise:.0f} mm higher: a foot was in the ground")
         terrain = prepared.terrain if terrain is None else terrain

@@ -85,7 +85,7 @@ def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
     solids: Solids = (terrain,) if isinstance(terrain, Ground) else [each.solid for each in terrain]
     rise = 0.0
     for _ in range(RISES):
-        feet = feet_m + [0.0, 0.0, rise]
+        feet = feet_m + np.array([0.0, 0.0, rise])
         deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
         if deepest <= TOUCHING_M:
             break
