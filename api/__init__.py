@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from .planners.search.methods import Micp as Micp
     from .planners.search.methods import Nlp as Nlp
     from .planners.search.methods import TwoStage as TwoStage
+    from .planners.search.plan_settings import PlanSettings as PlanSettings
     from .planners.terrain.footholds import FootholdLimits as FootholdLimits
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
@@ -111,6 +112,7 @@ _HOMES = {
     "pictures": ("draw", "film"),
     "planners.answer.answer": ("Answer", "Effort", "Status"),
     "planners.answer.certificate": ("Certificate",),
+    "planners.search.plan_settings": ("PlanSettings",),
     "planners.answer.leap_plan": ("LeapPlan",),
     "planners.answer.plan": ("Plan",),
     "planners.answer.report": ("Group", "Report"),

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
-from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.arguments import check_argument, checked
+from stancekit.planners.arguments import check_argument, checked, settings_from
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
@@ -32,6 +33,7 @@ from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
+from stancekit.planners.search.plan_settings import PlanSettings
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 
@@ -43,12 +45,31 @@ OLD = {
     "relaxation": "plan(course, TwoStage(relaxation=...))",
     "envelopes": "plan(course, TwoStage(envelopes=...))",
     "projection": "plan(course, TwoStage(projection=...))",
-    "torque_nm": "plan(course, body=WholeBodyLimits(torque_nm=...))",
-    "torque_share": "plan(course, body=WholeBodyLimits(share=...))",
-    "clearance_m": "plan(course, body=WholeBodyLimits(clearance_m=...))",
+    "torque_nm": "plan(course, settings=PlanSettings(body=WholeBodyLimits(torque_nm=...)))",
+    "torque_share": "plan(course, settings=PlanSettings(body=WholeBodyLimits(share=...)))",
+    "clearance_m": "plan(course, settings=PlanSettings(body=WholeBodyLimits(clearance_m=...)))",
     "engine": "a planner of make_planner with PlannerOptions(programs=Programs(engine=...))",
+    "body": "plan(course, settings=PlanSettings(body=...))",
+    "push_n": "plan(course, settings=PlanSettings(push_n=...))",
+    "wrench": "plan(course, settings=PlanSettings(wrench=...))",
+    "standing": "plan(course, settings=PlanSettings(standing=...))",
+    "checkpoint": "plan(course, settings=PlanSettings(checkpoint=...))",
 }
+FRAMES_SHARE = 0.2
+"""Share of the time that key frames have where there is no way for the body, and a leap may be tried."""
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
+BESIDE = (
+    "course",
+    "method",
+    "start_xy_m",
+    "goal_xy_m",
+    "frames",
+    "robot",
+    "settings",
+    "time_limit_s",
+    "progress",
+)
+"""Arguments of ``plan``, for messages."""
 
 
 @overload
@@ -60,12 +81,8 @@ def plan(
     goal_xy_m: Array | Sequence[float] | None = None,
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
-    body: WholeBodyLimits = WholeBodyLimits(),
-    push_n: float = 0.0,
-    wrench: Array | Sequence[float] | None = None,
-    standing: StandingMap | str | Path | None = None,
+    settings: PlanSettings = PlanSettings(),
     time_limit_s: float = 60.0,
-    checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
     **old: Any,
 ) -> Answer[Plan]: ...
@@ -82,15 +99,11 @@ def plan(
     goal_xy_m: Array | Sequence[float] | None = None,
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
-    body: WholeBodyLimits = WholeBodyLimits(),
-    push_n: float = 0.0,
-    wrench: Array | Sequence[float] | None = None,
-    standing: StandingMap | str | Path | None = None,
+    settings: PlanSettings = PlanSettings(),
     time_limit_s: float = 60.0,
-    checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
     **old: Any,
-) -> Answer[Plan] | Answer[LeapPlan]:
+) -> Answer[Plan] | Answer[LeapPlan] | Answer[Crossing]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
     carries; or a leap.
 
@@ -111,27 +124,14 @@ def plan(
         robot: robot in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
             (extra kin); for a posture problem the robot whose limbs stand, with its other limbs
             held as they are when it stands.
-        body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
-        push_n: horizontal push at the centre of mass, in any direction, that every stance has to
-            bear [N]; a course of its own may ask for more. Without one a plan that bears 5 % of the
-            weight is sought, then 2.5 %, and the report says what it bears. "two-stage" alone, and
-            *infeasible* is not said with it.
-        wrench: force [N] at the centre of mass, or that and a moment about it [Nm], on the body in
-            addition to its weight at every key frame, such as those of a payload, wind or a rope;
-            in world axes, shape (3,) or (6,); added to what the course has. Plans carry it, and
-            *infeasible* is proved with it.
-        standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
-            or its file: the way keeps off places where it is proved that the robot cannot, facing
-            along x, and costs more where that is likely.
+        settings: what the plan has to keep and to bear: limits of joints and bodies, a push, a
+            wrench, a map of where the robot can stand, and a checkpoint.
         time_limit_s: time limit for everything, bending and judging included; at its end the answer
             is undecided, with the best plan so far [s]. A planner that was made before keeps to its
             own limit, too.
-        checkpoint: file NAME.json that keeps the finished pieces of a course of more than 40 key
-            frames, which is planned in pieces: the same call goes on from there after an
-            interruption. The file is removed once there is a plan.
         progress: function called after every piece of such a course with the number of key frames
             planned and the number in all.
-        old: settings of methods and limits as arguments, the old form.
+        old: settings as arguments of their own, the old form.
 
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every
@@ -140,7 +140,9 @@ def plan(
         which has the candidates and the tilt limit of one that was laid out already; or undecided,
         also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
         time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
-        ``LeapPlan``.
+        ``LeapPlan``. Over a terrain with a gap that key frames do not cross, of a robot whose legs
+        have limits of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap,
+        and key frames on from it; its ``refusal`` is what key frames alone came to.
 
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
@@ -156,98 +158,109 @@ def plan(
     """
     deadline = time.perf_counter() + checked_number(time_limit_s, "time_limit_s", least=0.0)
     if isinstance(course, str | Path) and is_leap_file(course):
-        if isinstance(robot, Robot):
-            raise InvalidInput("robot: expected a name or a file with a leap, got a Robot")
-        course, robot = read_leap(course, robot).leap, None
+        course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
-        beside_leap = {
-            "start_xy_m": start_xy_m,
-            "standing": standing,
-            "goal_xy_m": goal_xy_m,
-            "frames": frames,
-            "robot": robot,
-            **old,
-        }
-        if push_n:
-            raise InvalidInput(
-                "push_n: expected none with a leap, whose stances are not pushed yet"
-            )
-        if wrench is not None:
-            raise InvalidInput(
-                "wrench: expected none with a leap, whose body bears nothing but its weight yet"
-            )
-        if body != WholeBodyLimits():
-            raise InvalidInput(
-                "body: expected none with a leap, whose limits are those of its robot's file"
-            )
-        return _leap(course, method, beside_leap, time_limit_s)
+        places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
+        others = {**places, "frames": frames, "robot": robot, **old}
+        return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(
             f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}"
         )
-    beside = (
-        "course",
-        "method",
-        "start_xy_m",
-        "goal_xy_m",
-        "frames",
-        "robot",
-        "body",
-        "push_n",
-        "wrench",
-        "standing",
-        "time_limit_s",
-    )
-    renamed = old_arguments("plan", old, OLD, beside) if old else {}
-    called = "planner" if "planner" in renamed else "method"
-    method = renamed.pop("planner", method)
-    check_argument("planner", method, str | Method | Planner)
-    engine: Any = renamed.pop("engine", "rows")
-    checked_choice(engine, "engine", ("rows", "cvxpy"))
-    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    moved = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
-    limits = replace(body, **moved) if moved else body
-    shares = None
-    if not isinstance(method, Method) and method != "two-stage":  # which have no such setting
-        shares = None if renamed.pop("reserve", True) else ALL_FRICTION
-    question = _question(
-        course, None if frames is None else int(frames), robot, start_xy_m, goal_xy_m, standing
-    )
-    if isinstance(method, str | Method):
-        options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
-        planner = _made(called, method, options, renamed)
-    elif renamed:
-        raise InvalidInput(
-            f"{next(iter(renamed))}: expected none for a planner that was made before"
+    renamed = old_arguments("plan", old, OLD, BESIDE) if old else {}
+    method, settings, its_own = _in_new_form(method, settings, renamed)
+    shares = None if _reserved(method, its_own) else ALL_FRICTION
+    question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
+    name = course if isinstance(course, str | Path) and start_xy_m is None else None
+    planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
+    leaps = _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None)
+    until = deadline
+    if leaps and _no_way(question):
+        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
+    refusal: PlanningFailed | None = None
+    answer: Answer[Plan] | None = None
+    try:
+        answer = plan_course(
+            question,
+            planner,
+            shares=shares,
+            limits=settings.body,
+            push_n=settings.push_n,
+            wrench=None if settings.wrench is None else wrench_of(settings.wrench),
+            layouts=_layouts(question, name),
+            kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
+            progress=progress,
+            deadline=until,
         )
-    else:
-        assert not isinstance(method, LeapFinder)
-        planner = through_verifier(method, "courses")
-    push_n = checked_number(push_n, "push_n", least=0.0)
-    beside_weight = None if wrench is None else wrench_of(wrench)
-    given_so = (
-        start_xy_m is None
-        and isinstance(course, str | Path)
-        and callable(question)
-        and is_scene(course)
+    except PlanningFailed as error:
+        if not leaps:
+            raise
+        refusal = error
+    if leaps and (answer is None or answer.status is not Status.FEASIBLE):
+        why = str(refusal) if answer is None else answer.message or answer.status.value
+        crossed = _crossed(question, planner, why, settings.body, deadline)
+        if crossed is not None:
+            return crossed
+    if answer is None:
+        assert refusal is not None
+        raise refusal
+    return answer
+
+
+def _crossed(
+    question: Problem | LayOut,
+    planner: Planner[Any, Any],
+    why: str,
+    limits: WholeBodyLimits,
+    deadline: float,
+) -> Answer[Crossing] | None:
+    """Climb, leap and climb where key frames alone have no plan; None where no leap helps."""
+    from stancekit.planners.leap.crossing import cross  # of gaps alone
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    assert isinstance(question, LaidBetween)
+    assert question.robot is not None
+    return cross(
+        question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
     )
-    layouts = (AS_ASKED,) if given_so else ALTERNATIVES
-    return plan_course(
-        question,
-        planner,
-        shares=shares,
-        limits=limits,
-        push_n=push_n,
-        wrench=beside_weight,
-        layouts=layouts,
-        kept=None if checkpoint is None else PartialPlan(Path(checkpoint)),
-        progress=progress,
-        deadline=deadline,
-    )
+
+
+def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
+    """Tell whether leaps may be tried where key frames have no plan: over a terrain, by a robot that
+    was named, with nothing on its body and nobody who pushes it.
+    """
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    return isinstance(question, LaidBetween) and question.robot is not None and not loaded
+
+
+def _no_way(question: Problem | LayOut) -> bool:
+    """Tell whether a course between two places has no way for the body as it is asked for."""
+    try:
+        question("inner", AS_ASKED)  # type: ignore[operator]
+    except PlanningFailed:
+        return True
+    except InvalidInput:
+        return False
+    return False
+
+
+def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
+    """The leap of a file.
+
+    Raises InvalidInput.
+    """
+    if isinstance(robot, Robot):
+        raise InvalidInput("robot: expected a name or a file with a leap, got a Robot")
+    return read_leap(file, robot).leap
 
 
 def _leap(
-    leap: Leap, method: object, others: dict[str, Any], time_limit_s: float
+    leap: Leap,
+    method: object,
+    settings: PlanSettings,
+    others: dict[str, Any],
+    time_limit_s: float,
 ) -> Answer[LeapPlan]:
     """Plan a leap.
 
@@ -259,6 +272,7 @@ def _leap(
     for name, value in others.items():
         if value is not None:
             raise InvalidInput(f"{name}: expected none with a leap, which has its own")
+    settings.check_of_leap()
     if method == "two-stage":  # nothing was said
         method = LeapFinder()
     if not isinstance(method, LeapFinder):
@@ -272,22 +286,67 @@ def _leap(
     return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
 
 
-def _made(
-    called: str, method: str | Method, options: PlannerOptions, settings: dict[str, Any]
-) -> Planner:
-    """The planner of a method; messages begin with what the argument is called.
+def _in_new_form(
+    method: str | Method | Planner, settings: PlanSettings, old: dict[str, Any]
+) -> tuple[str | Method | Planner, PlanSettings, dict[str, Any]]:
+    """Method, settings, and the settings of the method that a call of ``plan`` asks for, some of
+    it by old arguments.
 
     Raises InvalidInput.
     """
+    renamed = dict(old)
+    method = renamed.pop("planner", method)
+    check_argument("planner", method, str | Method | Planner)
+    told = {
+        name: renamed.pop(name) for name in PlanSettings.__dataclass_fields__ if name in renamed
+    }
+    if told:
+        made = settings_from(PlanSettings, told)  # which holds them against their annotations
+        settings = replace(settings, **{name: getattr(made, name) for name in told})
+    limits = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
+    if limits:
+        settings = replace(settings, body=replace(settings.body, **limits))
+    return method, settings, renamed
+
+
+def _reserved(method: str | Method | Planner, settings: dict[str, Any]) -> bool:
+    """Tell whether a planner is asked for friction in reserve; a method with a setting of that name
+    says so itself.
+    """
+    if isinstance(method, Method) or method == "two-stage":
+        return True
+    return bool(settings.pop("reserve", True))
+
+
+def _planner(
+    called: str, method: str | Method | Planner, settings: dict[str, Any], time_limit_s: float
+) -> Planner:
+    """The planner of a method, or one that was made before.
+
+    Raises InvalidInput, which begins with what the argument is called.
+    """
+    engine: Any = settings.pop("engine", "rows")
+    checked_choice(engine, "engine", ("rows", "cvxpy"))
+    if not isinstance(method, str | Method):
+        for name in settings:
+            raise InvalidInput(f"{name}: expected none for a planner that was made before")
+        return through_verifier(method, "courses")
+    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
+    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
     try:
         return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:
         message = str(error)
-        raise InvalidInput(
-            f"{called}{message.removeprefix('planner')}"
-            if message.startswith("planner:")
-            else message
-        ) from None
+        if message.startswith("planner:"):
+            message = f"{called}{message.removeprefix('planner')}"
+        raise InvalidInput(message) from None
+
+
+def _layouts(question: Problem | LayOut, name: str | Path | None) -> tuple[Alternative, ...]:
+    """Ways in which a question is laid out; a published scene of this name has one alone."""
+    if name is not None and callable(question) and is_scene(name):
+        return (AS_ASKED,)
+    return ALTERNATIVES
 
 
 def _question(
@@ -298,51 +357,56 @@ def _question(
     goal: Array | Sequence[float] | None,
     standing: StandingMap | str | Path | None,
 ) -> Problem | LayOut:
-    """A course, or what lays it out: of a file of JSON, whose candidates are fixed, the course."""
-    who = str(robot) if isinstance(robot, Path) else robot
+    """A course, or what lays it out."""
     if (start is None) != (goal is None):
         raise InvalidInput("start_xy_m, goal_xy_m: expected both or none, got one of them")
-    if isinstance(course, Footholds) or start is not None:
-        if start is None or goal is None:
-            raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
+    frames = None if frames is None else int(frames)
+    who = str(robot) if isinstance(robot, Path) else robot
+    if start is not None and goal is not None:
         if isinstance(course, Problem):
             raise InvalidInput(
                 f"start_xy_m: expected none with a {type(course).__name__}, which has its own"
             )
-        from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
-        from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
-
-        if isinstance(standing, str | Path):
-            standing = StandingMap.read(standing)
-        if standing is not None:
-            _check_map(standing, course)
-        if isinstance(course, str) and names_ground(course):
-            course = _footholds(course, None if who == "hexapod" else who)
-        return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
+        return _between(course, start, goal, frames, who, standing)
+    if isinstance(course, Footholds):
+        raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
     if standing is not None:
         raise InvalidInput("standing: expected a start and a goal over a terrain with it, got none")
-    if isinstance(course, Problem) and course.is_posture:
+    if isinstance(course, Problem):
+        return _of_problem(course, frames, robot)
+    return _of_file(str(course), frames, who)
+
+
+def _between(
+    course: Footholds | str | Path,
+    start: Array | Sequence[float],
+    goal: Array | Sequence[float],
+    frames: int | None,
+    robot: Robot | str | None,
+    standing: StandingMap | str | Path | None,
+) -> LayOut:
+    """The generator of the course over a terrain, from a start to a goal."""
+    from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+    from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
+
+    if isinstance(standing, str | Path):
+        standing = StandingMap.read(standing)
+    if standing is not None:
+        _check_map(standing, course)
+    if isinstance(course, str) and names_ground(course):
+        course = _footholds(course, None if robot == "hexapod" else robot)
+    return laid_between(course, start, goal, robot=robot, frames=frames, standing=standing)
+
+
+def _of_problem(course: Problem, frames: int | None, robot: Robot | str | Path | None) -> Problem:
+    """A course as it is; of one posture, that of the robot whose limbs stand."""
+    if course.is_posture:
         if robot is None:
             course = course.course()
         else:
             from stancekit.planners.robot.robot_file import robot_of  # reads files
 
             course, robot = course.course(robot=robot_of(robot)), None
-    if isinstance(course, str | Path):
-        name = str(course)
-        if is_leap_file(name):
-            raise InvalidInput(f"{name}: expected a course, got a leap: plan(load({name!r}))")
-        if Path(name).suffix.lower() in SUFFIXES:
-            raise InvalidInput(
-                f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none"
-            )
-        if Path(name).suffix in (".json", ".jsonl"):
-            return read_course(name, frames, who)
-
-        def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
-            return read_course(name, frames, who, sets, alternative=alternative)
-
-        return laid_out
     if robot is not None:
         raise InvalidInput(
             f"robot: expected none with a course that is laid out, got {_called(robot)}"
@@ -352,6 +416,25 @@ def _question(
             f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}"
         )
     return course
+
+
+def _of_file(name: str, frames: int | None, robot: Robot | str | None) -> Problem | LayOut:
+    """The generator of the course of a file or a name; of a file of JSON, whose candidates are
+    fixed, the course.
+    """
+    if is_leap_file(name):
+        raise InvalidInput(f"{name}: expected a course, got a leap: plan(load({name!r}))")
+    if Path(name).suffix.lower() in SUFFIXES:
+        raise InvalidInput(
+            f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none"
+        )
+    if Path(name).suffix in (".json", ".jsonl"):
+        return read_course(name, frames, robot)
+
+    def laid_out(sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
+        return read_course(name, frames, robot, sets, alternative=alternative)
+
+    return laid_out
 
 
 def _check_map(standing: StandingMap, terrain: Footholds | str | Path) -> None:

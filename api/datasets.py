@@ -17,7 +17,7 @@ from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import shown
 from stancekit.planners.problem.leap_classes import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
@@ -198,9 +198,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
     try:
         from stancekit.learners.surrogates.shipped import surrogate_of
     except ImportError as missing:
-        raise InvalidInput(
-            f"screen: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed("screen", missing.name, "networks", "rl") from None
 
     error = SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:
@@ -318,7 +316,5 @@ def _proposers(path: str | Path) -> Proposers:
     try:
         from stancekit.learners.proposers.proposer import Proposers
     except ModuleNotFoundError as error:
-        raise InvalidInput(
-            f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed(str(path), error.name, "proposers", "rl") from None
     return Proposers.load(path)

@@ -7,7 +7,7 @@ from typing import Any
 
 from stancekit.learners.surrogates.screened import Screened
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.problem import PostureBatch, Problem
 
 
@@ -58,9 +58,7 @@ def screen(
         from stancekit.learners.surrogates.shipped import surrogate_for, surrogate_of
         from stancekit.learners.surrogates.surrogate import as_batch
     except ImportError as error_:
-        raise InvalidInput(
-            f"surrogate: expected {error_.name}, which a network needs, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed("surrogate", error_.name, "networks", "rl") from None
     batch = as_batch([problems] if isinstance(problems, Problem) else problems)
     chosen = surrogate_for(batch.like) if surrogate is None else surrogate_of(surrogate)
     return chosen.screen(batch, error)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from stancekit.learners.surrogates.calibration import checked_error
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
@@ -77,7 +77,7 @@ def map(
 
     Returns:
         A ``StandingMap``: ``verdict``, ``margin`` and ``limit`` per pose; ``save`` writes it, and
-        ``plan(..., standing=...)`` goes by it. Feasible and infeasible are proved: a witness that
+        ``plan(..., settings=PlanSettings(standing=...))`` goes by it. Feasible and infeasible are proved: a witness that
         the verifier accepted, or a certificate, or a toe without a place to stand.
 
     Raises:
@@ -138,9 +138,7 @@ def map(
             surrogate=None if surrogate is None else _surrogate(surrogate),
         )
     except ImportError as missing:
-        raise InvalidInput(
-            f"fit: expected {missing.name}, which a network needs, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed("fit", missing.name, "networks", "rl") from None
 
 
 def _asked(meaning: dict[str, Any], limits: FootholdLimits | None) -> dict[str, Any]:

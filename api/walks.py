@@ -23,7 +23,6 @@ from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
 from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.terrain import Terrain
 
@@ -66,7 +65,7 @@ def walk(
     goal_xy_m: Array | Sequence[float] | None = None,
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
-    robot: Robot | GaitRobot | str | Path = "anymal",
+    robot: Robot | str | Path = "anymal",
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None,
     duration_s: float = 10.0,
     chart: str = "portfolio",
@@ -180,40 +179,35 @@ def search_of(
     chart: str,
     time_limit_s: float,
     total_iterations: int | None = None,
-    max_iterations: int | None = None,
-    dynamics: Any = "centred",
-    hessian: Any = "exact",
-    footing: float | None = None,
     raw: bool = False,
     seeds: int = 1,
     seed: int = 0,
+    **settings: Any,
 ) -> tuple[GaitSettings, Caps, list[Attempt]]:
     """Settings of ``plan_gait`` from the arguments of ``walk``.
 
     Raises InvalidInput.
+
+    Arguments:
+        settings: fields of ``GaitSettings``, but for those that are None.
     """
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
     checked_int(seed, "seed", least=0)
-    if max_iterations is not None:
-        checked_int(max_iterations, "max_iterations", least=1)
-    if footing is not None:
-        checked_number(footing, "footing", least=0.0)
     check_argument("raw", raw, bool)
     several = chart == "portfolio"
-    most = max_iterations or LIMITS[several]
-    caps = Caps(iterations=most, total_s=time_limit_s, total_iterations=total_iterations)
+    given = {name: value for name, value in settings.items() if value is not None}
+    solves = GaitSettings(**{"max_iterations": LIMITS[several], **given})
+    caps = Caps(
+        iterations=solves.max_iterations, total_s=time_limit_s, total_iterations=total_iterations
+    )
     if total_iterations is not None:
         caps = replace(caps, solve_s=time_limit_s)
     if raw:
         caps = replace(caps, smoothing=Smoothing(rounds=0), densifications=0)
     each = default_attempts(asked) if several else [Attempt(chart=chart)]
     attempts = [one.perturbed(seed + k) if k else one for one in each for k in range(seeds)]
-    return (
-        GaitSettings(dynamics=dynamics, hessian=hessian, max_iterations=most, footing=footing),
-        caps,
-        attempts,
-    )
+    return solves, caps, attempts
 
 
 def walked(

@@ -1,7 +1,7 @@
 """Measure ANYmal's URDF against configs/robots/anymal.yaml: mass, inertia, and how much of its
 boxes the legs reach.
 
-    pip install 'stancekit[kin,robots]'; python benchmarks/anymal_reach.py [anymal.urdf]
+    pip install "stancekit[kin,robots]"; python benchmarks/anymal_reach.py [anymal.urdf]
 
 The URDF allows every joint 1.5 turns, which no robot uses: the abduction joint goes .6 rad from the
 stance, hip and knee 1 and 1.4 / .6 rad, so that knees keep their bend; feet stay below the trunk
@@ -66,9 +66,9 @@ def main() -> None:
     print(
         f"inertia, largest difference {np.abs(model.body.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²"
     )
-    for name in printed.foot_names:
+    for name in printed.limb_names:
         (file, foot), leg = (
-            (each.feet[each.foot_names.index(name)] for each in (printed, walker)),
+            (each.feet[each.limb_names.index(name)] for each in (printed, walker)),
             model.leg(name),
         )
         points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.body.com_m

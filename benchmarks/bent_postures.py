@@ -75,7 +75,11 @@ def main(arguments: Arguments) -> None:
                 answer = with_whole_body(bare, replace(limits, steps=0))
             else:
                 began = time.process_time()
-                answer = stancekit.plan(problem, robot=robot, body=replace(limits, steps=steps))
+                answer = stancekit.plan(
+                    problem,
+                    robot=robot,
+                    settings=stancekit.PlanSettings(body=replace(limits, steps=steps)),
+                )
             seconds[name] += time.process_time() - began
             accepted[name].append(answer.status.value == "feasible")
     union = np.any(list(accepted.values()), axis=0).mean()

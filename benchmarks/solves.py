@@ -72,7 +72,9 @@ def main(arguments: Arguments) -> None:
                 ms, said = asked(sides[side], name, arguments.seed, drawn, chosen)
                 times[side].append(np.array(ms))
                 answers.add(json.dumps(said))
-        ratios = [np.median(a) / np.median(b) for a, b in zip(*reversed(times.values()), strict=True)]
+        ratios = [
+            np.median(a) / np.median(b) for a, b in zip(*reversed(times.values()), strict=True)
+        ]
         arguments.say(
             {
                 "class": name,

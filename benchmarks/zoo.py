@@ -32,7 +32,7 @@ from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.selectors.shipped import Card, Figure, Quotas, card, shipped
+from stancekit.learners.selectors.shipped import Card, Figure, card, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 
 ZOO = ROOT / "learners" / "zoo"
@@ -104,20 +104,15 @@ def described(
     calibration = experiment.calibration
     assert calibration is not None
     lift = next(each for each in result.scores if each.selector == "lift")
-    rows = (
-        Quotas(feasible=q.feasible, infeasible=q.infeasible, seed=q.seed)
-        for q in (experiment.train, calibration, experiment.test)
-    )
-    train, held, test = rows
     return Card(
         method=method,
         problem_class=result.problem_class,
         legs=list(result.test.header.legs),
         sha256=hashlib.sha256(content).hexdigest(),
         seed=experiment.fit.seed,
-        train=train,
-        calibration=held,
-        test=test,
+        train=experiment.train,
+        calibration=calibration,
+        test=experiment.test,
         figures=figures(score),
         lift=figures(lift),
         limits=list(LIMITS),

@@ -46,6 +46,8 @@ class About:
 
 
 def _lines(found: dict[str, Any]) -> list[str]:
+    from stancekit.planners.errors import install_command
+
     lines = [
         f"stancekit  {found['stancekit']}, in {found['folder']}",
         f"Python     {found['python']}, {found['platform']}",
@@ -54,7 +56,7 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for extra, packages in found["extras"].items():
         missing = [name for name, version in packages.items() if version is None]
         text = (
-            f"pip install 'stancekit[{extra}]'  (without {', '.join(missing)})"
+            f"{install_command(extra)}  (without {', '.join(missing)})"
             if missing
             else _versions(packages)
         )

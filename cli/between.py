@@ -93,8 +93,7 @@ class Between:
 
             made = robot_of(robot or "hexapod")
             who = read_reach(reach, made.limb_names).applied(made)
-        where = {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
-        return where | ({} if self.map is None else {"standing": self.map})
+        return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
         """The course of a file or a name, or over a terrain's file from start to goal.

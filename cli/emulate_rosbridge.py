@@ -32,16 +32,14 @@ class EmulateRosbridge:
 
     def run(self) -> int:
         """Run until somebody ends it."""
-        from stancekit.planners.errors import InvalidInput
+        from stancekit.planners.errors import InvalidInput, not_installed
         from stancekit.planners.files.arrays import checked, checked_int
         from stancekit.runner.emulators.start import start_of
 
         try:
             from stancekit.runner.emulators.rosbridge import RosBridge
         except ImportError:
-            raise InvalidInput(
-                "emulate: expected websockets, it is not installed: pip install 'stancekit[ros]'"
-            ) from None
+            raise not_installed("emulate", "websockets", "an emulated rosbridge", "ros") from None
         from .converse import converse
 
         checked_int(self.port, "--port", least=0, most=65535)

@@ -1,62 +1,58 @@
-"""Plan and judge the file of a leap, for ``stancekit plan`` and ``stancekit verify``."""
+"""Plan the file of a leap, for ``stancekit plan``."""
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, counted, emit, out, progress
-from .options import check_drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.leap_plan import LeapPlan
+    from stancekit.planners.leap.finder import LeapFinder
     from stancekit.planners.problem.leap import Leap
 
-    from .plan import PlanCourse
 
-USES = (
-    "course",
-    "planner",
-    "policy",
-    "robot",
-    "reserve",
-    "time_limit_s",
-    "out",
-    "proof",
-    "picture",
-    "video",
-    "html",
-    "json",
-)
-"""Options of ``stancekit plan`` that a leap has a use for; any other is refused."""
+def plan_leap(
+    name: str,
+    robot: str | None,
+    method: LeapFinder,
+    *,
+    time_limit_s: float,
+    out_file: Path | None,
+    proof: Path | None,
+    pictures: tuple[Path | None, Path | None, Path | None],
+    json: bool,
+) -> int:
+    """Plan a leap, write and print the answer; exit code 1 without a plan.
 
+    Raises InvalidInput.
 
-def plan_leap(asked: PlanCourse) -> int:
-    """Plan the leap of a file; exit code 1 without a plan.
-
-    Raises InvalidInput for options that it has no use for.
+    Arguments:
+        name: its file, or its class and seed.
+        robot: in place of its own.
+        pictures: files of a picture, a film and a page.
     """
     from stancekit.courses import plan
     from stancekit.planners.answer.answer import Status
     from stancekit.planners.formats.leap_file import read_leap, write_leap
 
-    method = _method(asked)
     with as_options("robot"):
-        leap = read_leap(asked.course, asked.robot).leap
+        leap = read_leap(name, robot).leap
     with progress(f"plan {leap.name} by {method.order}"):
-        outcome = plan(leap, method, time_limit_s=asked.time_limit_s)
-    if asked.out is not None and outcome.solution is not None:
-        write_leap(asked.out, outcome.solution.problem, outcome.solution)
-    if asked.proof is not None and outcome.certificate is not None:
-        write_leap(asked.proof, leap, None, outcome.certificate)
+        outcome = plan(leap, method, time_limit_s=time_limit_s)
+    if out_file is not None and outcome.solution is not None:
+        write_leap(out_file, outcome.solution.problem, outcome.solution)
+    if proof is not None and outcome.certificate is not None:
+        write_leap(proof, leap, None, outcome.certificate)
     reason = _reason(outcome)
-    if asked.json:
+    if json:
         emit(_record(leap, outcome, reason))
     else:
         out.print(
@@ -70,12 +66,11 @@ def plan_leap(asked: PlanCourse) -> int:
                 for line in _body_lines(outcome, leap):
                     out.print(line, highlight=False)
     if outcome.solution is not None:
-        _draw(asked, outcome.solution)
-    pictures = [(path, outcome.solution) for path in (asked.picture, asked.video, asked.html)]
+        _draw(outcome.solution, *pictures)
     for path, there in (
-        (asked.out, outcome.solution),
-        (asked.proof, outcome.certificate),
-        *pictures,
+        (out_file, outcome.solution),
+        (proof, outcome.certificate),
+        *((path, outcome.solution) for path in pictures),
     ):
         if path is not None:
             complain(
@@ -118,73 +113,53 @@ def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
         yield f"bent: phases of {', '.join(f'{s:.2f}' for s in timing)} s"
 
 
-def _draw(asked: PlanCourse, plan: LeapPlan) -> None:
+def _draw(plan: LeapPlan, picture: Path | None, video: Path | None, html: Path | None) -> None:
     """Write the picture, the film and the page that were asked for."""
-    if asked.picture is not None:
+    if picture is not None:
         from stancekit.views.leaps import draw_leap
         from stancekit.views.sheet import save
 
-        save(draw_leap(plan), asked.picture)
-    if asked.video is not None:
+        save(draw_leap(plan), picture)
+    if video is not None:
         from stancekit.views.leaps import FPS, film_times, leap_frames
         from stancekit.views.video import write_video
 
         write_video(
-            asked.video,
-            counted(leap_frames(plan), len(film_times(plan)), f"film {asked.video}"),
+            video,
+            counted(leap_frames(plan), len(film_times(plan)), f"film {video}"),
             fps=FPS,
         )
-    if asked.html is not None:
+    if html is not None:
         from stancekit.views.leaps import LeapView
         from stancekit.views.page import write_page
 
-        write_page(asked.html, LeapView(plan).film())
+        write_page(html, LeapView(plan).film())
 
 
-def _method(asked: PlanCourse) -> Any:
-    """The finder that the options ask for.
+def leap_finder(planner: str, policy: Path | None, *, reserve: bool) -> LeapFinder:
+    """The finder that the options of ``stancekit plan`` ask for.
 
     Raises InvalidInput.
     """
     from typing import get_args
 
-    from stancekit.planners.files.writing import check_writable
     from stancekit.planners.leap.finder import LeapFinder, Order
     from stancekit.planners.leap.rule import Rule, Scorer
 
-    _check_unused(asked)
     orders = get_args(Order)
-    if asked.planner not in ("two-stage", *orders):
+    if planner not in ("two-stage", *orders):
         raise InvalidInput(
-            f"--planner: expected one of {', '.join(orders)} with a leap, got {asked.planner}"
+            f"--planner: expected one of {', '.join(orders)} with a leap, got {planner}"
         )
-    for path in (asked.out, asked.proof):
-        if path is not None:
-            check_writable(path)
-            if path.suffix != ".json":
-                raise InvalidInput(f"{path}: expected a file whose name ends with .json")
-    check_drawn(asked.picture, asked.video, asked.html)
-    order: Any = "finder" if asked.planner == "two-stage" else asked.planner
+    order: Any = "finder" if planner == "two-stage" else planner
     rule: Scorer = Rule()
-    if asked.policy is not None:
+    if policy is not None:
         if order == "random":
             raise InvalidInput("--policy: expected none with --planner random, which has no scores")
         from stancekit.learners.leaps.scorer import LeapScorer
 
-        rule = LeapScorer.read(asked.policy)
-    return LeapFinder(order=order, rule=rule, share=0.8 if asked.reserve else 1.0)
-
-
-def _check_unused(asked: PlanCourse) -> None:
-    """Raise InvalidInput for an option that was given and that a leap has no use for."""
-    between = asked.between
-    for of in (asked, between, between.file, between.footholds):
-        plain: Any = type(asked)(course="") if of is asked else cast(Any, type(of))()
-        for name, value in vars(plain).items():
-            if (of is asked and name in USES) or is_dataclass(value) or getattr(of, name) == value:
-                continue
-            option = name.replace("_", "-")
-            raise InvalidInput(f"--{option}: expected none with a leap, got {getattr(of, name)}")
+        rule = LeapScorer.read(policy)
+    return LeapFinder(order=order, rule=rule, share=0.8 if reserve else 1.0)
 
 
 def _reason(outcome: Answer[LeapPlan]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.plan import Plan
     from stancekit.planners.problem import Problem
-    from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.search.answer import Planner
+    from stancekit.planners.search.plan_settings import PlanSettings
     from stancekit.planners.verify import Report
 
 SETTINGS = (
@@ -50,6 +50,21 @@ SETTINGS = (
     "time_limit_s",
 )
 """What a planner's complaint may begin with that is an option here."""
+OF_LEAP = (
+    "course",
+    "planner",
+    "policy",
+    "robot",
+    "reserve",
+    "time_limit_s",
+    "out",
+    "proof",
+    "picture",
+    "video",
+    "html",
+    "json",
+)
+"""Options that a leap has a use for; any other is refused."""
 
 
 @dataclass
@@ -69,6 +84,9 @@ class PlanCourse:
       stancekit plan rubble.stl --start 0,0 --goal 2,0.5 --robot go1.urdf
       stancekit verify climb.json
       stancekit plan leap-hard:0 --out leap.json --picture leap.png
+
+    Over a terrain with a gap that key frames do not cross, a robot whose URDF has limits of its
+    joints' torque and speed leaps: key frames, a leap, key frames, in one file.
 
     A plan that is found has been accepted by a verifier that knows nothing of planners: every
     stance of every key frame, and the way between. status is feasible, infeasible (with a proof
@@ -172,12 +190,10 @@ class PlanCourse:
         from stancekit.planners.formats.proof_file import write_proof
 
         if is_leap_file(self.course):
-            from .leap_plan import plan_leap
-
-            return plan_leap(self)
+            return self._leap()
         begin = time.perf_counter()
         self._check()
-        planner, limits = self._planner(), self._limits()
+        planner = self._planner()
         title = f"plan {Path(self.course).stem} by {self.planner}"
         with progress(title) as show, self.between.in_options():
             question = self.between.question(self.course, self.frames, self.robot, self.reach)
@@ -190,13 +206,16 @@ class PlanCourse:
                     question,
                     planner,
                     **what,
-                    body=limits,
-                    push_n=self.push_n,
-                    wrench=wrench_numbers(self.wrench),
+                    settings=self._settings(),
                     time_limit_s=left_s,
                     progress=show,
-                    checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
                 )
+        from stancekit.planners.answer.crossing import Crossing
+
+        if isinstance(outcome.solution, Crossing):
+            from .crossing_plan import report_crossing
+
+            return report_crossing(self, cast("Answer[Crossing]", outcome))
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)
@@ -224,12 +243,61 @@ class PlanCourse:
                 )
         return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
 
-    def _limits(self) -> WholeBodyLimits:
-        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+    def _leap(self) -> int:
+        """Plan a leap; InvalidInput is raised for options that it has no use for."""
+        from stancekit.planners.files.writing import check_writable
 
-        with as_options("torque_nm", "torque_share", "clearance_m"):
-            return WholeBodyLimits(
-                torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
+        from .leap_plan import leap_finder, plan_leap
+
+        self._check_of_leap()
+        for path in (self.out, self.proof):
+            if path is not None:
+                check_writable(path)
+                if path.suffix != ".json":
+                    raise InvalidInput(f"{path}: expected a file whose name ends with .json")
+        check_drawn(self.picture, self.video, self.html)
+        return plan_leap(
+            self.course,
+            self.robot,
+            leap_finder(self.planner, self.policy, reserve=self.reserve),
+            time_limit_s=self.time_limit_s,
+            out_file=self.out,
+            proof=self.proof,
+            pictures=(self.picture, self.video, self.html),
+            json=self.json,
+        )
+
+    def _check_of_leap(self) -> None:
+        """Raise InvalidInput for an option that was given and that a leap has no use for."""
+        between = self.between
+        for of in (self, between, between.file, between.footholds):
+            plain: Any = PlanCourse(course="") if of is self else cast("Any", type(of))()
+            for name, value in vars(plain).items():
+                unused = is_dataclass(value) or getattr(of, name) == value
+                if unused or (of is self and name in OF_LEAP):
+                    continue
+                option = name.replace("_", "-")
+                raise InvalidInput(
+                    f"--{option}: expected none with a leap, got {getattr(of, name)}"
+                )
+
+    def _settings(self) -> PlanSettings:
+        """What the options say that a plan has to keep and to bear.
+
+        Raises InvalidInput.
+        """
+        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+        from stancekit.planners.search.plan_settings import PlanSettings
+
+        with as_options("torque_nm", "torque_share", "clearance_m", "push_n", "wrench"):
+            return PlanSettings(
+                body=WholeBodyLimits(
+                    torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
+                ),
+                push_n=self.push_n,
+                wrench=wrench_numbers(self.wrench),
+                standing=self.between.map,
+                checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
             )
 
     def _outputs(self) -> list[Path]:
@@ -247,9 +315,7 @@ class PlanCourse:
         check_planner(self, "planner", COURSE_METHODS, "courses")
         if self.policy is not None:
             raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
-        self._limits()
-        with as_options("wrench"):
-            wrench_numbers(self.wrench)
+        self._settings()
         if self.relaxation not in (None, "envelope"):  # as plans had p1
             from stancekit.planners.relaxation.table import RELAXATIONS
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 
 from .console import emit, out, progress
 from .names import DISTRIBUTION, ROBOT, TERRAIN
@@ -54,9 +54,7 @@ class TrainProposers:
                 train_proposers,
             )
         except ModuleNotFoundError as error:
-            raise InvalidInput(
-                f"proposers need {error.name}, got none: pip install 'stancekit[rl]'"
-            ) from None
+            raise not_installed("proposers", error.name, "networks", "rl") from None
         from stancekit.envs.distributions.postures import distribution
         from stancekit.planners.files.documents import read_yaml
         from stancekit.planners.files.validation import validated

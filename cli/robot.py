@@ -85,7 +85,7 @@ class ShowRobot:
 
         Raises InvalidInput for an option.
         """
-        from stancekit.planners.errors import InvalidInput
+        from stancekit.planners.errors import InvalidInput, install_command
         from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
         from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
 
@@ -102,9 +102,7 @@ class ShowRobot:
             return 0
         table = _columns("robot", "URDF from", "")
         for name, source, there in rows:
-            table.add_row(
-                name, source, "" if there else f"pip install 'stancekit[{PROVIDERS[source][1]}]'"
-            )
+            table.add_row(name, source, "" if there else install_command(PROVIDERS[source][1]))
         out.print(table)
         return 0
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.table import Table
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 
 from .console import emit, out, stages
 from .names import ROBOT, TERRAIN
@@ -62,9 +62,7 @@ class Train:
             from stancekit.learners.training.reinforce import train
             from stancekit.learners.training.train_config import TrainConfig
         except ModuleNotFoundError as error:
-            raise InvalidInput(
-                f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing"
-            ) from None
+            raise not_installed("train", error.name, "networks", "rl") from None
         options = {
             "steps": self.steps,
             "seed": self.seed,

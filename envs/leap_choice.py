@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -44,18 +44,9 @@ INFO: Mapping[str, int | float] = {
 """``info`` before anything was tried."""
 
 
-class LeapChoiceOptions(TypedDict, total=False):
-    """Keywords of ``LeapChoiceEnv``; its page has their meaning."""
-
-    problem: str
-    scenes: str | Path | None
-    tries: int
-    solves: int
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeapChoiceSettings:
-    """``LeapChoiceOptions`` with their defaults.
+    """Keywords of ``LeapChoiceEnv``; its page has their meaning.
 
     Raises InvalidInput.
     """
@@ -168,9 +159,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
 
-    def __init__(
-        self, *, render_mode: str | None = None, **options: Unpack[LeapChoiceOptions]
-    ) -> None:
+    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         self._settings = settings_from(LeapChoiceSettings, options, beside=("render_mode",))
         self._class = leap_class(self._settings.problem)

@@ -5,7 +5,7 @@ proved to be none.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -26,7 +26,7 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 from .episodes import check_options, checked_render_mode, checked_seed
 from .margins import margin_info
 from .sampling import MAX_DRAWS
-from .scene_sources import ProblemSource, SceneOptions, SceneSettings
+from .scene_sources import ProblemSource, SceneSettings
 from .scenes import LabelledScene
 from .selection_task import VERTICES, scene_space
 
@@ -35,17 +35,9 @@ _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
 _COUNT_UNIT = 64.0  # depths and numbers of open boxes are told in this unit
 
 
-class RefinementOptions(SceneOptions, total=False):
-    """Keywords of ``EnvelopeRefinementEnv`` beside its problem; its page has their meaning."""
-
-    projection: Projection
-    budget: int
-    programs: Programs | None
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RefinementSettings(SceneSettings):
-    """``RefinementOptions`` with their defaults.
+    """Keywords of ``EnvelopeRefinementEnv`` beside its problem; its page has their meaning.
 
     Raises InvalidInput.
     """
@@ -144,7 +136,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         problem: ProblemSource = "wall-3",
         *,
         render_mode: str | None = None,
-        **options: Unpack[RefinementOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         settings = settings_from(RefinementSettings, options, beside=("problem", "render_mode"))

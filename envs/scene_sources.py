@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
@@ -21,22 +20,10 @@ ProblemSource = str | Sampler | SceneKind
 elsewhere."""
 
 
-class SceneOptions(TypedDict, total=False):
-    """Keywords of the environments beside their problem: where scenes are from, and whether margins
-    are measured.
-    """
-
-    robot: str | Path | None
-    terrain: str | Path | None
-    balanced: bool
-    scenes: SceneSource | str | Path | None
-    margins: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneSettings:
-    """``SceneOptions`` with their defaults; the page of ``EnvelopeSelectionEnv`` has their
-    meaning.
+    """Keywords of the environments beside their problem: where scenes are from, and whether margins
+    are measured; the page of ``EnvelopeSelectionEnv`` has their meaning.
     """
 
     robot: str | Path | None = None

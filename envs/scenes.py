@@ -109,6 +109,13 @@ class ListedScenes:
     """Given scenes in their order, over and over; for evaluation."""
 
     def __init__(self, scenes: Sequence[LabelledScene]) -> None:
+        self.deal(scenes)
+
+    def deal(self, scenes: Sequence[LabelledScene]) -> None:
+        """Hand out these from now on.
+
+        Raises InvalidInput where there are none.
+        """
         if not scenes:
             raise InvalidInput("scenes: expected one or more, got none")
         self._scenes = tuple(scenes)

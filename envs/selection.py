@@ -4,7 +4,7 @@ judges.
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,7 +19,7 @@ from .episodes import check_options, checked_render_mode, checked_seed
 from .reward import RewardWeights as RewardWeights
 from .scene_sources import ProblemSource
 from .scenes import LabelledScene, seen
-from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
+from .selection_task import SelectionSettings, SelectionTask
 
 WINDOW = "stancekit"
 
@@ -124,7 +124,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         problem: ProblemSource = "wall-3",
         *,
         render_mode: str | None = None,
-        **options: Unpack[SelectionOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))

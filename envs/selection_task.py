@@ -32,7 +32,7 @@ from stancekit.planners.verify import check_postures
 
 from .margins import margin_info
 from .reward import USUAL, Judged, RewardWeights, Term, weighted
-from .scene_sources import ProblemSource, SceneOptions, SceneSettings
+from .scene_sources import ProblemSource, SceneSettings
 from .scenes import LabelledScene
 
 VERTICES = 3
@@ -81,23 +81,10 @@ Asked = tuple[tuple[Envelope, ...], Array | None]
 """Boxes, and for relaxations about a point that of the one."""
 
 
-class SelectionOptions(SceneOptions, total=False):
-    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has
-    their meaning.
-    """
-
-    boxes: int
-    library: EnvelopeSet | str | Path | None
-    relaxation: str
-    projections: Sequence[Projection]
-    weights: RewardWeights | Mapping[str, float]
-    backend: Backend
-    timing: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SelectionSettings(SceneSettings):
-    """``SelectionOptions`` with their defaults.
+    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has
+    their meaning.
 
     Raises InvalidInput for what does not go together.
     """

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -29,7 +29,6 @@ from .episodes import check_options, checked_render_mode, checked_seed
 from .margins import margin_info
 from .traverse_setup import (
     Courses,
-    TraverseOptions,
     TraverseSettings,
     check_selectors,
     course_source,
@@ -153,7 +152,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         courses: Courses = ("stairs", "walls", "ground-to-wall"),
         *,
         render_mode: str | None = None,
-        **options: Unpack[TraverseOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         check_argument("courses", courses, Courses)

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
-from typing import Any, Protocol, TypedDict
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -91,30 +92,9 @@ def path_length_m(course: Problem) -> float:
     return length if length > 1e-9 else 1.0
 
 
-class TraverseOptions(TypedDict, total=False):
-    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning."""
-
-    frames: int | None
-    horizon: int
-    amount: float
-    envelopes: Sequence[Boxes] | None
-    planners: Sequence[Planner] | None
-    weights: TraverseWeights | Mapping[str, float]
-    patience: int
-    limbs: int | None
-    regions: int | None
-    corners: int
-    robot: str | Path | None
-    terrain: str | Path | None
-    executor: Executor | None
-    programs: Programs | None
-    timing: bool
-    margins: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraverseSettings:
-    """``TraverseOptions`` with their defaults.
+    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning.
 
     Raises InvalidInput for what is out of range or does not go together.
     """
@@ -182,7 +162,9 @@ def course_source(
             raise InvalidInput(
                 "robot, terrain: expected none where courses is a function, which has its own"
             )
-        return WithFooting(courses), _features(settings, limbs=len(hexapod().limbs), regions=0)
+        return partial(with_footing, courses), _features(
+            settings, limbs=len(hexapod().limbs), regions=0
+        )
     specs = [_spec(course, robot, terrain) for course in courses]
     if settings.frames is not None:
         specs = [spec.with_frames(settings.frames) for spec in specs]
@@ -190,7 +172,7 @@ def course_source(
         raise InvalidInput("courses: expected one or more, got none")
     most = max(spec.candidates.most for spec in specs)
     features = _features(settings, limbs=max(_limbs(spec) for spec in specs), regions=most)
-    return WithFooting(Perturbed(specs=tuple(specs), amount=settings.amount)), features
+    return Perturbed(specs=tuple(specs), amount=settings.amount), features
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,30 +185,27 @@ class Perturbed:
     def __call__(self, rng: np.random.Generator) -> Problem:
         """Draw one.
 
-        Raises NoFooting.
+        Raises PlanningFailed where none of many draws has footing for every toe.
         """
+        return with_footing(self._one, rng)
+
+    def _one(self, rng: np.random.Generator) -> Problem:
         return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
 
 
-@dataclass(frozen=True, eq=False)
-class WithFooting:
-    """Source that draws again where a scene of a family has nothing for some toe."""
+def with_footing(draw: CourseSource, rng: np.random.Generator) -> Problem:
+    """Draw a course, again where a scene of a family has nothing for some toe.
 
-    draw: CourseSource
-
-    def __call__(self, rng: np.random.Generator) -> Problem:
-        """Draw a course.
-
-        Raises PlanningFailed after DRAWS.
-        """
-        for _ in range(DRAWS):
-            try:
-                return self.draw(rng)
-            except NoFooting as error:
-                refused = error
-        raise PlanningFailed(
-            f"no course in {DRAWS} draws with footing for every toe; the last: {refused}"
-        )
+    Raises PlanningFailed after DRAWS.
+    """
+    for _ in range(DRAWS):
+        try:
+            return draw(rng)
+        except NoFooting as error:
+            refused = error
+    raise PlanningFailed(
+        f"no course in {DRAWS} draws with footing for every toe; the last: {refused}"
+    )
 
 
 def _features(settings: TraverseSettings, *, limbs: int, regions: int) -> CourseFeatures:
@@ -269,8 +248,7 @@ def _spec(
 
 
 def _limbs(spec: CourseSpec) -> int:
-    model = spec.robot_model()
-    return len(spec.make_robot().limbs) if model is None else len(model.legs)
+    return len(spec.make_robot().limbs)
 
 
 def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
@@ -292,13 +270,14 @@ def check_selectors(planners: Sequence[Planner], source: CourseSource) -> None:
 
     Of a function, nobody knows before it draws.
     """
-    draw = source.draw if isinstance(source, WithFooting) else source
+    if not isinstance(source, Perturbed):
+        return
     for planner in planners:
-        if isinstance(planner, SelectorPlanner) and isinstance(draw, Perturbed):
+        if isinstance(planner, SelectorPlanner):
             refused = [
-                error for spec in draw.specs if (error := _refusal(planner, spec)) is not None
+                error for spec in source.specs if (error := _refusal(planner, spec)) is not None
             ]
-            if len(refused) == len(draw.specs):
+            if len(refused) == len(source.specs):
                 raise InvalidInput(
                     f"envelopes: expected a selector for the courses, got another: {refused[0]}"
                 )

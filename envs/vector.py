@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -33,7 +33,7 @@ from .episodes import check_options, checked_mask, checked_render_mode, checked_
 from .scene_sources import ProblemSource
 from .scenes import LabelledScene, all_seen
 from .selection import picture
-from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
+from .selection_task import SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]
@@ -71,7 +71,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         *,
         workers: int = 1,
         render_mode: str | None = None,
-        **options: Unpack[SelectionOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         checked_int(num_envs, "num_envs", least=1)
@@ -353,7 +353,7 @@ class _Worker:
             self._process.terminate()
 
 
-def _made(problem: ProblemSource, options: SelectionOptions, size: int) -> _Batch:
+def _made(problem: ProblemSource, options: dict[str, Any], size: int) -> _Batch:
     return _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
 
 

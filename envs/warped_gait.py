@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -23,8 +23,9 @@ from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import GaitRobot, anymal
-from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import walker_from
 
 from .distributions.walks import SampledTasks, Tasks
 from .episodes import check_options, checked_render_mode, checked_seed
@@ -54,26 +55,14 @@ class GaitRewardWeights:
         check_numbers(self, finite=self.__dataclass_fields__)
 
 
-class GaitOptions(TypedDict, total=False):
-    """Keywords of ``WarpedGaitEnv`` beside its terrain; its page has their meaning."""
-
-    robot: GaitRobot | str | Path | None
-    tasks: Tasks | None
-    charts: Sequence[str] | None
-    settings: GaitSettings | Mapping[str, Any]
-    weights: GaitRewardWeights | Mapping[str, float]
-    timing: bool
-    pool: int | str | Path | None
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitEnvSettings:
-    """``GaitOptions`` with their defaults.
+    """Keywords of ``WarpedGaitEnv`` beside its terrain; its page has their meaning.
 
     Raises InvalidInput for what does not go together.
     """
 
-    robot: GaitRobot | str | Path | None = None
+    robot: Robot | str | Path | None = None
     tasks: Tasks | None = None
     charts: Sequence[str] | None = None
     settings: GaitSettings | Mapping[str, Any] = OPTIMISER
@@ -204,7 +193,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | terrain | 'mixed' | a family, "any" of them, "mixed" smooth ones, a name of `TERRAINS`, or "FILE.py:NAME" |
-    | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; `anymal-boxes` where None |
+    | robot | None | a built-in name, a URDF, a YAML file, or a ``Robot``; `anymal-boxes` where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | settings of the optimiser, with the limit of every stage; or a mapping |
@@ -225,14 +214,14 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         terrain: str = "mixed",
         *,
         render_mode: str | None = None,
-        **options: Unpack[GaitOptions],
+        **options: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         check_argument("terrain", terrain, str)
         settings = settings_from(GaitEnvSettings, options, beside=("terrain", "render_mode"))
         charts = CHARTS.names() if settings.charts is None else tuple(settings.charts)
         robot = settings.robot or anymal()
-        walker = robot if isinstance(robot, GaitRobot) else named_walker(robot)
+        walker = walker_from(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
         self._weights, self._timing = settings.rewards, bool(settings.timing)

@@ -50,6 +50,25 @@ class TimeEnded(StancekitError):
     """
 
 
+def not_installed(where: str, package: str | None, use: str, extra: str) -> InvalidInput:
+    """The refusal of what needs a package that is not installed, with the command that installs it.
+
+    Arguments:
+        where: the option, the file, or the part of Stancekit that needs it.
+        package: the package.
+        use: what it is needed for.
+        extra: the extra of Stancekit that installs it.
+    """
+    return InvalidInput(
+        f"{where}: expected {package} for {use}, it is not installed: {install_command(extra)}"
+    )
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an extra, quoted for every shell."""
+    return f'pip install "stancekit[{extra}]"'
+
+
 def check_time(deadline: float) -> None:
     """Raise TimeEnded after a deadline (``time.perf_counter()``)."""
     if time.perf_counter() > deadline:

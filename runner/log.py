@@ -26,7 +26,7 @@ from typing import IO, Any, Protocol, Self
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import decoded, parse_json, read_bytes
 from stancekit.planners.files.validation import shown
@@ -98,9 +98,7 @@ class McapLog:
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
         if find_spec("mcap") is None:
-            raise InvalidInput(
-                "--log: expected mcap, it is not installed: pip install 'stancekit[log]'"
-            )
+            raise not_installed("--log", "mcap", "logs of runs", "log")
         self._path, self._clock = Path(path), clock
         self._target = self._place = check_writable(path)
         self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
@@ -254,9 +252,7 @@ def read_log(path: str | Path) -> Recorded:
         from mcap.records import Channel, Chunk, Footer
         from mcap.records import Message as Raw
     except ImportError:
-        raise InvalidInput(
-            f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'"
-        ) from None
+        raise not_installed(str(path), "mcap", "logs of runs", "log") from None
     messages, topics, whole = list[Message](), dict[int, str](), False
     for record in _records(path):
         if isinstance(record, Footer):

@@ -16,6 +16,8 @@ from typing import Any
 
 import pytest
 
+from stancekit.planners.errors import not_installed
+
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
 """Each is the package of its name, but api, which is the root."""
@@ -374,3 +376,18 @@ def test_arguments_have_a_line_each() -> None:
         for each in inline_arguments(path.read_text())
     ]
     assert prose == [], prose
+
+
+def test_one_function_words_what_is_not_installed() -> None:
+    wordings = sorted(
+        str(path)
+        for path in modules()
+        if "pip install " in (ROOT / path).read_text(encoding="utf-8")
+    )
+    no_extra = "learners/training/reinforce.py"  # has TensorBoard
+    assert wordings == [no_extra, "planners/errors.py"]
+    error = not_installed("stairs.pcd", "pypcd4", ".pcd clouds", "terrain")
+    assert str(error) == (
+        "stairs.pcd: expected pypcd4 for .pcd clouds, it is not installed: "
+        'pip install "stancekit[terrain]"'
+    )

@@ -19,7 +19,7 @@ from matplotlib.colors import to_rgb as rgb
 from matplotlib.colors import to_rgba
 from PIL import Image
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
@@ -345,9 +345,7 @@ def _mujoco() -> Any:
     try:
         return import_module("mujoco")
     except ImportError:
-        raise InvalidInput(
-            "video: expected MuJoCo; install it with pip install 'stancekit[film]'"
-        ) from None
+        raise not_installed("video", "MuJoCo", "frames", "film") from None
 
 
 @DEFAULT_STYLE

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, install_command, not_installed
 from stancekit.planners.files.writing import check_writable, write_bytes
 
 from .scene import Animation
@@ -124,12 +124,13 @@ def viser_module() -> Any:
 
     Raises InvalidInput where it is missing or too old to write pages.
     """
-    hint = "install it with pip install 'stancekit[viz]'"
     try:
         module = import_module("viser")
         infra = import_module("viser.infra")
     except ImportError:
-        raise InvalidInput(f"page: expected viser; {hint}") from None
+        raise not_installed("page", "viser", "pages", "viz") from None
     if not hasattr(infra.StateSerializer, "as_html"):
-        raise InvalidInput(f"page: expected viser 1.1 or newer, got {module.__version__}; {hint}")
+        raise InvalidInput(
+            f"page: expected viser 1.1 or newer, got {module.__version__}: {install_command('viz')}"
+        )
     return module

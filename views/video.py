@@ -12,7 +12,7 @@ from tempfile import TemporaryFile
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.writing import check_writable, failure_of, replaced
 
 Frame = NDArray[np.uint8]
@@ -148,6 +148,4 @@ def _ffmpeg() -> str:
     try:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ImportError, RuntimeError):
-        raise InvalidInput(
-            "video: expected ffmpeg; install it with pip install 'stancekit[film]'"
-        ) from None
+        raise not_installed("video", "ffmpeg", "films", "film") from None

@@ -70,7 +70,7 @@ SECTIONS = (
     Section(
         "Walkers",
         "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
-        values=("planners.robot.single_body:GaitRobot",),
+        values=("planners.robot.single_body:WalkerKeys",),
     ),
     Section(
         "Actuators",
@@ -151,14 +151,12 @@ INTERNAL = {
     "learners.evaluation.bench:_Row": "rows that a bench keeps between runs",
     "learners.proposers.proposer:_Header": "metadata of weights",
     "learners.surrogates.surrogate:_Header": "metadata of weights",
-    "learners.selectors.tensors:ArchitectureJson": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",
     "learners.selectors.neural:_Header": "metadata of weights",
     "learners.selectors.chooser:_Header": "metadata of weights",
     "learners.selectors.policy:PolicyShape": "metadata of weights",
     "learners.selectors.shipped:Card": "cards of selectors that ship, which a benchmark writes",
     "learners.selectors.shipped:Figure": "cards of selectors that ship, which a benchmark writes",
-    "learners.selectors.shipped:Quotas": "cards of selectors that ship, which a benchmark writes",
     "envs.data.label_plan:Counts": "written by the program into shards",
     "envs.data.ledger:Head": "what headers of data sets share",
     "envs.data.ledger:Tally": "written by the program into shards",

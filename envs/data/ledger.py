@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from pydantic import BaseModel, Field, ValidationError
 
 from stancekit.planners.cached import cached_property
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files import writing
 from stancekit.planners.files.documents import open_file, read_json
 from stancekit.planners.files.validation import shown, validation_errors
@@ -183,9 +183,7 @@ def check_arrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
-        raise InvalidInput(
-            "data set: expected pyarrow, it is not installed: pip install 'stancekit[datasets]'"
-        ) from None
+        raise not_installed("data set", "pyarrow", "rows", "datasets") from None
 
 
 def shard_schema(contacts: int) -> pa.Schema:

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.labelled_posture import LabelledPosture
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.scenes import LabelledScene, SceneKind
+from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
@@ -110,14 +110,15 @@ def export(
         raise InvalidInput(
             "data set: expected rows that are feasible or infeasible with a point, got none"
         )
-    scenes = _Scenes(rows)
+    source = ListedScenes([_scene(rows.row(0))])
     env = EnvelopeSelectionEnv(
-        SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=scenes
+        SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=source
     )
     episodes = []
-    for index in range(len(rows)):
+    for index, row in enumerate(rows.rows()):
+        source.deal([_scene(row)])
         observation, _ = env.reset(seed=0 if index == 0 else None)
-        episodes.append(_episode(minari, env, index, observation, expert_action(scenes.row, room)))
+        episodes.append(_episode(minari, env, index, observation, expert_action(row, room)))
         if progress is not None:
             progress(index + 1, len(rows))
     with replaced(out, folder=True) as partial:
@@ -190,24 +191,14 @@ def load_exported(root: Path) -> Any:
         ) from None
 
 
-class _Scenes:
-    """The rows as scenes, in their order.
-
-    Arguments:
-        row: the one that was drawn last.
-    """
-
-    row: LabelledPosture
-
-    def __init__(self, rows: Dataset) -> None:
-        self._rows = rows.rows()
-
-    def draw(self, rng: np.random.Generator) -> LabelledScene:
-        self.row = row = next(self._rows)
-        feasible = row.status is Status.FEASIBLE
-        return LabelledScene(
-            problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound
-        )
+def _scene(row: LabelledPosture) -> LabelledScene:
+    """The scene of a row."""
+    return LabelledScene(
+        problem=row.problem,
+        feasible=row.status is Status.FEASIBLE,
+        posture=row.posture,
+        lower_bound=row.lower_bound,
+    )
 
 
 def _episode(
@@ -258,8 +249,7 @@ def _minari() -> Any:
             importlib.import_module(name)
         return importlib.import_module("minari")
     except ImportError as error:
-        what = f"export: expected Minari, {error.name} is missing"
-        raise InvalidInput(f"{what}: pip install 'stancekit[datasets]'") from None
+        raise not_installed("export", error.name, "data sets of Minari", "datasets") from None
 
 
 @contextmanager

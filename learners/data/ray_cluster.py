@@ -21,7 +21,7 @@ from typing import Any
 import cloudpickle
 
 from stancekit.envs.data.ledger import software
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 
 from .executor import Answer, ClusterGone, Executor, Task, due
 
@@ -89,7 +89,7 @@ class _Cluster:
 
     def _joined(self) -> _Driver:
         if importlib.util.find_spec("ray") is None:
-            raise InvalidInput("executor: 'ray' needs Ray, got none: pip install 'stancekit[ray]'")
+            raise not_installed("executor", "Ray", "'ray'", "ray")
         if self._driver is None:
             self._driver = _Driver(self._address)
         return self._driver

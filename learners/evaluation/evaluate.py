@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.scenes import LabelledScene, SceneKind
+from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.answer.answer import Status
@@ -222,7 +222,7 @@ class _Player:
         self, learned: Learned, problem_class: str, projections: tuple[Projection, ...]
     ) -> None:
         self._learned, self._problem_class, self._projections = learned, problem_class, projections
-        self._made: tuple[EnvelopeSelectionEnv, _Dealt] | None = None
+        self._made: tuple[EnvelopeSelectionEnv, ListedScenes] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_made": None}
@@ -233,16 +233,18 @@ class _Player:
         All scenes are of the same legs.
         """
         if self._made is None:
-            self._made = self._environment(scenes[0].problem.legs)
+            self._made = self._environment(scenes)
         env, source = self._made
         source.deal(scenes)
         infos = rollout(self._learned.selector, env, len(scenes))
         return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in infos]
 
-    def _environment(self, legs: tuple[str, ...]) -> tuple[EnvelopeSelectionEnv, _Dealt]:
-        source, learned = _Dealt(), self._learned
+    def _environment(
+        self, scenes: Sequence[LabelledScene]
+    ) -> tuple[EnvelopeSelectionEnv, ListedScenes]:
+        source, learned = ListedScenes(scenes), self._learned
         env = EnvelopeSelectionEnv(
-            SceneKind(name=self._problem_class, legs=legs),
+            SceneKind(name=self._problem_class, legs=scenes[0].problem.legs),
             boxes=learned.boxes,
             relaxation=learned.relaxation,
             projections=self._projections,
@@ -250,19 +252,6 @@ class _Player:
             timing=True,
         )
         return env, source
-
-
-class _Dealt:
-    """Scenes that are dealt anew for every chunk."""
-
-    def __init__(self) -> None:
-        self._scenes: list[LabelledScene] = []
-
-    def deal(self, scenes: Sequence[LabelledScene]) -> None:
-        self._scenes = list(reversed(scenes))
-
-    def draw(self, rng: np.random.Generator) -> LabelledScene:
-        return self._scenes.pop()
 
 
 def _lifted(

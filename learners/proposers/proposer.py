@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import torch
@@ -20,13 +20,14 @@ from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.learned import check_learned
 from stancekit.planners.search.canonical import Index
 
 from ..selectors.network import CORNERS, Architecture, as_arrays
-from ..selectors.tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from ..selectors.tensors import load_weights, read_tensors, write_tensors
 from . import proof, witness
 from .network import ProposerNetwork
 from .scenes import Scenes
@@ -157,7 +158,7 @@ class Proposers:
                 f"{path}: expected proposers for {problem_class}, got some for {raw.problem_class}"
             )
         with torch.device("meta"):
-            network = networks(raw.architecture.architecture(path))
+            network = networks(raw.architecture)
         load_weights(network, tensors, path)
         return cls(
             network,
@@ -177,5 +178,5 @@ class _Header(BaseModel):
     robot: str
     force_scale_n: float = Field(gt=0.0)
     length_scale_m: float = Field(gt=0.0)
-    architecture: ArchitectureJson
+    architecture: Annotated[Architecture, ALL_KEYS]
     provenance: dict[str, Any]

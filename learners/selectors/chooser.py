@@ -23,13 +23,14 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.validation import check_fields, validated
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from .network import Architecture, ChoiceNetwork, SceneTensors
-from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from .tensors import load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/chooser/1"
 Progress = Callable[[int, int], None]
@@ -109,7 +110,7 @@ class Chooser(MemorylessPolicy):
                 f"{path}: expected a chooser for {problem_class}, got one for {envelopes.problem_class}"
             )
         with torch.device("meta"):
-            network = ChoiceNetwork(raw.architecture.architecture(path), len(envelopes.envelopes))
+            network = ChoiceNetwork(raw.architecture, len(envelopes.envelopes))
         load_weights(network, tensors, path)
         return cls(network, envelopes)
 
@@ -224,5 +225,5 @@ def _train(
 
 class _Header(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
-    architecture: ArchitectureJson
+    architecture: Annotated[Architecture, ALL_KEYS]
     envelopes: dict[str, Any]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array
 
 from .convergence import Generation
@@ -154,9 +154,7 @@ def extra(module: str) -> Any:
         return importlib.import_module(module)
     except ImportError:
         package = module.split(".")[0]
-        raise InvalidInput(
-            f"{package}: expected this package, got none: pip install 'stancekit[evo]'"
-        ) from None
+        raise not_installed("method", package, "evolution", "evo") from None
 
 
 def _run(

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import torch
-from pydantic import PositiveInt
+from pydantic import Field, PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -36,7 +36,7 @@ Boxes: TypeAlias = tuple[Tensor, Tensor, Tensor]
 
 @dataclass(frozen=True, kw_only=True)
 class Architecture:
-    """Size of a network.
+    """Size of a network; limited, so that a file cannot ask for all memory.
 
     Arguments:
         width: numbers a token.
@@ -45,10 +45,10 @@ class Architecture:
         corner_width: of the patch's pooled features.
     """
 
-    width: PositiveInt = 96
-    layers: PositiveInt = 3
-    heads: PositiveInt = 4
-    corner_width: PositiveInt = 32
+    width: Annotated[PositiveInt, Field(le=1024)] = 96
+    layers: Annotated[PositiveInt, Field(le=32)] = 3
+    heads: Annotated[PositiveInt, Field(le=32)] = 4
+    corner_width: Annotated[PositiveInt, Field(le=1024)] = 32
 
     def __post_init__(self) -> None:
         check_fields(self)

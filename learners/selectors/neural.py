@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -21,14 +21,15 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.validation import validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 from stancekit.planners.relaxation.table import RELAXATIONS
 
-from .network import BoxNetwork, SceneTensors, as_arrays
+from .network import Architecture, BoxNetwork, SceneTensors, as_arrays
 from .neural_training import NeuralSettings, Progress, Trainer, TrainingRows
-from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from .tensors import load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/neural/1"
 STEP, STEPS = 0.004, 8
@@ -129,7 +130,7 @@ class NeuralSelector(MemorylessPolicy):
                 f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}"
             )
         with torch.device("meta"):
-            network = BoxNetwork(raw.architecture.architecture(path))
+            network = BoxNetwork(raw.architecture)
         load_weights(network, tensors, path)
         return cls(
             network,
@@ -311,7 +312,7 @@ class _Header(BaseModel):
     legs: list[str] = Field(min_length=1)
     force_scale_n: float
     length_scale_m: float
-    architecture: ArchitectureJson
+    architecture: Annotated[Architecture, ALL_KEYS]
     calibration: _Calibration
     relaxation: str = "p1"
     provenance: dict[str, Any]

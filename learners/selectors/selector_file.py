@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.documents import decoded, file_or_named, open_file, parse_json
 from stancekit.planners.formats.answer_file import read_envelopes
 
@@ -33,9 +33,7 @@ def load_selector(path: str | Path) -> Learned:
     try:
         return _network(kind, path)
     except ImportError as error:
-        raise InvalidInput(
-            f"{path}: {kind} needs {error.name}, got none: pip install 'stancekit[rl]'"
-        ) from None
+        raise not_installed(str(path), error.name, kind, "rl") from None
 
 
 def _network(kind: str, path: Path) -> Learned:

@@ -6,21 +6,15 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from stancekit.planners.files.codec import KEYS
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.validation import validated
 
-
-class Quotas(BaseModel):
-    """Rows of each label, and the seed of their draws."""
-
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
-    feasible: int
-    infeasible: int
-    seed: int
+from ..data.quota import Quota
 
 
 class Figure(BaseModel):
@@ -55,9 +49,9 @@ class Card(BaseModel):
     legs: list[str]
     sha256: str
     seed: int
-    train: Quotas
-    calibration: Quotas
-    test: Quotas
+    train: Annotated[Quota, KEYS]
+    calibration: Annotated[Quota, KEYS]
+    test: Annotated[Quota, KEYS]
     figures: dict[str, Figure]
     lift: dict[str, Figure]
     limits: list[str]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
@@ -17,8 +16,6 @@ from torch import Tensor, nn
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import open_file, parse_json
 from stancekit.planners.files.writing import write_bytes
-
-from .network import Architecture
 
 KEY = "stancekit"
 """The one key of a file's metadata, which holds the JSON header with its ``format``; several have
@@ -110,25 +107,3 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | 
     if any(value.is_meta for value in network.state_dict().values()):
         network.to_empty(device="cpu")
     network.load_state_dict(tensors)
-
-
-class ArchitectureJson(BaseModel):
-    """``Architecture`` as files have it; sizes are limited, so that a file cannot ask for all
-    memory.
-    """
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-    width: int = Field(ge=1, le=1024)
-    layers: int = Field(ge=1, le=32)
-    heads: int = Field(ge=1, le=32)
-    corner_width: int = Field(ge=1, le=1024)
-
-    def architecture(self, path: str | Path) -> Architecture:
-        """The value.
-
-        Raises InvalidInput, naming the file, for sizes that do not go together.
-        """
-        try:
-            return Architecture(**self.model_dump())
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: architecture: {error}") from None

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -21,11 +21,13 @@ from pydantic import BaseModel, ConfigDict
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.learned import check_learned
 
-from ..selectors.tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from ..selectors.network import Architecture
+from ..selectors.tensors import load_weights, read_tensors, write_tensors
 from .calibration import CONFIDENCE, KINDS, checked_error, thresholds
 from .features import Features, Seer
 from .likeness import ALARM, BINS, Likeness
@@ -300,7 +302,7 @@ class Surrogate:
                 f"{path}: tensors likeness.*: expected {columns} histograms per class"
             )
         with torch.device("meta"):
-            network = SurrogateNetwork(raw.architecture.architecture(path))
+            network = SurrogateNetwork(raw.architecture)
         load_weights(network, weights, path)
         surrogate = cls(
             network,
@@ -325,7 +327,7 @@ class _Header(BaseModel):
     like: dict[str, Any]
     robot: str
     digest: str
-    architecture: ArchitectureJson
+    architecture: Annotated[Architecture, ALL_KEYS]
     provenance: dict[str, Any]
 
 

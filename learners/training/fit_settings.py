@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import check_fields, shown, typed
 
 from ..data.executor import Executor
@@ -179,6 +179,4 @@ class FitRequest:
 
 def missing(method: str, error: ImportError) -> InvalidInput:
     """Refusal of a method that needs a package which is not installed."""
-    return InvalidInput(
-        f"method: {method!r} needs {error.name}, got none: pip install 'stancekit[rl]'"
-    )
+    return not_installed("method", error.name, repr(method), "rl")

@@ -14,7 +14,7 @@ from typing import Any, Generic, Literal, get_args
 import clarabel
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.arrays import Array
 from .columns import Columns
 from .conic_solution import ConicSolution, ConicStatus, Solved
@@ -138,8 +138,7 @@ def check_device(device: Device) -> None:
     try:
         import moreau
     except ModuleNotFoundError:
-        message = "backend: expected Moreau for batches, it is not installed: pip install 'stancekit[moreau]'"
-        raise InvalidInput(message) from None
+        raise not_installed("backend", "Moreau", "batches", "moreau") from None
     if not moreau.device_available(device):
         why = (
             moreau.device_error(device)

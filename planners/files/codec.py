@@ -189,22 +189,29 @@ def key_of(hint: Any, *, whole: bool = True) -> Any:
 
 
 class _Keys:
-    """Metadata of a field of a pydantic model that is a value, read by its class's keys; not all
-    have to be there.
+    """Metadata of a field of a pydantic model that is a value, read by its class's keys.
+
+    Arguments:
+        whole: all keys have to be there.
     """
+
+    def __init__(self, *, whole: bool) -> None:
+        self._whole = whole
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         def read(data: Any, of_keys: core_schema.ValidatorFunctionWrapHandler) -> Any:
             return data if isinstance(data, kind) else of_keys(data)
 
         written = core_schema.plain_serializer_function_ser_schema(to_json)
-        keys = handler.generate_schema(key_of(kind, whole=False))
+        keys = handler.generate_schema(key_of(kind, whole=self._whole))
         return core_schema.no_info_wrap_validator_function(read, keys, serialization=written)
 
 
-KEYS = _Keys()
-"""``Annotated[Class, KEYS]`` in a pydantic model: a value of that class by its keys, or as it
-is."""
+KEYS = _Keys(whole=False)
+"""``Annotated[Class, KEYS]`` in a pydantic model: a value of that class by its keys, or as it is;
+keys that are not there have their defaults."""
+ALL_KEYS = _Keys(whole=True)
+"""The same where all keys have to be there."""
 NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 """What the reference of keys says of arrays, of whatever shape."""
 

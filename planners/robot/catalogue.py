@@ -7,7 +7,7 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from ..errors import InvalidInput
+from ..errors import not_installed
 
 PROVIDERS = {
     "example-robot-data": ("cmeel.prefix/share/example-robot-data/robots", "robots"),
@@ -38,10 +38,7 @@ def provided(provider: str, robot: str) -> Path:
     """
     folder = provider_folder(provider)
     if folder is None:
-        raise InvalidInput(
-            f"robot: {robot} needs the URDF of {provider}, which is not installed: "
-            f"pip install 'stancekit[{PROVIDERS[provider][1]}]'"
-        )
+        raise not_installed("robot", provider, f"the URDF of {robot}", PROVIDERS[provider][1])
     return folder
 
 

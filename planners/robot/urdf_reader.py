@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.arrays import LARGEST
 from ..files.documents import parse_xml
 from ..files.validation import shown
@@ -177,9 +177,7 @@ def pinocchio() -> Any:
     try:
         import pinocchio as module
     except ImportError:
-        raise InvalidInput(
-            "joints: expected pinocchio for URDFs and joint angles, it is not installed: pip install 'stancekit[kin]'"
-        ) from None
+        raise not_installed("joints", "pinocchio", "URDFs and joint angles", "kin") from None
     return module
 
 
@@ -191,8 +189,7 @@ def coal() -> Any:
     try:
         import coal as module
     except ImportError:
-        message = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
-        raise InvalidInput(message) from None
+        raise not_installed("bodies", "coal", "collisions", "kin") from None
     return module
 
 

@@ -19,7 +19,7 @@ from ..answer.answer import Answer
 from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.arrays import checked, checked_choice
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
@@ -65,7 +65,7 @@ class MicpPlanner(TimeLimited):
     ) -> None:
         checked_choice(solver, "solver", SOLVERS)
         if util.find_spec(SOLVERS[solver][0]) is None:
-            raise InvalidInput(f"solver: {solver} is not installed: pip install 'stancekit[exact]'")
+            raise not_installed("solver", SOLVERS[solver][0], repr(solver), "exact")
         cones_of(grid, solver)
         PROJECTIONS.get(projection)
         if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:

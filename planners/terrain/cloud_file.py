@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.archive import array_of
 from ..files.arrays import Array
 from ..files.documents import read_bytes
@@ -60,9 +60,7 @@ def _of_pcd(content: bytes, path: Path) -> Array:
     try:
         from pypcd4.pypcd4 import PointCloud
     except ImportError:
-        raise InvalidInput(
-            f"{path}: .pcd clouds need pypcd4: pip install 'stancekit[terrain]'"
-        ) from None
+        raise not_installed(str(path), "pypcd4", ".pcd clouds", "terrain") from None
     head = content[:4096]
     declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
     if declared and int(declared[1]) > min(MOST_POINTS, 40 * len(content)):

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from ..errors import InvalidInput
+from ..errors import not_installed
 from ..files.arrays import Array
 from .certainty import Certainty
 from .convex_pieces import convex_pieces
@@ -45,9 +45,7 @@ def shapely_module() -> Any:
     try:
         import shapely
     except ImportError:
-        raise InvalidInput(
-            "terrain: facets need shapely: pip install 'stancekit[terrain]'"
-        ) from None
+        raise not_installed("terrain", "shapely", "facets", "terrain") from None
     return shapely
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.archive import array_of, unpacked
 from ..files.arrays import Array, checked
 from ..files.documents import decoded, read_bytes
@@ -109,9 +109,7 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
     try:
         from PIL import Image
     except ImportError:
-        raise InvalidInput(
-            f"{path}: .png terrains need Pillow: pip install 'stancekit[terrain]'"
-        ) from None
+        raise not_installed(str(path), "Pillow", ".png terrains", "terrain") from None
     if height_m is None:
         raise InvalidInput(
             f"{path}: expected height_m with a .png, the heights of black and white [m], got none"

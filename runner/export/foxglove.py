@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array
 
 if TYPE_CHECKING:
@@ -52,9 +52,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise InvalidInput(
-            "foxglove: expected mcap, it is not installed: pip install 'stancekit[log]'"
-        ) from None
+        raise not_installed("foxglove", "mcap", "logs of Foxglove", "log") from None
     table = moved.table
     known = table.known()
     with path.open("wb") as stream:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stancekit.planners.answer.motion_table import OF_JOINTS
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 
 if TYPE_CHECKING:
     from .moved import Moved
@@ -57,7 +57,5 @@ def _rerun() -> Any:
     try:
         import rerun
     except ImportError:
-        raise InvalidInput(
-            "rerun: expected Rerun's package, it is not installed: pip install 'stancekit[rerun]'"
-        ) from None
+        raise not_installed("rerun", "rerun-sdk", "recordings of Rerun", "rerun") from None
     return rerun

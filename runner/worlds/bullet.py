@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array, cross
 
 from .contact import points
@@ -35,8 +35,8 @@ class BulletWorld(SimulatedWorld):
         try:
             import pybullet
         except ImportError:
-            raise InvalidInput(
-                "world: expected PyBullet, it is not installed: pip install 'stancekit[bullet]' (Linux, Python 3.11)"
+            raise not_installed(
+                "world", "PyBullet", "bullet (Linux, Python 3.11)", "bullet"
             ) from None
         self._bullet: Any = pybullet
         self.body = simulated_body(  # PyBullet knows no rotors

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array, cross
 
 from .contact import points
@@ -46,9 +46,7 @@ def mujoco_module() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InvalidInput(
-            "world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'"
-        ) from None
+        raise not_installed("world", "MuJoCo", "simulations", "mujoco") from None
     return mujoco
 
 

@@ -22,7 +22,8 @@ def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
     held = bent = 0
     for problem in stancekit.sample("wall-3", count=12, rng=2):
         straight, answer = (
-            stancekit.plan(problem, robot="hexapod", body=body) for body in (STRAIGHT, TORQUE)
+            stancekit.plan(problem, robot="hexapod", settings=stancekit.PlanSettings(body=body))
+            for body in (STRAIGHT, TORQUE)
         )
         assert (answer.certificate is None) == (straight.certificate is None)
         held += straight.status.value == "feasible"
@@ -71,7 +72,9 @@ def test_a_posture_of_some_legs_of_a_file_is_bent_saved_and_read(tmp_path: Path)
 def test_a_file_of_a_posture_takes_the_robot_too(tmp_path: Path) -> None:
     problem = stancekit.sample("wall-3", rng=0)[0]
     stancekit.save(problem, tmp_path / "posture.json")
-    answer = stancekit.plan(tmp_path / "posture.json", robot="hexapod", body=TORQUE)
+    answer = stancekit.plan(
+        tmp_path / "posture.json", robot="hexapod", settings=stancekit.PlanSettings(body=TORQUE)
+    )
     assert answer.status.value == "feasible"
     assert answer.solution.joints_rad is not None
 

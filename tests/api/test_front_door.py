@@ -147,6 +147,52 @@ def test_old_limits_stand_beside_new_ones(monkeypatch):
     assert seen == [stancekit.WholeBodyLimits(share=0.5, torque_nm=8.0)]
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("body", stancekit.WholeBodyLimits(torque_nm=7.0)),
+        ("push_n", 12.0),
+        ("wrench", (0.0, 0.0, -20.0)),
+        ("checkpoint", "pieces.json"),
+    ],
+)
+def test_what_settings_hold_is_taken_as_an_argument_with_a_warning(name, value, monkeypatch):
+    seen = []
+    monkeypatch.setattr("stancekit.courses.plan_course", lambda *_, **how: seen.append(how))
+    stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(**{name: value}))
+    with pytest.warns(
+        DeprecationWarning, match=rf"^plan\({name}=...\) is old: .*PlanSettings\({name}"
+    ):
+        stancekit.plan("stairs", frames=2, **{name: value})
+    new, old = ({**how, "deadline": None, "kept": bool(how["kept"])} for how in seen)
+    np.testing.assert_equal(old, new)
+
+
+def test_settings_of_a_plan_are_refused_where_they_are_none():
+    for name, value in (
+        ("body", 3),
+        ("push_n", -1.0),
+        ("push_n", "much"),
+        ("wrench", (1.0, 2.0)),
+        ("standing", 3),
+        ("checkpoint", 3),
+    ):
+        refused(f"{name}: ", lambda name=name, value=value: stancekit.PlanSettings(**{name: value}))
+        with pytest.warns(DeprecationWarning, match=r"^plan\("):
+            refused(
+                f"{name}: ",
+                lambda name=name, value=value: stancekit.plan("stairs", frames=2, **{name: value}),
+            )
+    leap = "leap:0"
+    for settings in ({"push_n": 1.0}, {"standing": "map.npz"}, {"checkpoint": "c.json"}):
+        refused(
+            f"{next(iter(settings))}: ",
+            lambda settings=settings: stancekit.plan(
+                leap, settings=stancekit.PlanSettings(**settings)
+            ),
+        )
+
+
 def test_places_are_arrays_or_numbers_that_are_sound():
     over = stancekit.terrain(level())
     found = stancekit.plan(

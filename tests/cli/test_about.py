@@ -28,7 +28,7 @@ def test_it_says_what_is_missing_and_the_command_for_it(
     )
     assert run(About()) == 0
     said = capsys.readouterr().out
-    assert "log        pip install 'stancekit[log]'  (without mcap)" in said
+    assert 'log        pip install "stancekit[log]"  (without mcap)' in said
     assert "CPU-s, 2.00 times the" in said
     assert (
         "emulated at 50% of its pace; answers in 1.0 ms, 30.0 at most, with a period of 20: does NOT keep up"

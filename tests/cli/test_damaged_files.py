@@ -37,7 +37,9 @@ from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files
 
-QUICK = 12
+QUICK, PATIENCE = 4, 12
+"""Files of a reader that are damaged, and as many more until one is refused; the benchmark has
+hundreds."""
 SLOW = ("servos", "ros", "replayed log")
 """Where a file that is sound is run, which takes seconds; ``benchmarks/damaged_files.py`` has
 them."""
@@ -65,7 +67,7 @@ def test_mutated_files_are_taken_for_what_they_are(folder: Path, case: Case) -> 
     )
     verb, doubts = parse(list(case.arguments)), 0
     try:
-        for _ in range(QUICK):
+        while codes.total() < QUICK or (not codes[2] + doubts and codes.total() < PATIENCE):
             content, right = case.damaged(whole, rng)
             path.write_bytes(content)
             code, out, err = said(lambda: run(verb))
@@ -74,7 +76,6 @@ def test_mutated_files_are_taken_for_what_they_are(folder: Path, case: Case) -> 
             doubts += "expected a mesh" in " ".join(out.split())
     finally:
         path.write_bytes(whole)
-    assert codes.total() == QUICK
     assert codes[2] + doubts > 0  # a robot whose mesh is broken is one with a doubt
 
 

@@ -387,10 +387,11 @@ def test_an_installed_package_is_found_by_its_entry_points(
         "walk.json",
         "--json",
     )
-    for terrain in ("our-terrains", "our-height_families:0.3:1"):
-        (answer,) = stancekit("gait", terrain, *raw).records
-        assert answer["attempts"][0]["chart"] == "our-charts"
-        assert stancekit("verify", "walk.json").code == 0
+    (answer,) = stancekit("gait", "our-terrains", *raw).records
+    assert answer["attempts"][0]["chart"] == "our-charts"
+    assert stancekit("verify", "walk.json").code == 0
+    with pytest.warns(DeprecationWarning, match="stancekit.families is the group of these now"):
+        assert np.shape(named_terrain("our-height_families:0.3:1").height(np.zeros(2))) == ()
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_the_command_as_a_process_takes_a_broken_mesh(tmp_path: Path) -> None:
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_where_the_axes_of_a_file_went_is_said(tmp_path: Path, up: str) -> None:
     low = np.zeros(3)
-    high = np.array([1.0, 2.0, 3.0])
+    high = np.array([0.4, 0.8, 1.2])
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box(bounds=[low, high]).export(tmp_path / "box.stl")
     code, out, _ = command(
@@ -208,7 +208,10 @@ def test_where_the_axes_of_a_file_went_is_said(tmp_path: Path, up: str) -> None:
     _, out, _ = command(("terrain", str(tmp_path / "box.stl"), "--up", up))
     words = ", ".join(f"{axis} is the file's {own}" for axis, own in answer["axes"].items())
     assert (words in out) == (up != "z")
-    code, out, _ = command(("terrain", "ripple", "--json"))
+
+
+def test_a_terrain_without_a_file_has_no_axes_of_one() -> None:
+    code, out, _ = command(("terrain", "stairs:0.2:1", "--json"))
     assert (code, "axes" in json.loads(out)) == (0, False)
 
 

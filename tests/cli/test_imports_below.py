@@ -139,6 +139,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.formats.plan_file",
             "planners.formats.proof_file",
             "planners.projection.whole_body_limits",
+            "planners.search.plan_settings",
         ),
         DRAWS: ("views.page", "views.plans", "views.sheet", "views.video"),
     },

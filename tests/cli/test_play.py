@@ -93,9 +93,9 @@ def test_without_viser_the_package_is_named(stancekit, monkeypatch):
     monkeypatch.setattr(page, "import_module", missing)
     ran = stancekit("play", "walls", "--no-browser")
     assert ran.code == 2
-    assert (
-        ran.err
-        == "stancekit: error: page: expected viser; install it with pip install 'stancekit[viz]'\n"
+    assert ran.err == (
+        "stancekit: error: page: expected viser for pages, it is not installed: "
+        'pip install "stancekit[viz]"\n'
     )
 
 

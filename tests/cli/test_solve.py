@@ -501,7 +501,10 @@ def test_a_solver_that_is_not_installed_is_named(refusal, monkeypatch):
         micp.util, "find_spec", lambda name: None if name == "gurobipy" else there(name)
     )
     said = refusal("solve", "p.json", "--method", "micp", "--solver", "gurobi")
-    assert said == "--solver: gurobi is not installed: pip install 'stancekit[exact]'"
+    assert said == (
+        "--solver: expected gurobipy for 'gurobi', it is not installed: "
+        'pip install "stancekit[exact]"'
+    )
 
 
 @pytest.mark.parametrize("method", ["p1", "two-stage", "micp"])

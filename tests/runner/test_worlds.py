@@ -225,7 +225,7 @@ def test_a_simulator_that_is_not_installed_is_named_with_its_extra(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, MODULES[name], None)
-    with pytest.raises(InvalidInput, match=rf"pip install 'stancekit\[{name}\]'"):
+    with pytest.raises(InvalidInput, match=rf'pip install "stancekit\[{name}\]"'):
         make_world(name, ROBOT)
 
 

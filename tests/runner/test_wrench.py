@@ -135,7 +135,7 @@ def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(
     step: Callable[[str], Plan],
 ) -> None:
     load = at_point((0.0, 0.0, -20.0), (0, 0, 0), (0.12, 0.1, 0.05))
-    told = stancekit.plan("stairs", frames=2, wrench=load).solution
+    told = stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=load)).solution
     assert told is not None
     said = stancekit.simulate(told, settings=FAST).execution
     other = stancekit.simulate(

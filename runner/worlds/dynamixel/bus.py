@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
 
 from ...safety.latch import StopLatch
 from .control_table import HARDWARE_ERROR, LATENCY_MS, SHUTDOWN, Register, hardware_errors
@@ -69,9 +69,7 @@ class ServoBus:
         try:
             from dynamixel_sdk import PacketHandler
         except ImportError:
-            raise InvalidInput(
-                "world: expected dynamixel-sdk, it is not installed: pip install 'stancekit[dynamixel]'"
-            ) from None
+            raise not_installed("world", "dynamixel-sdk", "a bus of servos", "dynamixel") from None
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
         self._retries, self._packets, self.latency_ms = retries, PacketHandler(2.0), latency_ms

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
 
 from ...safety.latch import StopLatch
 
@@ -32,9 +32,7 @@ def roslibpy() -> Any:
     try:
         import roslibpy as module
     except ImportError:
-        raise InvalidInput(
-            "world: expected roslibpy, it is not installed: pip install 'stancekit[ros]'"
-        ) from None
+        raise not_installed("world", "roslibpy", "robots behind a rosbridge", "ros") from None
     return module
 
 

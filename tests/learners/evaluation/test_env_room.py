@@ -3,6 +3,7 @@ judges.
 """
 
 import json
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -13,6 +14,8 @@ from stancekit.learners.evaluation.env_room import ENVIRONMENTS, environment_roo
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.walk import Walk
+from stancekit.planners.terrain.reference import reference_terrain
 
 pytest.importorskip("torch")
 
@@ -54,7 +57,10 @@ def test_bad_names_and_foreign_rows_are_refused(tmp_path):
         environment_room("Traverse-v0", tmp_path, scenes=1, seed=0)
 
 
-def test_a_walk_is_played_by_every_chart_and_by_chance(tmp_path):
+def test_a_walk_is_played_by_every_chart_and_by_chance(tmp_path, monkeypatch):
+    step = Walk.over(reference_terrain("ripple"), (0.2, 0.1), duration_s=2.0)
+    plays = replace(ENVIRONMENTS["WarpedGait-v0"], options={"tasks": lambda rng: step})
+    monkeypatch.setitem(ENVIRONMENTS, "WarpedGait-v0", plays)
     room = environment_room("WarpedGait-v0", tmp_path, scenes=1, seed=3)
     rows = played(tmp_path, "WarpedGait-v0")
     assert sorted(method for _, method in rows) == [

@@ -437,7 +437,7 @@ def test_a_missing_extra_is_named(
         getattr(evolution, search)(feasible, infeasible, dataset.points, SMALL)
     assert (
         str(caught.value)
-        == f"{package}: expected this package, got none: pip install 'stancekit[evo]'"
+        == f'method: expected {package} for evolution, it is not installed: pip install "stancekit[evo]"'
     )
 
 

@@ -131,7 +131,7 @@ def test_without_a_cuda_device_or_moreau_one_line_says_so(monkeypatch):
         Programs(engine="moreau")
     Programs(engine="moreau-cpu")
     monkeypatch.setitem(sys.modules, "moreau", None)
-    with pytest.raises(InvalidInput, match=r"not installed: pip install 'stancekit\[moreau\]'$"):
+    with pytest.raises(InvalidInput, match=r'not installed: pip install "stancekit\[moreau\]"$'):
         Programs(engine="moreau-cpu")
     with pytest.raises(InvalidInput, match=r"^device: expected cuda or cpu, got 'tpu'$"):
         check_device("tpu")

@@ -249,4 +249,7 @@ def test_a_verdict_says_that_nobody_looked_at_the_whole_body_and_limits_of_it_ar
         "accepted as far as checked: joints, joint_speed, torque"
     )
     with pytest.raises(InvalidInput, match="body: expected none with a leap"):
-        stancekit.plan(outcome.problem, body=stancekit.WholeBodyLimits(torque_nm=3.0))
+        stancekit.plan(
+            outcome.problem,
+            settings=stancekit.PlanSettings(body=stancekit.WholeBodyLimits(torque_nm=3.0)),
+        )

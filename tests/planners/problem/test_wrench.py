@@ -200,8 +200,11 @@ def test_between_frames_a_wrench_goes_over(course: Problem) -> None:
 
 def test_a_leap_and_what_is_no_wrench_are_refused_before_anything_is_planned() -> None:
     with pytest.raises(InvalidInput, match="wrench: expected 3 numbers, a force"):
-        stancekit.plan("stairs", frames=2, wrench=(1.0, 2.0))
+        stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=(1.0, 2.0)))
     with pytest.raises(InvalidInput, match="wrench: expected a force of at most 9810 N"):
-        stancekit.plan("stairs", frames=2, wrench=(0.0, 0.0, -1e5))
+        stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=(0.0, 0.0, -1e5)))
     with pytest.raises(InvalidInput, match="wrench: expected none with a leap"):
-        stancekit.plan(leap_class("leap").draw(np.random.default_rng(0)), wrench=(1.0, 0.0, 0.0))
+        stancekit.plan(
+            leap_class("leap").draw(np.random.default_rng(0)),
+            settings=stancekit.PlanSettings(wrench=(1.0, 0.0, 0.0)),
+        )

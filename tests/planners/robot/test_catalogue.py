@@ -58,7 +58,8 @@ def test_a_provider_that_is_not_installed_is_named_with_the_command(
         with pytest.raises(InvalidInput) as caught:
             read("go1")
         assert str(caught.value) == (
-            "robot: go1 needs the URDF of example-robot-data, which is not installed: pip install 'stancekit[robots]'"
+            "robot: expected example-robot-data for the URDF of go1, it is not installed: "
+            'pip install "stancekit[robots]"'
         )
 
 

@@ -441,7 +441,10 @@ def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(InvalidInput) as caught:
         MicpPlanner(solver="scip")
-    assert str(caught.value) == "solver: scip is not installed: pip install 'stancekit[exact]'"
+    assert str(caught.value) == (
+        "solver: expected pyscipopt for 'scip', it is not installed: "
+        'pip install "stancekit[exact]"'
+    )
 
 
 def test_it_prints_nothing(feasible, capfd):

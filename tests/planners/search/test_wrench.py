@@ -154,7 +154,11 @@ def test_a_wrench_of_zeros_is_none(ragged: Callable[..., Problem], programs: Pro
 
 
 def test_forces_that_are_distributed_anew_carry_the_wrench() -> None:
-    answer = stancekit.plan("stairs", frames=3, wrench=(2.0, -4.0, -15.0, 0.5, 1.0, -0.3))
+    answer = stancekit.plan(
+        "stairs",
+        frames=3,
+        settings=stancekit.PlanSettings(wrench=(2.0, -4.0, -15.0, 0.5, 1.0, -0.3)),
+    )
     plan = answer.solution
     assert plan is not None
     course, wrench = plan.problem, plan.problem.wrench

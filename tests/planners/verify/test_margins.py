@@ -160,7 +160,7 @@ def test_a_plan_bears_the_push_that_is_asked_for() -> None:
     assert plain.report is not None
     least_n = plain.report.group(MARGIN).figures["push_n"]
     wanted_n = 1.5 * least_n
-    found = stancekit.plan("stairs", frames=6, push_n=wanted_n)
+    found = stancekit.plan("stairs", frames=6, settings=stancekit.PlanSettings(push_n=wanted_n))
     assert found.status is stancekit.Status.FEASIBLE
     assert found.solution is not None
     assert found.solution.problem.push_n == wanted_n
@@ -174,16 +174,16 @@ def test_a_plan_bears_the_push_that_is_asked_for() -> None:
 
 
 def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_refused() -> None:
-    found = stancekit.plan("stairs", frames=4, push_n=90.0)
+    found = stancekit.plan("stairs", frames=4, settings=stancekit.PlanSettings(push_n=90.0))
     assert found.status is stancekit.Status.UNDECIDED
     assert found.certificate is None
     with pytest.raises(
         InvalidInput,
         match=r"push_n: expected at most .* which all feet together can hold, got 5000",
     ):
-        stancekit.plan("stairs", frames=4, push_n=5000.0)
+        stancekit.plan("stairs", frames=4, settings=stancekit.PlanSettings(push_n=5000.0))
     with pytest.raises(InvalidInput, match="two-stage alone knows pushes"):
-        stancekit.plan("stairs", "nlp", frames=2, push_n=5.0)
+        stancekit.plan("stairs", "nlp", frames=2, settings=stancekit.PlanSettings(push_n=5.0))
 
 
 def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:

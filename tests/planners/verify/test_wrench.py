@@ -306,7 +306,9 @@ def test_between_frames_the_moment_about_the_origin_goes_over_linearly() -> None
 
 
 def test_a_course_that_nobody_can_climb_with_a_wrench_says_who_cannot_hold_it() -> None:
-    answer = stancekit.plan("stairs", frames=4, wrench=(90.0, 0.0, 0.0))
+    answer = stancekit.plan(
+        "stairs", frames=4, settings=stancekit.PlanSettings(wrench=(90.0, 0.0, 0.0))
+    )
     assert answer.status.value == "infeasible"
     assert answer.certificate is not None
     assert stancekit.verify(answer.certificate).accepted

@@ -121,7 +121,8 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     with (
         suppress(StopIteration),
         pytest.raises(
-            InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"
+            InvalidInput,
+            match=r'expected viser for pages, it is not installed: pip install "stancekit\[viz\]"',
         ),
     ):
         served(KeysScenario.of("walls")).__enter__()

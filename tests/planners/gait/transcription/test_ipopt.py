@@ -7,17 +7,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.gait_program import Costs
+from stancekit.planners.gait.gait_program import Costs, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.verify.trajectories import check_trajectory
 
 Build = Callable[..., GaitProgram]
+Walked = Callable[..., tuple[GaitProgram, GaitSolution]]
 
 ITERATES = """
 import hashlib, numpy as np
@@ -30,6 +32,18 @@ task = Walk(robot=anymal(), terrain=field, start_xy_m=np.zeros(2), goal_xy_m=np.
 found = formulate(task).solve()
 print(found.iterations, [pair for pair in found.history], hashlib.sha256(found.x.tobytes()).hexdigest())
 """
+
+
+@pytest.fixture(scope="module")
+def walked(small: Build) -> Walked:
+    """``walked(chart="shear")``: a program and its solution, once for all tests that look at it."""
+
+    @cache
+    def get(**settings: object) -> tuple[GaitProgram, GaitSolution]:
+        program = small(**settings)
+        return program, program.solve()
+
+    return get
 
 
 @pytest.mark.parametrize("chart", ["decoupled", "ambient", "shear"])
@@ -49,9 +63,9 @@ def test_a_short_walk_is_found_and_the_verifier_accepts_it(small: Build, chart: 
     assert report.accepted, report.message
 
 
-def test_forces_stay_in_the_true_cone_between_the_nodes(small: Build) -> None:
-    program = small(chart="decoupled")
-    at = program.solve().samples(np.linspace(0.0, 2.0, 801))
+def test_forces_stay_in_the_true_cone_between_the_nodes(walked: Walked) -> None:
+    program, found = walked(chart="decoupled")
+    at = found.samples(np.linspace(0.0, 2.0, 801))
     normal = program.task.terrain.normal(at.feet_m[..., :2])
     pressing = np.sum(at.forces_n * normal, axis=-1)
     sliding = np.linalg.norm(at.forces_n - pressing[..., None] * normal, axis=-1)
@@ -61,8 +75,8 @@ def test_forces_stay_in_the_true_cone_between_the_nodes(small: Build) -> None:
     assert pressing.max() > 0.3 * weight_n
 
 
-def test_equal_solves_give_equal_trajectories_on_any_grid(small: Build) -> None:
-    first, second = small().solve(), small().solve()
+def test_equal_solves_give_equal_trajectories_on_any_grid(small: Build, walked: Walked) -> None:
+    first, second = walked()[1], small().solve()
     assert first.trajectory().digest == second.trajectory().digest
     assert first.trajectory(0.5).times_s.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert len(first.trajectory(2.0).times_s) == 4
@@ -70,9 +84,9 @@ def test_equal_solves_give_equal_trajectories_on_any_grid(small: Build) -> None:
         first.trajectory(0.0)
 
 
-def test_swinging_feet_of_a_flat_chart_never_dip_between_the_nodes(small: Build) -> None:
-    program = small(chart="decoupled")
-    at = program.solve().samples(np.linspace(0.0, 2.0, 2001))
+def test_swinging_feet_of_a_flat_chart_never_dip_between_the_nodes(walked: Walked) -> None:
+    program, found = walked(chart="decoupled")
+    at = found.samples(np.linspace(0.0, 2.0, 2001))
     above = at.feet_m[..., 2] - program.task.terrain.height(at.feet_m[..., :2])
     assert above.min() > -1e-4
     assert above.max() > 0.02
@@ -91,17 +105,18 @@ def test_optimised_phases_stay_in_order_and_move(small: Build) -> None:
     assert 1e-6 < np.abs(moved).max() <= program.settings.switch_slack_s + 1e-4
 
 
-def test_lbfgs_finds_a_walk_by_other_iterates_than_the_exact_hessian(small: Build) -> None:
-    exact, quasi = small().solve(), small(hessian="lbfgs").solve()
+def test_lbfgs_finds_a_walk_by_other_iterates_than_the_exact_hessian(
+    small: Build, walked: Walked
+) -> None:
+    exact, quasi = walked()[1], small(hessian="lbfgs").solve()
     assert exact.success
     assert quasi.success
     assert quasi.iterations >= exact.iterations
     assert quasi.history[-1] != pytest.approx(exact.history[-1])
 
 
-def test_a_second_phase_lowers_the_cost_it_is_given(small: Build) -> None:
-    program = small()
-    first = program.solve()
+def test_a_second_phase_lowers_the_cost_it_is_given(walked: Walked) -> None:
+    program, first = walked()
     weights = Costs(proximal=0.1, acceleration=1.0, force_rate=0.1)
     second = program.solve(
         first.x, costs=weights, reference=first.x, stop_when_feasible=False, max_iterations=8
@@ -133,12 +148,12 @@ def test_two_processes_take_identical_iterates_whatever_memory_held_before() -> 
     assert said[0].startswith(tuple("123456789"))
 
 
-def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(small: Build) -> None:
+def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(walked: Walked) -> None:
     def pause(*at: object) -> None:
         time.sleep(0.05)
 
-    program = small()
-    here, apart = program.solve(), solve_in_subprocess(program)
+    program, here = walked()
+    apart = solve_in_subprocess(program)
     assert apart.x.tobytes() == here.x.tobytes()
     assert apart.history == here.history
 
