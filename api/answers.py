@@ -12,6 +12,7 @@ from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Report
@@ -23,6 +24,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import Explanation, check_certificate, check_plan
 from stancekit.planners.verify import explain as explain_proof
+from stancekit.planners.verify.crossings import check_crossing
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
 
@@ -107,6 +109,8 @@ def verify(
 @overload
 def verify(subject: Plan, answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
+def verify(subject: Crossing, answer: None = None) -> Report[Crossing]: ...
+@overload
 def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
 @overload
 def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
@@ -130,6 +134,7 @@ def verify(
     | Leap
     | Plan
     | LeapPlan
+    | Crossing
     | Trajectory
     | Dataset
     | LeapTries
@@ -141,7 +146,7 @@ def verify(
     robot: str | Path | None = None,
     course: str | None = None,
     terrain: str | Path | None = None,
-) -> Report[Plan | LeapPlan | Trajectory | Certificate] | RecheckReport | FileCheck:
+) -> Report[Plan | LeapPlan | Crossing | Trajectory | Certificate] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
     without a solver.
 
@@ -193,6 +198,8 @@ def verify(
         case ((Problem() | Leap()), Certificate()):
             old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
             return check_certificate(answer.of(subject))
+        case Crossing(), None:
+            return check_crossing(subject)
         case LeapPlan(), None:
             return check_leap(subject, body=True)
         case Plan(), None:

@@ -92,6 +92,13 @@ def check_file(
     if leap_file.is_leap_file(path):
         _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
         return leap_file.check_file(path, why=why)
+    from stancekit.planners.formats import crossing_file
+
+    if crossing_file.is_crossing_file(path):
+        _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a crossing, which has its own")
+        if why:
+            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+        return crossing_file.check_file(path)
     try:
         data = read_json(path)
     except InvalidInput:

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
-from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, checked, settings_from
 from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
@@ -26,6 +27,7 @@ from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.problem.wrench import wrench_of
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner
@@ -53,6 +55,8 @@ OLD = {
     "standing": "plan(course, settings=PlanSettings(standing=...))",
     "checkpoint": "plan(course, settings=PlanSettings(checkpoint=...))",
 }
+FRAMES_SHARE = 0.2
+"""Share of the time that key frames have where there is no way for the body, and a leap may be tried."""
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 BESIDE = (
     "course",
@@ -99,7 +103,7 @@ def plan(
     time_limit_s: float = 60.0,
     progress: Callable[[int, int], object] | None = None,
     **old: Any,
-) -> Answer[Plan] | Answer[LeapPlan]:
+) -> Answer[Plan] | Answer[LeapPlan] | Answer[Crossing]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
     carries; or a leap.
 
@@ -136,7 +140,9 @@ def plan(
         which has the candidates and the tilt limit of one that was laid out already; or undecided,
         also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
         time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
-        ``LeapPlan``.
+        ``LeapPlan``. Over a terrain with a gap that key frames do not cross, of a robot whose legs
+        have limits of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap,
+        and key frames on from it; its ``refusal`` is what key frames alone came to.
 
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
@@ -166,18 +172,77 @@ def plan(
     shares = None if _reserved(method, its_own) else ALL_FRICTION
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     name = course if isinstance(course, str | Path) and start_xy_m is None else None
-    return plan_course(
-        question,
-        _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s),
-        shares=shares,
-        limits=settings.body,
-        push_n=settings.push_n,
-        wrench=None if settings.wrench is None else wrench_of(settings.wrench),
-        layouts=_layouts(question, name),
-        kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
-        progress=progress,
-        deadline=deadline,
+    planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
+    leaps = _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None)
+    until = deadline
+    if leaps and _no_way(question):
+        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
+    refusal: PlanningFailed | None = None
+    answer: Answer[Plan] | None = None
+    try:
+        answer = plan_course(
+            question,
+            planner,
+            shares=shares,
+            limits=settings.body,
+            push_n=settings.push_n,
+            wrench=None if settings.wrench is None else wrench_of(settings.wrench),
+            layouts=_layouts(question, name),
+            kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
+            progress=progress,
+            deadline=until,
+        )
+    except PlanningFailed as error:
+        if not leaps:
+            raise
+        refusal = error
+    if leaps and (answer is None or answer.status is not Status.FEASIBLE):
+        why = str(refusal) if answer is None else answer.message or answer.status.value
+        crossed = _crossed(question, planner, why, settings.body, deadline)
+        if crossed is not None:
+            return crossed
+    if answer is None:
+        assert refusal is not None
+        raise refusal
+    return answer
+
+
+def _crossed(
+    question: Problem | LayOut,
+    planner: Planner[Any, Any],
+    why: str,
+    limits: WholeBodyLimits,
+    deadline: float,
+) -> Answer[Crossing] | None:
+    """Climb, leap and climb where key frames alone have no plan; None where no leap helps."""
+    from stancekit.planners.leap.crossing import cross  # of gaps alone
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    assert isinstance(question, LaidBetween)
+    assert question.robot is not None
+    return cross(
+        question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
     )
+
+
+def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
+    """Tell whether leaps may be tried where key frames have no plan: over a terrain, by a robot that
+    was named, with nothing on its body and nobody who pushes it.
+    """
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    return isinstance(question, LaidBetween) and question.robot is not None and not loaded
+
+
+def _no_way(question: Problem | LayOut) -> bool:
+    """Tell whether a course between two places has no way for the body as it is asked for."""
+    try:
+        question("inner", AS_ASKED)  # type: ignore[operator]
+    except PlanningFailed:
+        return True
+    except InvalidInput:
+        return False
+    return False
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:

@@ -12,6 +12,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.pools import folder_of
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.origin import rows_of
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
@@ -71,7 +72,7 @@ class ExportedMotions:
 
 @checked
 def export(
-    subject: Dataset | Plan | LeapPlan | Trajectory | str | Path,
+    subject: Dataset | Plan | LeapPlan | Crossing | Trajectory | str | Path,
     out: str | Path | None = None,
     *,
     to: str | None = None,
@@ -89,7 +90,7 @@ def export(
     whatever either says of itself.
 
     Arguments:
-        subject: a plan, a walk or a leap, or the file of one; a family's level as "rough:0.1" with
+        subject: a plan, a walk, a leap or a crossing, or the file of one; a family's level as "rough:0.1" with
             ``count``; or a labelled data set, or its folder.
         out: the file, or for drawn motions and data sets the folder; a name beside the input where
             it is None.
@@ -133,7 +134,7 @@ def export(
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
     if _is_rows(subject) or (to == MINARI and isinstance(subject, str | Path)):
-        assert not isinstance(subject, Plan | LeapPlan | Trajectory)
+        assert not isinstance(subject, Plan | LeapPlan | Crossing | Trajectory)
         return _rows(subject, path, to or MINARI, room, progress)
     assert not isinstance(subject, Dataset)
     source = _called(subject)
@@ -163,7 +164,7 @@ def read_accepted(path: Path) -> Subject:
 
     Raises InvalidInput.
     """
-    from stancekit.planners.formats import leap_file, plan_file, trajectory_file
+    from stancekit.planners.formats import crossing_file, leap_file, plan_file, trajectory_file
 
     subject: Subject | None
     if plan_file.is_plan_file(path):
@@ -172,6 +173,8 @@ def read_accepted(path: Path) -> Subject:
         subject = leap_file.read_leap(path).plan
         if subject is None:
             raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
+    elif crossing_file.is_crossing_file(path):
+        subject = crossing_file.read_crossing(path)
     elif trajectory_file.is_trajectory(read_json(path)):
         subject = trajectory_file.read_trajectory(path).trajectory
     else:
@@ -188,16 +191,19 @@ def check_accepted(subject: Subject, source: str) -> None:
         source: its origin, for the message.
     """
     from stancekit.planners.answer.report import Report
+    from stancekit.planners.verify.crossings import check_crossing
     from stancekit.planners.verify.leaps import check_leap
     from stancekit.planners.verify.trajectories import check_trajectory
     from stancekit.runner.acceptance import judged
 
-    report: Report[Plan] | Report[LeapPlan] | Report[Trajectory]
+    report: Report[Plan] | Report[LeapPlan] | Report[Crossing] | Report[Trajectory]
     match subject:
         case Plan():
             what, report = "plan", judged(subject)
         case LeapPlan():
             what, report = "leap", check_leap(subject, body=True)
+        case Crossing():
+            what, report = "crossing", check_crossing(subject)
         case Trajectory():
             what, report = "gait", check_trajectory(subject)
     if not report.accepted:

@@ -12,6 +12,7 @@ from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
@@ -20,7 +21,13 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats import leap_file, plan_file, proof_file, trajectory_file
+from stancekit.planners.formats import (
+    crossing_file,
+    leap_file,
+    plan_file,
+    proof_file,
+    trajectory_file,
+)
 from stancekit.planners.formats.answer_file import (
     read_envelopes,
     read_modes,
@@ -46,6 +53,7 @@ Saved = (
     | Modes
     | Plan
     | LeapPlan
+    | Crossing
     | Certificate
     | Proof
     | Trajectory
@@ -61,6 +69,7 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "proof": proof_file.read_proof,
     "no-plan": proof_file.read_proof,
     "leap": lambda path: _leap(path),
+    "crossing": crossing_file.read_crossing,
     "gait": lambda path: trajectory_file.read_trajectory(path).trajectory,
 }
 """By what stands between the slashes of a file's format, e.g. ``stancekit/plan/2``."""
@@ -84,9 +93,9 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         Problem, or a list of them where the file holds JSON lines or an array
         (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the
         pair (Problem, Certificate) of a proof; Leap, or LeapPlan or such a pair where its file
-        holds an answer (``stancekit/leap/1``, or YAML); Trajectory of a gait; Dataset; LeapTries;
-        GaitRobot (YAML or URDF); what a safetensors file of a neural selector, chooser or policy
-        holds, as ``Learned``; LeapScorer. Nothing is unpickled.
+        holds an answer (``stancekit/leap/1``, or YAML); Crossing; Trajectory of a gait; Dataset;
+        LeapTries; Robot that walks (YAML or URDF); what a safetensors file of a neural selector,
+        chooser or policy holds, as ``Learned``; LeapScorer. Nothing is unpickled.
 
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
@@ -136,6 +145,8 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
             leap_file.write_leap(path, thing)
         case LeapPlan():
             leap_file.write_leap(path, thing.problem, thing)
+        case Crossing():
+            crossing_file.write_crossing(path, thing)
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():

@@ -7,12 +7,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
+from stancekit.planners.formats.crossing_file import is_crossing_file
 from stancekit.planners.formats.leap_file import is_leap_file
 from stancekit.planners.formats.trajectory_file import is_trajectory
 from stancekit.planners.motion.plan_motion import Timing
@@ -20,7 +22,12 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.tipping import LEAST_PUSH
-from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
+from stancekit.runner.acceptance import (
+    Accepted,
+    AcceptedCrossing,
+    AcceptedGait,
+    AcceptedLeap,
+)
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
@@ -37,7 +44,9 @@ if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
-Motion = Plan | Trajectory | LeapPlan | Accepted | AcceptedGait | AcceptedLeap
+Timed = AcceptedGait | AcceptedLeap | AcceptedCrossing
+"""What runs at its own pace, or holds what does."""
+Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted | Timed
 """What can be run; of the accepted ones nothing is judged again."""
 LIFT = "lift"
 
@@ -55,7 +64,7 @@ def simulate(
     what was planned.
 
     Arguments:
-        motion: a plan of key frames, a walk, or the file of either.
+        motion: a plan of key frames, a walk, a leap, a crossing, or the file of one.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
         setup: a file that says how the ground yields, stiffness and damping of contacts.
         settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see
@@ -104,7 +113,7 @@ def run(
     behind a rosbridge.
 
     Arguments:
-        motion: a plan of key frames, a walk, or the file of either; with ``policy`` also a course,
+        motion: a plan of key frames, a walk, a leap, a crossing, or the file of one; with ``policy`` also a course,
             by name or file.
         world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was
             made before.
@@ -160,7 +169,7 @@ def run(
         if policy is None:
             assert not isinstance(request, Problem)
             return runner.run(request, _ground(request, settings))
-        assert not isinstance(request, AcceptedGait | AcceptedLeap)
+        assert not isinstance(request, Timed)
         walked = request.plan.problem if isinstance(request, Accepted) else request
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
         first = request if isinstance(request, Accepted) else None
@@ -169,7 +178,7 @@ def run(
 
 
 def check_run(
-    asked: Accepted | AcceptedGait | AcceptedLeap | Problem,
+    asked: Accepted | Timed | Problem,
     world: str | World,
     settings: RunSettings,
     *,
@@ -203,28 +212,30 @@ def check_run(
             f"policy: expected a world that answers to what is done, got {name}",
         ),
         (
-            isinstance(asked, AcceptedGait | AcceptedLeap) and settings.timing != Timing(),
-            f"timing: expected key frames: a {'gait' if isinstance(asked, AcceptedGait) else 'leap'} runs as planned, or "
-            "not at all",
+            isinstance(asked, Timed) and settings.timing != Timing(),
+            f"timing: expected key frames: a {_called(asked)} runs as planned, or not at all",
         ),
         (
-            isinstance(asked, AcceptedLeap) and settings.least_push != LEAST_PUSH,
-            "least_push: expected a plan of key frames, got a leap, which bears nothing in the air",
+            isinstance(asked, AcceptedLeap | AcceptedCrossing)
+            and settings.least_push != LEAST_PUSH,
+            f"least_push: expected a plan of key frames, got a {_called(asked)}, which bears nothing in the air",
         ),
     ):
         if wrong:
             raise InvalidInput(message)
 
 
-def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGait | AcceptedLeap:
+def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | Timed:
     """A motion that the verifier accepts, judged as it comes in.
 
     Raises InvalidInput for anything else.
     """
-    if isinstance(motion, Accepted | AcceptedGait | AcceptedLeap):
+    if isinstance(motion, Accepted | Timed):
         return motion
     if isinstance(motion, LeapPlan):
         return AcceptedLeap.verified(motion, motion.problem.name)
+    if isinstance(motion, Crossing):
+        return AcceptedCrossing.verified(motion, motion.name)
     if isinstance(motion, Plan):
         return Accepted.verified(motion, motion.problem.name)
     if isinstance(motion, Trajectory):
@@ -235,6 +246,8 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | AcceptedGai
         )
     if is_leap_file(motion):
         return AcceptedLeap.from_file(motion)
+    if is_crossing_file(motion):
+        return AcceptedCrossing.from_file(motion)
     data = _json_of(motion)
     if is_trajectory(data):
         return AcceptedGait.from_file(motion)
@@ -259,8 +272,8 @@ def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
     ):
         return read_course(str(motion))
     request = accepted_of(motion)
-    if isinstance(request, AcceptedGait | AcceptedLeap):
-        what = "gait" if isinstance(request, AcceptedGait) else "leap"
+    if isinstance(request, Timed):
+        what = _called(request)
         raise InvalidInput(f"policy: expected key frames: a {what} runs as planned, or not at all")
     return request
 
@@ -290,6 +303,13 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     return policy
 
 
+def _called(asked: Accepted | Timed | Problem) -> str:
+    """What a motion is, in words."""
+    if isinstance(asked, AcceptedCrossing):
+        return "crossing"
+    return "leap" if isinstance(asked, AcceptedLeap) else "gait"
+
+
 def _json_of(path: str | Path) -> object:
     return read_json(path) if Path(path).suffix == ".json" else None
 
@@ -299,16 +319,16 @@ def _is_course(path: str | Path, data: object) -> bool:
     return spec or (isinstance(data, dict) and data.get("format") == Problem.FORMAT)
 
 
-def _ground(asked: Accepted | AcceptedGait | AcceptedLeap, settings: RunSettings) -> Terrain:
+def _ground(asked: Accepted | Timed, settings: RunSettings) -> Terrain:
     """Ground of the world: the terrain with a share of its friction."""
-    if isinstance(asked, AcceptedGait | AcceptedLeap):
+    if isinstance(asked, Timed):
         return asked.ground(settings.friction_share)
     return slippery(asked.plan.problem, settings.friction_share).terrain
 
 
 def _world(
     world: str | World,
-    asked: Accepted | AcceptedGait | AcceptedLeap | Problem,
+    asked: Accepted | Timed | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
 ) -> World:

@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
@@ -18,6 +19,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.execution import Execution
+from stancekit.views.crossings import draw_crossing
 from stancekit.views.gaits import draw_motion, motion_frames
 from stancekit.views.leaps import draw_leap
 from stancekit.views.plans import draw_plan
@@ -31,18 +33,18 @@ WALK_FPS = 25.0
 
 @checked
 def draw(
-    subject: Problem | Plan | LeapPlan | Trajectory,
+    subject: Problem | Plan | LeapPlan | Crossing | Trajectory,
     answer: Plan | Certificate | None = None,
     *,
     envelope: Envelope | None = None,
     caption: str = "",
     out: str | Path | None = None,
 ) -> Figure:
-    """Draw a posture problem, a plan of key frames, a leap or a walk: terrain, robot, forces in
-    their cones.
+    """Draw a posture problem, a plan of key frames, a leap, a crossing or a walk: terrain,
+    robot, forces in their cones.
 
     Arguments:
-        subject: the posture problem, plan, leap or walk.
+        subject: the posture problem, plan, leap, crossing or walk.
         answer: plan for a posture problem; without one the body is shown at the nominal centre of
             mass. Or its certificate; the picture then names the cheapest single change.
         envelope: box to draw with a posture problem or its plan.
@@ -84,6 +86,8 @@ def draw(
             figure = draw_plan(subject, caption=caption)
         case LeapPlan():
             figure = draw_leap(subject, caption=caption)
+        case Crossing():
+            figure = draw_crossing(subject, caption=caption)
         case Trajectory():
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
     if out is not None:
@@ -93,13 +97,13 @@ def draw(
 
 @checked
 def film(
-    motion: Plan | LeapPlan | Trajectory,
+    motion: Plan | LeapPlan | Crossing | Trajectory,
     out: str | Path,
     executed: Execution | None = None,
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a film of a plan, a leap or a walk: as it was planned, or as a simulation executed it.
+    """Write a film of a plan, a leap, a crossing or a walk: as it was planned, or as a simulation executed it.
 
     Arguments:
         motion: the motion to show.
@@ -135,14 +139,14 @@ def film(
 
 
 def frames_of(
-    motion: Plan | LeapPlan | Trajectory, executed: Execution | None
+    motion: Plan | LeapPlan | Crossing | Trajectory, executed: Execution | None
 ) -> tuple[Iterator[Frame], int, float]:
     """The frames of a film, how many, and how many a second."""
-    from stancekit.views import executions, leaps, plans
+    from stancekit.views import crossings, executions, leaps, plans
 
+    if isinstance(motion, Crossing) or (isinstance(motion, LeapPlan) and executed is not None):
+        return *crossings.crossing_frames(motion, executed), crossings.FPS
     if isinstance(motion, LeapPlan):
-        if executed is not None:
-            raise InvalidInput("executed: expected none with a leap, which nothing executes yet")
         return leaps.leap_frames(motion), len(leaps.film_times(motion)), leaps.FPS
     if isinstance(motion, Plan):
         if executed is None:

@@ -23,7 +23,6 @@ from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.interrupts import interruptible
 from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.terrain import Terrain
 
@@ -66,7 +65,7 @@ def walk(
     goal_xy_m: Array | Sequence[float] | None = None,
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
-    robot: Robot | GaitRobot | str | Path = "anymal",
+    robot: Robot | str | Path = "anymal",
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None,
     duration_s: float = 10.0,
     chart: str = "portfolio",

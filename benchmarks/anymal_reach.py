@@ -66,9 +66,9 @@ def main() -> None:
     print(
         f"inertia, largest difference {np.abs(model.body.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²"
     )
-    for name in printed.foot_names:
+    for name in printed.limb_names:
         (file, foot), leg = (
-            (each.feet[each.foot_names.index(name)] for each in (printed, walker)),
+            (each.feet[each.limb_names.index(name)] for each in (printed, walker)),
             model.leg(name),
         )
         points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.body.com_m

@@ -24,7 +24,7 @@ import numpy as np
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.chain import Chain
-from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.single_body import read_walker
 
 ROBOTS = Path(__file__).resolve().parents[1] / "configs" / "robots"
 COM_M = np.array([-0.001, -0.001, -0.021])
@@ -114,7 +114,7 @@ def link(
 
 def main() -> None:
     """Write both files."""
-    walker = GaitRobot.from_yaml(ROBOTS / "anymal.yaml")
+    walker = read_walker(ROBOTS / "anymal.yaml")
     masses, middles, inertias = list[float](), list[Array](), list[Array]()
     lines, stands = list[str](), list[str]()
     for foot in walker.feet:

@@ -262,7 +262,8 @@ def by_cells(
     """MICP with all binaries from a neighbour, the next one where it has no answer."""
     scaled = Scaled.of(problem)
     for one in nearest_of(known, scaled, near):
-        chosen = scaled.chosen(one.choice)
+        choice = scaled.numbers[patches_of(scaled, one)]
+        chosen = scaled.chosen(choice)
         domain = domain_of(chosen)
         width = (domain.high - domain.low) / INTERVALS
         low = domain.low + one.cells * width
@@ -271,7 +272,7 @@ def by_cells(
         if not relaxed.known or not relaxed.feasible or relaxed.point is None:
             continue
         start = relaxed.point
-        answer = accepted(programs, problem, scaled, one.choice, start, "micp, near")
+        answer = accepted(programs, problem, scaled, choice, start, "micp, near")
         if answer is not None:
             return answer
     return None
@@ -488,13 +489,23 @@ def middle(scaled: Scaled) -> Array:
     return np.concatenate([scaled.com.ravel(), np.zeros(scaled.com.size), shares, forces.ravel()])
 
 
+def patches_of(scaled: Scaled, known: Known) -> list[int]:
+    """The candidate of every foothold that a neighbour stands on, by its number; the one nearest to
+    its toe where there are fewer here.
+    """
+    places = list[int]()
+    for p, where in enumerate(of_footholds(scaled.layout)):
+        same = [k for k in where if scaled.numbers[k] == known.choice[p]]
+        away = [np.linalg.norm(scaled.pieces[k].mean(axis=0) - known.point.toes[p]) for k in where]
+        places.append(same[0] if same else where[int(np.argmin(away))])
+    return places
+
+
 def beginning(scaled: Scaled, known: Known) -> Array:
     """x at a neighbour's point: its patches, with its toes put on them as near as they go."""
     layout, shares = scaled.layout, np.zeros(len(scaled.vertices))
-    places = dict[int, int]()
-    for p, where in enumerate(of_footholds(layout)):
-        k = next((k for k in where if scaled.numbers[k] == known.choice[p]), where[0])
-        places[p] = k
+    places = patches_of(scaled, known)
+    for p, k in enumerate(places):
         corners = scaled.pieces[k]
         rows = np.vstack([corners.T, 10.0 * np.ones(len(corners))])
         weights = nnls(rows, np.append(known.point.toes[p], 10.0))[0]

@@ -197,7 +197,7 @@ def doubt(task: Walk, total_s: float) -> None:
     feet = [np.clip(task.stance_m(xy)[:, :2], low, high) for xy in way]
     slope = float(np.linalg.norm(task.terrain.gradient(np.concatenate(feet)), axis=1).max())
     if slope > task.friction and not any(task.adhesive):
-        names = ",".join(task.robot.foot_names[:2])
+        names = ",".join(task.robot.limb_names[:2])
         err.print(
             f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the way, and friction "
             f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be no walk. The "

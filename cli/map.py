@@ -73,7 +73,7 @@ class MapTerrain:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the map: .png, .pdf or .svg."""
     json: bool = False
-    """One JSON object: counts, shares, what is in the way, seconds."""
+    """One JSON object: counts, shares, what is in the way, margins, seconds."""
 
     def run(self) -> int:
         """Make the map, write and say it."""
@@ -103,7 +103,7 @@ class MapTerrain:
             "spacing_m, headings",
             "grid_m",
         )
-        meaning = vars(self.file.options(self.grid_m))
+        meaning = vars(self.file.options())
         meaning.pop("spacing_m")
         usual = self.footholds == FootholdOptions()
         limits = (
@@ -173,5 +173,7 @@ def _table(found: StandingMap) -> Table:
     if found.in_the_way():
         text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
         table.add_row("in the way", text)
+    for name, (_, median, _) in found.margins().items():
+        table.add_row(f"margin, {name}", f"{median:.3g} in the median")
     table.add_row("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items()))
     return table

@@ -85,6 +85,9 @@ class PlanCourse:
       stancekit verify climb.json
       stancekit plan leap-hard:0 --out leap.json --picture leap.png
 
+    Over a terrain with a gap that key frames do not cross, a robot whose URDF has limits of its
+    joints' torque and speed leaps: key frames, a leap, key frames, in one file.
+
     A plan that is found has been accepted by a verifier that knows nothing of planners: every
     stance of every key frame, and the way between. status is feasible, infeasible (with a proof
     that was checked) or undecided (a limit was met, or the planner cannot prove what it claims).
@@ -207,6 +210,12 @@ class PlanCourse:
                     time_limit_s=left_s,
                     progress=show,
                 )
+        from stancekit.planners.answer.crossing import Crossing
+
+        if isinstance(outcome.solution, Crossing):
+            from .crossing_plan import report_crossing
+
+            return report_crossing(self, cast("Answer[Crossing]", outcome))
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)

@@ -30,7 +30,12 @@ from .stops import stop_sources
 if TYPE_CHECKING:
     from stancekit.planners.problem import Problem
     from stancekit.planners.robot.actuators import Actuators
-    from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
+    from stancekit.runner.acceptance import (
+        Accepted,
+        AcceptedCrossing,
+        AcceptedGait,
+        AcceptedLeap,
+    )
     from stancekit.runner.control.envelope_choice import SelectorPolicy
     from stancekit.runner.control.loop_report import LoopReport
     from stancekit.runner.settings import RunSettings
@@ -148,7 +153,12 @@ class RunMotion:
         """Check, run, report."""
         from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
         from stancekit.planners.problem import Problem
-        from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
+        from stancekit.runner.acceptance import (
+            Accepted,
+            AcceptedCrossing,
+            AcceptedGait,
+            AcceptedLeap,
+        )
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
         from stancekit.runner.worlds import SoftContact, WorldSettings
@@ -213,12 +223,12 @@ class RunMotion:
                     str(error).replace("least_push 0 runs", "--least-push 0 runs")
                 ) from None
         if isinstance(report, RunReport):
-            assert isinstance(request, Accepted | AcceptedGait | AcceptedLeap)
+            assert isinstance(request, Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing)
             film(self.video, request, report)
             return self._report(report.succeeded, report.to_json(), run_table(report))
         return self._report(report.succeeded, *_led(report, policy))
 
-    def _request(self) -> Accepted | AcceptedGait | AcceptedLeap | Problem:
+    def _request(self) -> Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing | Problem:
         """Motion that PLAN names.
 
         Raises InvalidInput for what cannot be run, or not with these options.

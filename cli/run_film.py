@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from .console import complain, progress
 
 if TYPE_CHECKING:
-    from stancekit.runner.acceptance import Accepted, AcceptedGait, AcceptedLeap
+    from stancekit.runner.acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap
     from stancekit.runner.report import RunReport
 
 
 def film(
-    path: Path | None, request: Accepted | AcceptedGait | AcceptedLeap, report: RunReport
+    path: Path | None,
+    request: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+    report: RunReport,
 ) -> None:
     """Write it, where it was asked for and the robot moved."""
     if path is None:

@@ -16,7 +16,10 @@ from .console import as_options, complain, emit, out, progress
 from .options import OptionalFloat, OptionalPath, check_drawn
 
 if TYPE_CHECKING:
+    from stancekit.planners.answer.crossing import Crossing
+    from stancekit.planners.answer.leap_plan import LeapPlan
     from stancekit.planners.answer.plan import Plan
+    from stancekit.runner.acceptance import Accepted, AcceptedCrossing, AcceptedLeap
     from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
     from stancekit.runner.worlds import World
@@ -42,7 +45,7 @@ class Simulate:
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
-    """Plan file."""
+    """File of a plan, a leap or a crossing."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Which simulation: bullet, mujoco, one of another package, or a class in a file."""
     forces: Literal["shared", "planned"] = "shared"
@@ -67,7 +70,6 @@ class Simulate:
         """Read, execute, compare."""
         from stancekit.motions import WORLDS, simulate
         from stancekit.planners.files.arrays import checked
-        from stancekit.planners.formats.plan_file import read_plan
         from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.settings import RunSettings
@@ -75,32 +77,31 @@ class Simulate:
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
         self._check_files()
-        plan, header = read_plan(self.plan)
-        if not header["verified"]:
+        accepted = self._accepted()
+        if accepted is None:
             complain(
                 f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed"
             )
             return 1
-        accepted = Accepted.verified(plan, str(self.plan))
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
+        made_for = accepted.plan.problem if isinstance(accepted, Accepted) else accepted
         world: str | World = self.world
         with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
             if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
-                course = plan.problem
                 world = kind.make(
                     WorldSettings(
-                        robot=course.robot, gravity_m_s2=course.gravity_m_s2, contact=contact
+                        robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, contact=contact
                     )
                 )
-        with as_options("world"), progress(f"simulate {plan.problem.name} in {self.world}") as bar:
+        with as_options("world"), progress(f"simulate {made_for.name} in {self.world}") as bar:
             report = simulate(accepted, world, settings=settings, progress=bar)
         execution = report.execution
         if execution is None:
             complain(f"stancekit: failed: {self.plan}: {report.message}")
             return 1
-        self._write(plan, execution)
+        self._write(accepted.plan, execution)
         if self.json:
             emit({"plan": str(self.plan), **_record(report, execution)})
         else:
@@ -109,6 +110,28 @@ class Simulate:
                 if path is not None:
                     out.print(f"written: {path}")
         return 0 if report.succeeded else 1
+
+    def _accepted(self) -> Accepted | AcceptedLeap | AcceptedCrossing | None:
+        """The motion of the file; None for a plan that the verifier rejected.
+
+        Raises InvalidInput for what cannot be executed, or not at this pace.
+        """
+        from stancekit.motions import accepted_of
+        from stancekit.planners.formats.crossing_file import is_crossing_file
+        from stancekit.planners.formats.leap_file import is_leap_file
+        from stancekit.planners.formats.plan_file import read_plan
+        from stancekit.runner.acceptance import Accepted, AcceptedCrossing, AcceptedLeap
+
+        if is_leap_file(self.plan) or is_crossing_file(self.plan):
+            if self.pace != 1.0 and is_leap_file(self.plan):
+                raise InvalidInput(
+                    "--pace: expected none with a leap, which runs as planned, or not at all"
+                )
+            leapt = accepted_of(self.plan)
+            assert isinstance(leapt, AcceptedLeap | AcceptedCrossing)
+            return leapt
+        plan, header = read_plan(self.plan)
+        return Accepted.verified(plan, str(self.plan)) if header["verified"] else None
 
     def _check_files(self) -> None:
         """Raise InvalidInput for a file that cannot be written."""
@@ -120,16 +143,23 @@ class Simulate:
                 raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
             check_writable(self.out)
 
-    def _write(self, plan: Plan, execution: Execution) -> None:
+    def _write(self, plan: Plan | LeapPlan | Crossing, execution: Execution) -> None:
         if self.out is not None:
             from stancekit.planners.files.writing import write_bytes
 
             write_bytes(self.out, execution.trace.to_npz())
         if self.picture is not None:
+            from stancekit.planners.answer.plan import Plan
+            from stancekit.views.crossings import draw_crossing
             from stancekit.views.executions import draw_execution
             from stancekit.views.sheet import save
 
-            save(draw_execution(plan, execution), self.picture)
+            figure = (
+                draw_execution(plan, execution)
+                if isinstance(plan, Plan)
+                else draw_crossing(plan, execution)
+            )
+            save(figure, self.picture)
         if self.video is not None:
             from stancekit.pictures import film
 

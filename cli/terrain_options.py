@@ -66,7 +66,7 @@ class FileMeaning:
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
-    def options(self, spacing_m: float) -> ImportOptions:
+    def options(self, spacing_m: float = 0.05) -> ImportOptions:
         """Import options that the reader wants, with a grid's spacing.
 
         Raises InvalidInput.
@@ -149,8 +149,8 @@ class FootholdOptions:
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.terrain.footholds import FootholdLimits
 
-        model = None if robot is None else named_robot(robot)
-        foot_m = 0.0 if model is None else max(leg.radius_m for leg in model.legs)
+        legs = () if robot is None else named_robot(robot).legs
+        foot_m = max((leg.radius_m for leg in legs), default=0.0)
         sizes = {"margin_m": self.margin_m, "width_m": self.width_m}
         with in_options():
             return FootholdLimits.for_foot(

@@ -248,8 +248,7 @@ def _spec(
 
 
 def _limbs(spec: CourseSpec) -> int:
-    model = spec.robot_model()
-    return len(spec.make_robot().limbs) if model is None else len(model.legs)
+    return len(spec.make_robot().limbs)
 
 
 def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:

@@ -23,8 +23,9 @@ from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import GaitRobot, anymal
-from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import walker_from
 
 from .distributions.walks import SampledTasks, Tasks
 from .episodes import check_options, checked_render_mode, checked_seed
@@ -61,7 +62,7 @@ class GaitEnvSettings:
     Raises InvalidInput for what does not go together.
     """
 
-    robot: GaitRobot | str | Path | None = None
+    robot: Robot | str | Path | None = None
     tasks: Tasks | None = None
     charts: Sequence[str] | None = None
     settings: GaitSettings | Mapping[str, Any] = OPTIMISER
@@ -192,7 +193,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | terrain | 'mixed' | a family, "any" of them, "mixed" smooth ones, a name of `TERRAINS`, or "FILE.py:NAME" |
-    | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; `anymal-boxes` where None |
+    | robot | None | a built-in name, a URDF, a YAML file, or a ``Robot``; `anymal-boxes` where None |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | settings of the optimiser, with the limit of every stage; or a mapping |
@@ -220,7 +221,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         settings = settings_from(GaitEnvSettings, options, beside=("terrain", "render_mode"))
         charts = CHARTS.names() if settings.charts is None else tuple(settings.charts)
         robot = settings.robot or anymal()
-        walker = robot if isinstance(robot, GaitRobot) else named_walker(robot)
+        walker = walker_from(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
         self._weights, self._timing = settings.rewards, bool(settings.timing)

@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
+from stancekit.planners.formats.crossing_file import read_crossing
 from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import read_trajectory
@@ -27,6 +29,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import Report, check_plan
+from stancekit.planners.verify.crossings import check_crossing
 from stancekit.planners.verify.joints import joint_report
 from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.tipping import tipping
@@ -223,6 +226,62 @@ class AcceptedLeap:
         leap = self.plan.problem
         patches = [leap.patch(j, self.plan.choice) for j in range(len(leap.footholds))]
         return tuple(replace(patch, friction=friction_share * patch.friction) for patch in patches)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcceptedCrossing:
+    """A crossing that may be run.
+
+    Arguments:
+        digest: the verifier's.
+        source: for messages.
+    """
+
+    plan: Crossing
+    digest: str
+    source: str
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that crosses."""
+        return self.plan.robot
+
+    @property
+    def name(self) -> str:
+        """Name of the course."""
+        return self.plan.name
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity of its course [m/s²]."""
+        return self.plan.first.gravity_m_s2
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> AcceptedCrossing:
+        """Read a crossing's file.
+
+        Raises InvalidInput for one that was edited since, or that the verifier rejects.
+        """
+        return cls.verified(read_crossing(path), str(path))
+
+    @classmethod
+    def verified(cls, crossing: Crossing, source: str) -> AcceptedCrossing:
+        """Verify a crossing now.
+
+        Raises InvalidInput for one that is rejected, or of which something was not judged.
+        """
+        report = check_crossing(crossing)
+        if not report.accepted or report.unchecked:
+            raise InvalidInput(
+                f"{source}: expected a crossing that the verifier accepts, {report.message}"
+            )
+        return cls(plan=crossing, digest=report.digest, source=source)
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
+        """All of the terrain, with this share of its friction."""
+        return tuple(
+            replace(patch, friction=friction_share * patch.friction) for patch in self.plan.terrain
+        )
 
 
 def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
@@ -19,12 +20,12 @@ from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .acceptance import Accepted, AcceptedGait, AcceptedLeap, check_joints
+from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap, check_joints
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.other_forces import Hung, LoadTransfer
+from .motion.other_forces import LoadTransfer
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.stream import timed_gait, timed_plan, unhurried_plan
 from .motion.time_parametrization import (
@@ -43,7 +44,7 @@ from .worlds.drives import Drives
 from .worlds.world import Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
-PlannedMotion = PlanMotion | GaitMotion | LeapRun
+PlannedMotion = PlanMotion | GaitMotion | LeapRun | CrossingMotion
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
@@ -204,7 +205,7 @@ def prepare_plan(
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
-    followed: Motion = Hung(motion) if settings.hung else motion
+    followed: Motion = LoadTransfer(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(
@@ -268,7 +269,7 @@ def prepare_gait(
         np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2)
     )  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    followed: Motion = Hung(motion) if settings.hung else motion
+    followed: Motion = LoadTransfer(motion) if settings.hung else motion
     tracker = Tracker(
         followed,
         kinematics,
@@ -302,17 +303,7 @@ def prepare_leap(
     Raises InvalidInput for a world that has another robot, and for one in which it hangs or counts
     steps.
     """
-    check_settings(settings, world)
-    for wrong, message in (
-        (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
-        (settings.hung, "hung: expected a plan or a gait, got a leap"),
-        (
-            world.real and not world.dry,
-            f"world: expected a simulation for a leap, whose stop in the air lands first, got {world.name}",
-        ),
-    ):
-        if wrong:
-            raise InvalidInput(message)
+    _check_leaps(settings, world)
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
     motion, sees = LeapRun(accepted.plan), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
@@ -339,6 +330,70 @@ def prepare_leap(
         terrain=ground,
         surfaces=tuple(patch.solid for patch in ground),
     )
+
+
+def prepare_crossing(
+    accepted: AcceptedCrossing, world: SafeWorld, settings: RunSettings
+) -> Prepared[CrossingMotion]:
+    """A crossing for a world that it fits: its climbs are timed as any plan's, and slowed down to
+    what joints can do; its leaps run as planned.
+
+    Raises InvalidInput as for a plan and for a leap.
+    """
+    _check_leaps(settings, world)
+    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
+    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+    climbs = list[PlanMotion]()
+    for plan in plans_of(accepted.plan):
+        motion, wished = unhurried_plan(
+            plan,
+            kinematics,
+            world.capabilities,
+            settings.timing,
+            shared=settings.forces == "shared",
+        )
+        if settings.check_limits:
+            check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
+            motion = timed_plan(motion, wished, kinematics, world.capabilities, world.drives).motion
+        climbs.append(motion)
+    crossing, sees = CrossingMotion(accepted.plan, climbs), sees_feet(world, settings)
+    tracker = Tracker(
+        crossing,
+        kinematics,
+        world.rate_hz,
+        replace(settings.feedback, **WALKING) if sees else STEADY,
+        settings.body,
+        None,
+        world.drives,
+    )
+    return Prepared(
+        digest=accepted.digest,
+        source=accepted.source,
+        name=accepted.name,
+        motion=crossing,
+        kinematics=kinematics,
+        tracker=tracker,
+        first=tracker.start(),
+        sees=sees,
+        clearance_m=settings.timing.clearance_m,
+        terrain=accepted.ground(),
+        surfaces=crossing.solids,
+    )
+
+
+def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
+    """Raise InvalidInput for a world and settings in which nobody leaps."""
+    check_settings(settings, world)
+    for wrong, message in (
+        (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
+        (settings.hung, "hung: expected a plan or a gait, got a leap"),
+        (
+            world.real and not world.dry,
+            f"world: expected a simulation for a leap, whose stop in the air lands first, got {world.name}",
+        ),
+    ):
+        if wrong:
+            raise InvalidInput(message)
 
 
 def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:

@@ -19,6 +19,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.crossing_motion import CrossingMotion
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
@@ -27,7 +28,7 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted, AcceptedGait, AcceptedLeap
+from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
@@ -39,6 +40,7 @@ from .prepared import (
     Resumption,
     Tracked,
     body_from,
+    prepare_crossing,
     prepare_gait,
     prepare_leap,
     prepare_plan,
@@ -92,7 +94,9 @@ class Runner:
         self.state: State | None = None
 
     def run(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap, terrain: Terrain | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        terrain: Terrain | None = None,
     ) -> RunReport:
         """Run one plan, or gait, from its beginning to its end.
 
@@ -163,11 +167,15 @@ class Runner:
     @overload
     def prepare(self, accepted: AcceptedLeap) -> Prepared[LeapRun]: ...
     @overload
+    def prepare(self, accepted: AcceptedCrossing) -> Prepared[CrossingMotion]: ...
+    @overload
     def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap
+        self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing
     ) -> Prepared[PlannedMotion]: ...
     def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap, resumption: Resumption | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        resumption: Resumption | None = None,
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it.
 
@@ -181,6 +189,8 @@ class Runner:
             prepared = prepare_plan(accepted, self.world, self.settings, resumption)
         elif isinstance(accepted, AcceptedLeap):
             prepared = prepare_leap(accepted, self.world, self.settings)
+        elif isinstance(accepted, AcceptedCrossing):
+            prepared = prepare_crossing(accepted, self.world, self.settings)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared
@@ -288,9 +298,8 @@ class Runner:
         that holds its joints in the air falls, so a stop lands it first.
         """
         motion = None if self._prepared is None else self._prepared.motion
-        if isinstance(motion, LeapRun):
-            begins, ends = motion.committed_s
-            self.latch.lands = begins < time_s < ends
+        if isinstance(motion, LeapRun | CrossingMotion):
+            self.latch.lands = any(begin < time_s < end for begin, end in motion.committed_s)
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,

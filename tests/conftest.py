@@ -231,12 +231,11 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
     from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
     from stancekit.runner.motion import stream
-    from stancekit.runner.motion.redundancy import near_of
 
     resolve, parametrize, collide = stream.resolved, stream.parametrize, prepared.motion_bodies
 
     def body(kinematics: Any) -> tuple[Any, ...]:
-        return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics)
+        return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, kinematics.near_rad
 
     def once(
         make: Callable[..., Any], key: tuple[Any, ...], *arguments: Any, **options: Any

@@ -13,7 +13,6 @@ from matplotlib.colors import to_rgb as rgb
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.single_body import GaitRobot
 
 from .links import Links
 from .scene import UP, Arrow, Colour, DrawnBody, Facet, Layer, Path, Scene, between
@@ -158,22 +157,22 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
 def climber(robot: Robot) -> RobotShape:
     """A robot that climbs: its own links, or a deck with limbs."""
     size = float(np.mean([limb.reach_m for limb in robot.limbs]))
-    if robot.model is not None:
-        return linked(robot.model, size)
+    if robot.source.own:
+        return linked(robot.source.own_model(), size)
     return hexapod(robot.limb_names, np.array([limb.shoulder_m for limb in robot.limbs]), size)
 
 
-def single_body(robot: GaitRobot) -> RobotShape:
+def single_body(robot: Robot) -> RobotShape:
     """A walker: its own links, or a box of the trunk's measures."""
     half, size = robot.trunk_half_m, robot.stand_height_m
-    if robot.model is not None:
-        return linked(robot.model, size)
+    if robot.source.own:
+        return linked(robot.source.own_model(), size)
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
     outline = (
         np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
     )
     return RobotShape(
-        limbs=robot.foot_names,
+        limbs=robot.limb_names,
         trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
         outline_m=outline,
         size_m=size,

@@ -70,7 +70,7 @@ SECTIONS = (
     Section(
         "Walkers",
         "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
-        values=("planners.robot.single_body:GaitRobot",),
+        values=("planners.robot.single_body:WalkerKeys",),
     ),
     Section(
         "Actuators",

@@ -119,7 +119,7 @@ class StandingRobot:
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
         """
-        if isinstance(robot, Robot) and robot.model is None:
+        if isinstance(robot, Robot) and not robot.source.own:
             toes = paper_stance(robot.limbs, "ground").centre_m
             reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
             return cls(robot=robot, toes_m=toes, reach_m=reach, paper=_is_default(robot))
@@ -135,8 +135,7 @@ class StandingRobot:
         from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
         from stancekit.planners.robot.workspace_cache import workspaces_of
 
-        model = named_robot(robot) if isinstance(robot, str) else robot.model
-        assert model is not None
+        model = named_robot(robot) if isinstance(robot, str) else robot.source.own_model()
         try:
             workspaces = workspaces_of(model)
         except InvalidInput as error:

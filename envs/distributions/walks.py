@@ -13,7 +13,8 @@ import numpy as np
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.families import (
     MIXED,
     OLD,
@@ -51,7 +52,7 @@ class SampledTasks:
     difficulty: tuple[float, float] = (0.2, 0.8)
     distance_m: tuple[float, float] = (0.3, 0.8)
     duration_s: float = 3.0
-    robot: GaitRobot = field(default_factory=anymal)
+    robot: Robot = field(default_factory=anymal)
 
     def __post_init__(self) -> None:
         known = tuple(
@@ -133,5 +134,5 @@ class SampledTasks:
         )
 
 
-def _gait(robot: GaitRobot) -> str:
+def _gait(robot: Robot) -> str:
     return "trot" if len(robot.feet) == 4 else "tripod"

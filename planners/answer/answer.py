@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from ..problem import Problem
 from ..problem.leap import Leap
 from .certificate import Certificate
+from .crossing import Crossing
 from .leap_plan import LeapPlan
 from .plan import Plan
 from .report import Report
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ..problem.walk import Walk
     from ..robot.reach_sets import Sets
 
-S = TypeVar("S", bound=Plan | LeapPlan | Trajectory, covariant=True)
+S = TypeVar("S", bound=Plan | LeapPlan | Crossing | Trajectory, covariant=True)
 UNBOUNDED = 1e6
 """Stands in files for a lower bound of infinity: the problem has no answer even without its moment
 balance."""

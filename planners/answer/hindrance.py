@@ -44,7 +44,7 @@ def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
     if left:
         return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
     if walk.adhesive.any():
-        names = np.array(walk.robot.foot_names)[walk.adhesive]
+        names = np.array(walk.robot.limb_names)[walk.adhesive]
         return f"no world has feet that stick, as {', '.join(names)} do"
     try:
         walking_robot(walk.robot)

@@ -22,6 +22,7 @@ from ..cached import cached_property
 from ..problem import Problem
 from ..robot.urdf import joint_names
 from .certificate import Certificate
+from .crossing import Crossing
 from .hindrance import LEAP_BODY, plan_hindrance, walk_hindrance
 from .leap_plan import NUMBERS, LeapPlan
 from .motion_table import MotionTable
@@ -64,7 +65,11 @@ OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar("S", bound=Plan | LeapPlan | Trajectory | Certificate | MotionTable, covariant=True)
+S = TypeVar(
+    "S",
+    bound=Plan | LeapPlan | Crossing | Trajectory | Certificate | MotionTable,
+    covariant=True,
+)
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
@@ -372,6 +377,8 @@ class Report(Generic[S]):
                 "plan": {**plan, "timing": self.answer.timing},
             }
             return _digest(content, self.tolerance, self.accepted)
+        if isinstance(self.answer, Crossing):
+            return _digest({"parts": _part_digests(self.answer)}, self.tolerance, self.accepted)
         of, kind = (
             self.answer.problem,
             "posture" if isinstance(self.answer, Plan) else "certificate",
@@ -388,6 +395,8 @@ class Report(Generic[S]):
             return f"rejected: {self.defect}"
         if isinstance(self.answer, Certificate):
             return self.groups[0].message
+        if isinstance(self.answer, Crossing):
+            return self._crossing_line()
         line = (
             self._walk_line()
             if isinstance(self.answer, Trajectory | MotionTable)
@@ -433,6 +442,19 @@ class Report(Generic[S]):
         if group.name == "schedule":
             size = "nobody there carries as the schedule says"
         return f"{verdict}{then}worst is {group.name}{f' ({place})' if place else ''}, {size}"
+
+    def _crossing_line(self) -> str:
+        """The verdict on a crossing, and the first part or seam that is refused."""
+        failed = [group for group in self.groups if group.verdict == "violated"]
+        if not failed:
+            return (
+                f"{acceptance_word(self.unchecked)}: {len(self.answer.parts)} parts, and they meet"
+            )
+        first = failed[0]
+        size = f"off by {first.value:.3g} {first.unit}".rstrip()
+        return f"rejected: {first.name}{f' ({first.where})' if first.where else ''}: " + (
+            first.message or size
+        )
 
     def _walk_line(self) -> str:
         """The verdict on a walk, and the group that breaks its limit most."""
@@ -497,6 +519,8 @@ class Report(Generic[S]):
                 "figures": _finite(self.figures),
                 "limits": dict(self.limits),
             }
+        if isinstance(self.answer, Crossing):
+            return {**head, "groups": [_crossing_group(group) for group in self.groups]}
         body = {group.name: body_json(group) for group in self._of_body}
         proved = (
             {"proved": int(self.figures["proved"]), "checked": list(self.checked)}
@@ -558,6 +582,29 @@ def _walk_group(group: Group) -> dict[str, Any]:
         "time_s": group.when,
         "not_checked": group.message if group.verdict == "not checked" else "",
     }
+
+
+def _crossing_group(group: Group) -> dict[str, Any]:
+    """A group of a crossing."""
+    return {
+        "group": group.name,
+        "verdict": group.verdict,
+        "value": or_null(group.value),
+        "limit": or_null(group.limit),
+        "unit": group.unit,
+        "where": group.where,
+        "message": group.message,
+    }
+
+
+def _part_digests(crossing: Crossing) -> list[str]:
+    """Digests of the parts of a crossing, whatever was said of them."""
+    return [
+        Report(groups=(), answer=part, tolerance=0.0).digest
+        if isinstance(part, LeapPlan)
+        else plan_digest(part, 0.0, True)
+        for part in crossing.parts
+    ]
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:

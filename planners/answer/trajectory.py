@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.codec import from_json
 from ..files.comparison import first_difference
 from ..files.validation import shown
 
 if TYPE_CHECKING:
-    from ..robot.single_body import GaitRobot
+    from ..robot.model import Robot
     from ..terrain.heightfield import HeightField
 
 OFF_M = 0.015
@@ -81,7 +80,7 @@ class Trajectory:
     feet_m: Array
     forces_n: Array
     contact: NDArray[np.bool_]
-    robot: GaitRobot
+    robot: Robot
     terrain: HeightField
     friction: float
     adhesive: NDArray[np.bool_]
@@ -206,22 +205,22 @@ class Trajectory:
         return content.hexdigest()
 
 
-def robot_from_json(data: Any) -> GaitRobot:
+def robot_from_json(data: Any) -> Robot:
     """Read the robot of a walk.
 
     Raises InvalidInput, also for one that is called as a built-in one and is another.
     """
-    from ..robot.single_body import GaitRobot
+    from ..robot.single_body import walker_from_json
 
     try:
-        robot = from_json(GaitRobot, data)
+        robot = walker_from_json(data)
         _check_built_in(robot)
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
     return robot
 
 
-def _check_built_in(robot: GaitRobot) -> None:
+def _check_built_in(robot: Robot) -> None:
     """Raise InvalidInput for a robot that has the name of a built-in robot but other numbers."""
     from ..robot.walker import BUILT_IN
 

@@ -31,7 +31,7 @@ class FileCheck:
     """
 
     path: str
-    kind: Literal["plan", "no-plan", "no-posture", "leap", "no-leap", "gait", "motion"]
+    kind: Literal["plan", "no-plan", "no-posture", "leap", "no-leap", "crossing", "gait", "motion"]
     report: Report[Any]
     message: str
     same: bool = True
@@ -48,6 +48,6 @@ class FileCheck:
         record = {"where": self.path, "kind": self.kind, "verdict": verdict}
         if self.kind in ("gait", "motion"):
             return {**record, **self.report.to_json()}
-        if self.kind in ("plan", "leap"):
+        if self.kind in ("plan", "leap", "crossing"):
             return {**record, "message": self.message, "report": self.report.to_json()}
         return {**record, "message": self.message, "leaves": self.report.figures["leaves"]}

@@ -66,6 +66,14 @@ def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
         raise InvalidInput(
             f"{path}: expected a leap, with phases or a distribution, got {shown(data)}"
         )
+    return leap_from(data, path)
+
+
+def leap_from(data: Mapping[str, Any], path: str | Path) -> LeapFile:
+    """A leap of a file's content, with what answers it there.
+
+    Raises InvalidInput, in one line.
+    """
     raw_plan, raw_proof = data.get("plan"), data.get("certificate")
     leap = leap_from_keys(
         {k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path)
@@ -88,12 +96,16 @@ def write_leap(
 
     Raises InvalidInput where nothing can be written.
     """
-    content = leap_to_json(leap)
-    if plan is not None:
-        content["plan"] = plan_to_json(plan)
+    content = leap_content(leap, plan)
     if certificate is not None:
         content["certificate"] = certificate.to_json()
     write_text(path, json.dumps(content, allow_nan=False) + "\n")
+
+
+def leap_content(leap: Leap, plan: LeapPlan | None = None) -> dict[str, Any]:
+    """What a leap's file holds of the leap and its plan."""
+    content = leap_to_json(leap)
+    return content if plan is None else {**content, "plan": plan_to_json(plan)}
 
 
 def is_leap(data: Any) -> bool:

@@ -96,6 +96,14 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         raise InvalidInput(
             f"{path}: expected the verifier's report on this plan, got the one on another"
         )
+    write_text(path, json.dumps(plan_content(plan, report, path), indent=1, allow_nan=False) + "\n")
+
+
+def plan_content(plan: Plan, report: Report[Plan], where: str | Path) -> dict[str, Any]:
+    """What a plan's file holds, with its seal.
+
+    Raises InvalidInput for a provenance that is no JSON.
+    """
     content = {
         "format": FORMAT,
         "verified": report.accepted,
@@ -113,12 +121,11 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
         },
     }
     try:
-        text = json.dumps({**content, "sha256": _seal(content)}, indent=1, allow_nan=False)
+        return {**content, "sha256": _seal(content)}
     except (TypeError, ValueError) as error:
         raise InvalidInput(
-            f"{path}: provenance: expected finite numbers and text: {error}"
+            f"{where}: provenance: expected finite numbers and text: {error}"
         ) from None
-    write_text(path, text + "\n")
 
 
 def check_name(path: str | Path) -> Path:
@@ -141,8 +148,23 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     numbers that are missing, of a wrong shape or not finite, and a course that is none.
     """
     header_path, numbers_path = plan_paths(path)
-    header = _header(header_path)
+    return plan_from(read_json(header_path), header_path, numbers_path)
+
+
+def plan_from(
+    data: Any, header_path: Path, numbers_path: Path | None = None
+) -> tuple[Plan, dict[str, Any]]:
+    """The plan of a file's content, see ``read_plan``.
+
+    Arguments:
+        data: what the file holds.
+        header_path: the file, for messages.
+        numbers_path: where the numbers of an older plan are.
+    """
+    header = _header(data, header_path)
     if header["format"] == PAIRED:
+        if numbers_path is None:
+            raise InvalidInput(f"{header_path}: expected format {FORMAT!r}, got {PAIRED!r}")
         content = _beside(numbers_path, header["arrays"]["sha256"])
     else:
         numbers_path = Path(f"{header_path}: arrays")
@@ -197,13 +219,11 @@ def check_file(
         InvalidInput: for a file that cannot be read, and for one of another robot or course.
     """
     plan, header = read_plan(path)
-    model = plan.problem.robot.model
+    legs = plan.problem.robot.source
     if robot is not None and (
-        model is None
-        or model.digest != robot.digest
-        or model.disabled_pairs != robot.disabled_pairs
+        legs.digest != robot.digest or legs.own_model().disabled_pairs != robot.disabled_pairs
     ):
-        got = "legs or numbers of its own" if model is not None else "no legs in its file"
+        got = "legs or numbers of its own" if legs.own else "no legs in its file"
         raise InvalidInput(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.problem.robot.name} "
             f"with {got}"
@@ -226,7 +246,7 @@ def check_file(
         if find_spec("pinocchio")
         else []
     )
-    bare = model is not None and any(shape.kind == "mesh" for shape in model.shapes)
+    bare = legs.own and any(shape.kind == "mesh" for shape in legs.own_model().shapes)
     older = header["format"] if bare and header["format"] != FORMAT else ""
     parts = [
         report.message,
@@ -300,12 +320,11 @@ def _seal(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _header(path: Path) -> dict[str, Any]:
+def _header(data: Any, path: Path) -> dict[str, Any]:
     """Read the keys of a plan's file, with their values as they are in the file.
 
     Raises InvalidInput for a file of another format, and for missing or unknown keys.
     """
-    data = read_json(path)
     version = data.get("format") if isinstance(data, dict) else type(data).__name__
     if version not in tuple(ARRAYS):
         hint = (

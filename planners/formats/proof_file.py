@@ -34,13 +34,20 @@ def write_proof(path: str | Path, certificate: Certificate) -> None:
 
     Raises InvalidInput where nothing can be written, and for a certificate of something else.
     """
+    write_text(path, json.dumps(proof_content(certificate, path), allow_nan=False) + "\n")
+
+
+def proof_content(certificate: Certificate, where: str | Path) -> dict[str, Any]:
+    """What the file of a proof holds.
+
+    Raises InvalidInput for a proof about a leap.
+    """
     subject = certificate.refuted
     if isinstance(subject, Leap):
         raise InvalidInput(
-            f"{path}: expected a proof about a posture problem or a course, got one about a leap"
+            f"{where}: expected a proof about a posture problem or a course, got one about a leap"
         )
-    content = {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
-    write_text(path, json.dumps(content, allow_nan=False) + "\n")
+    return {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
 
 
 def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
@@ -48,7 +55,11 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
 
     Raises InvalidInput in one line for anything else.
     """
-    data = read_json(path)
+    return proof_from(read_json(path), path)
+
+
+def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
+    """The problem and its certificate of a file's content, see ``read_proof``."""
     if not is_proof(data):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}")
     key = SUBJECT[data["format"]]

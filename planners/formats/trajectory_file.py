@@ -34,7 +34,7 @@ from ..terrain.heightfield import HeightField
 from ..verify.trajectories import check_trajectory
 
 if TYPE_CHECKING:
-    from ..robot.single_body import GaitRobot
+    from ..robot.model import Robot
 
 FORMAT = "stancekit/gait/3"
 OLDER = "stancekit/gait/2"
@@ -125,7 +125,7 @@ def read_trajectory(path: str | Path) -> WalkRecord:
     return WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
-def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Trajectory]:
+def check_file(path: str | Path, *, robot: Robot | None = None) -> Report[Trajectory]:
     """Read a trajectory and verify it again, by the usual limits, whatever the file says.
 
     Arguments:
@@ -143,7 +143,7 @@ def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> Report[Tr
     return check_trajectory(trajectory)
 
 
-def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
+def _difference(robot: Robot, expected: Robot) -> str:
     ours, theirs = (robot_numbers(each.to_json()) for each in (robot, expected))
     return first_difference(ours, theirs)
 

@@ -21,7 +21,7 @@ from .task import GaitSettings
 from .transcription.blocks import Constraint
 from .transcription.ipopt import Callback, Ipopt
 from .transcription.program import Program
-from .variables.samples import GaitSamples, sampled
+from .variables.samples import sampled
 from .variables.structure import Structure
 
 
@@ -226,7 +226,7 @@ class GaitSolution:
             height_factor=1.0,
         )
 
-    def samples(self, times_s: Array) -> GaitSamples:
+    def samples(self, times_s: Array) -> Trajectory:
         """The motion at times in [0, T], shape (K,) [s]."""
         return sampled(
             self.program.structure,
@@ -246,25 +246,9 @@ class GaitSolution:
         checked(dt_s, "dt_s", above=0.0, most=task.duration_s)
         steps = max(3, round(task.duration_s / dt_s))
         at = self.samples(np.linspace(0.0, task.duration_s, steps + 1))
-        return Trajectory(
-            times_s=at.times_s,
-            torso_m=at.torso_m,
-            rotation=at.rotation,
-            feet_m=at.feet_m,
-            forces_n=at.forces_n,
-            contact=at.contact,
-            robot=task.robot,
-            terrain=task.terrain
-            if self.height_factor == 1.0
-            else task.terrain.scaled(self.height_factor),
-            friction=task.friction,
-            adhesive=np.array(task.adhesive),
-            start_xy_m=task.start_xy_m,
-            goal_xy_m=task.goal_xy_m,
-            heading_rad=task.start_yaw_rad,
-            heading_end_rad=task.end_yaw_rad,
+        return replace(
+            at,
             still=(True, settings.still_end),
-            suction_n=task.suction_n,
             provenance={
                 "chart": settings.chart,
                 "dynamics": settings.dynamics,

@@ -32,7 +32,7 @@ from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
 from ..files.documents import read_text, read_yaml
 from ..files.validation import validated
-from ..robot.single_body import GaitRobot
+from ..robot.model import Robot
 from ..robot.walker import named_walker
 from ..terrain.families import drawn_name
 from ..terrain.import_options import ImportOptions
@@ -139,7 +139,7 @@ def _from(path: Path, name: str) -> str:
     return str(path.parent / name) if Path(name).suffix and not is_draw else name
 
 
-def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
+def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
     """The samples of a CSV file.
 
     Raises InvalidInput.
@@ -183,11 +183,11 @@ def _of_table(path: Path, robot: GaitRobot) -> dict[str, Any]:
     return _samples(arrays, robot)
 
 
-def _of_archive(path: Path, robot: GaitRobot) -> dict[str, Any]:
+def _of_archive(path: Path, robot: Robot) -> dict[str, Any]:
     return _samples(read_archive(path), robot)
 
 
-def _samples(arrays: Mapping[str, Array], robot: GaitRobot) -> dict[str, Any]:
+def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
     """Arrays as a trajectory has them.
 
     Raises InvalidInput for one that is missing, unknown or of another shape.

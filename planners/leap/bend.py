@@ -43,6 +43,8 @@ from .scp import (
 
 SHARE, LEAST_SHARE = 0.88, 0.5
 """Of joints' speeds and torques, that rows ask for; less in later rounds, but no less than that."""
+MORE_THAN = 1.03
+"""Rows ask for so much less than would make up for what was too much."""
 ROUNDS, STEPS = 6, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
 SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
@@ -60,6 +62,8 @@ GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
 MORE_M, MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
+SAID = 2
+"""A plan says so often anew what legs turn its body by, where nothing else is violated."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
 
@@ -92,12 +96,13 @@ class JudgedLeap:
             for group in self.groups
             if group.name in ("joint_speed", "torque") and group.verdict == "violated"
         ]
-        return max(self.share / min(max([1.0, *over]), 1.15), LEAST_SHARE)
+        less = min(MORE_THAN * max(over), 1.15) if over else 1.0
+        return max(self.share / less, LEAST_SHARE)
 
     @property
     def short_m(self) -> Array:
         """Length that the reach of every limb lacks, with what was known before, shape (N,) [m]."""
-        missed = np.where(self.body.path.contact, self.body.off_toes().values, 0.0).max(axis=0)
+        missed = self.body.off_toes().values.max(axis=0)
         return np.asarray(
             np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
         )
@@ -149,21 +154,17 @@ class LeapBender:
             if unlimited := no_motors(model):
                 raise InvalidInput(f"robot {plan.problem.robot.name}: {unlimited}")
             self._body = MovingBody(model)
-        measured = LeapBodyMeasurements(LeapBody(plan, body=self._body, quick=True))
+        measured = self._measured(plan)
         if self._hard(measured) > 1.0 > self._hard(measured, air=False) - 0.5:
-            measured = min(
-                (
-                    LeapBodyMeasurements(
-                        LeapBody(
-                            replace(plan, gather=np.array(gather)), body=self._body, quick=True
-                        )
-                    )
-                    for gather in GATHERS
-                ),
-                key=self._hard,
-            )
-            plan = measured.leap_body.plan
+            others = (self._measured(replace(plan, gather=np.array(each))) for each in GATHERS)
+            measured = min(others, key=self._hard)
         groups = tuple(measured.groups(self._limits, bodies=False))
+        for _ in range(SAID):
+            if [group.name for group in groups if group.verdict == "violated"] != ["legs_turn"]:
+                break  # else the plan may say what legs make of its turning, as it was measured
+            measured = self._measured(as_turned(measured))
+            groups = tuple(measured.groups(self._limits, bodies=False))
+        plan = measured.leap_body.plan
         if not any(group.verdict == "violated" for group in groups):
             measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
             groups = tuple(measured.groups(self._limits))
@@ -176,6 +177,10 @@ class LeapBender:
             shortened_m=none if shortened_m is None else shortened_m,
             share=share,
         )
+
+    def _measured(self, plan: LeapPlan) -> LeapBodyMeasurements:
+        """A plan on the robot's own body, at half as many samples as it is judged at."""
+        return LeapBodyMeasurements(LeapBody(plan, body=self._body, quick=True))
 
     def _hard(self, measured: LeapBodyMeasurements, *, air: bool = True) -> float:
         """Largest share of a limit that joints have in the air, or while some limb stands; a foot
@@ -266,7 +271,7 @@ class LeapBender:
             LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
         )
         point = point_of(numbers, plan)
-        data = LeapGiven(scaled, its=numbers, at=point, reserve_m=HEIGHT_RESERVE_M)
+        data = LeapGiven(scaled, its=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)
         data = replace(data, joints=joint_rows(judged.body, data, share))
         radius = near_m
         for _ in range(STEPS):
@@ -278,6 +283,18 @@ class LeapBender:
             if cost_of(replace(data, joints=None), point) <= HOLDS:
                 return _plan_of(numbers, plan.choice, point, plan)
         return None
+
+
+def as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
+    """The plan of a leap that was measured, which says that legs turn the body as they were measured
+    to: c, v and L are what they were.
+    """
+    plan, turned = measured.leap_body.plan, measured.turned
+    return replace(
+        plan,
+        rotation_rad=plan.rotation_rad + turned,
+        legs_turn_rad=plan.turned_rad + np.diff(turned, axis=0),
+    )
 
 
 def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:

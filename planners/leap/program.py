@@ -30,6 +30,11 @@ class Step:
     cost: float
 
 
+UPRIGHT, QUIET = 2e-2, 10.0
+"""Price of squares of Θ [1/rad²] and of L [s²/m⁴] at every frame, where legs are judged: with nothing
+to hold them a body rolls as far as it may, and legs that swing make more of it."""
+
+
 class LeapProgram:
     """A leap with given contacts, bilinear rows linearised about a point with slack; one candidate
     per foothold.
@@ -58,6 +63,8 @@ class LeapProgram:
         legs.power(forces, turning.momentum)
         if joints:
             legs.joints(forces, turning.momentum, joints)
+            rows.square(body.rotation, None, UPRIGHT)
+            rows.square(turning.momentum, None, QUIET)
         if layout.reach_rows:
             legs.inside()
         forces.in_cones()

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from ..answer.crossing import Crossing
 from ..answer.leap_plan import LeapPlan
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
+from .crossing_motion import CrossingMotion
 from .gait_motion import GaitMotion
 from .leap_motion import LeapMotion
 from .plan_motion import PlanMotion
 
 
-def feet_motion(subject: Plan | Trajectory | LeapPlan) -> PlanMotion | GaitMotion | LeapMotion:
-    """The motion of a plan, a walk or a leap, timed as ``run`` times it where no joint asks for
+def feet_motion(
+    subject: Plan | Trajectory | LeapPlan | Crossing,
+) -> PlanMotion | GaitMotion | LeapMotion | CrossingMotion:
+    """The motion of a plan, a walk, a leap or a crossing, timed as ``run`` times it where no joint asks for
     more time.
 
     A plan may also lift all limbs at once; the runner refuses such a plan.
@@ -23,3 +27,5 @@ def feet_motion(subject: Plan | Trajectory | LeapPlan) -> PlanMotion | GaitMotio
             return GaitMotion(subject, subject.robot.source.foot_radii_m)
         case LeapPlan():
             return LeapMotion(subject)
+        case Crossing():
+            return CrossingMotion(subject)

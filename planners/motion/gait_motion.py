@@ -48,7 +48,7 @@ class GaitMotion:
         self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
         self._foothold = footholds(trajectory.contact)
         self.stances: Sequence[str] = tuple(
-            f"{trajectory.robot.foot_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
+            f"{trajectory.robot.limb_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
             for row, foot in (
                 np.argwhere(self._foothold == k)[0] for k in range(int(self._foothold.max()) + 1)
             )

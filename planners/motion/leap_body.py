@@ -147,7 +147,8 @@ class LeapBody:
 
         rows = np.arange(max(first, 0), min(last, len(self.times_s) - 1) + 1)
         here = slice(rows[0], rows[-1] + 1)
-        begin, end = self._flight(limb, rows)
+        leaves, lands = self._flight(limb, rows)
+        begin, end = (float(self.plan.times_s[k]) for k in (leaves, lands))
         times = np.clip(self.times_s[here], begin, end)
         at = [
             rows[0] if first >= 0 else rows[-1],
@@ -157,8 +158,9 @@ class LeapBody:
         share = ((times - begin) / (end - begin))[:, None]
         facing = normals[0] + share * (normals[1] - normals[0])
         self.normals[here, limb] = facing / np.linalg.norm(facing, axis=1, keepdims=True)
-        ends = self.centres_m[at, limb] - self.com_m[at]  # in axes that do not turn
-        moves = -self.velocity_m_s[at]
+        there = [leaves if first >= 0 else lands, lands if last < len(self.times_s) else leaves]
+        ends = self.centres_m[at, limb] - self.plan.com_m[there]  # in axes that do not turn
+        moves = -self.plan.velocity_m_s[there]
         leg = self.plan.problem.leg(self.plan.problem.robot.limbs[limb])
         edge = self._edge
         shares = np.array([[edge], [1.0 - edge]])
@@ -179,8 +181,8 @@ class LeapBody:
         self.centres_m[here, limb] = np.where(flies[:, None], placed, self.centres_m[here, limb])
         self._moves[here, limb] = np.where(flies[:, None], moving, 0.0)
 
-    def _flight(self, limb: int, rows: NDArray[np.int_]) -> tuple[float, float]:
-        """When a limb leaves and lands [s], exactly."""
+    def _flight(self, limb: int, rows: NDArray[np.int_]) -> tuple[int, int]:
+        """At which ends of intervals a limb leaves and lands."""
         air = self._holds[:, limb] < 0
         k = int(self._k[rows[min(1, len(rows) - 1)]])
         first = last = k
@@ -188,7 +190,7 @@ class LeapBody:
             first -= 1
         while last + 1 < len(air) and air[last + 1]:
             last += 1
-        return float(self.plan.times_s[first]), float(self.plan.times_s[last + 1])
+        return first, last + 1
 
     def _turned(self, postures: WalkPostures) -> Array:
         """R_WB that leaves the whole robot with the momentum of the plan, shape (K, 3, 3).
@@ -232,6 +234,28 @@ class LeapBody:
         for k, small in enumerate(rotations_of(turns)):
             rotation[k + 1] = small @ rotation[k]
         return rotation
+
+    @cached_property
+    def mean_forces_n(self) -> Array:
+        """Forces as differences of velocities see them: means with weights that fall off from a
+        sample to its neighbours, shape (K, N, 3) [N].
+
+        Forces jump where a limb leaves or lands, and the acceleration there is that of both sides.
+        """
+        ends, forces = self.plan.times_s, self.plan.forces_n
+        lasts = np.diff(ends)[:, None, None]
+        once = np.concatenate([np.zeros_like(forces[:1]), np.cumsum(forces * lasts, axis=0)])
+        grown = once[:-1] * lasts + 0.5 * forces * lasts**2
+        twice = np.concatenate([np.zeros_like(forces[:1]), np.cumsum(grown, axis=0)])
+
+        def integral(times_s: Array) -> Array:
+            k = np.clip(np.searchsorted(ends, times_s, side="right") - 1, 0, len(forces) - 1)
+            t = (times_s - ends[k])[:, None, None]
+            return np.asarray(twice[k] + once[k] * t + 0.5 * forces[k] * t**2)
+
+        step = float(self.times_s[1] - self.times_s[0])
+        after, now, before = (integral(self.times_s + s * step) for s in (1.0, 0.0, -1.0))
+        return np.asarray((after - 2.0 * now + before) / step**2)
 
     @property
     def toes_m(self) -> Array:

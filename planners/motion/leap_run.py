@@ -71,16 +71,17 @@ class LeapRun:
         return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / KNOT_S)) + 1)
 
     @cached_property
-    def committed_s(self) -> tuple[float, float]:
+    def committed_s(self) -> tuple[tuple[float, float], ...]:
         """From when the body goes into the air whatever its legs do, and when it rests again [s]:
-        from the beginning of the last interval before the first flight to the end.
+        from the beginning of the last interval before the first flight to the end; none where some
+        limb always stands.
         """
         leap, ends = self.plan.problem, self.plan.times_s
         air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
         if not air.any():
-            return np.inf, np.inf
+            return ()
         first = max(int(np.argmax(air)) - 1, 0)
-        return float(ends[first]) + self.settle_s, self.duration_s
+        return ((float(ends[first]) + self.settle_s, self.duration_s),)
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""

@@ -64,7 +64,7 @@ class Alternative:
         if not self.drawn:
             update["weights"] = spec.weights.model_copy(update={"stance": 0.0})
         if self.level:
-            update["body"] = spec.body.model_copy(update={"tilt_limit_rad": 0.0})
+            update["body"] = spec.level()
         if self.gait is not None:
             order = sorted(
                 robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0])

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
 from ..files.validation import validated
@@ -48,6 +49,7 @@ def course_between(
     alternative: Alternative = AS_ASKED,
     avoid_m: Sequence[Array] = (),
     standing: StandingMap | None = None,
+    straight: bool = False,
 ) -> CourseSpec:
     """The course over a terrain's file from one place (x, y) [m] to another, the robot facing along
     x.
@@ -56,6 +58,7 @@ def course_between(
         robot: the hexapod unless named.
         frames: M, by the length of the way if missing.
         avoid_m, standing: as for ``guide_path``.
+        straight: the way of the body is the straight one, whatever is below it.
 
     Raises:
         InvalidInput: for a start or goal in a solid, off the terrain or without footholds for all
@@ -76,9 +79,8 @@ def course_between(
         return made.of_robot(robot) if isinstance(robot, Robot) else made
 
     spec = described()
-    model = spec.robot_model(folder)
-    body = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, body), body)
+    body = spec.make_robot(folder)
+    spec = alternative.of(spec.standing(body), body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
@@ -93,7 +95,11 @@ def course_between(
             f"standing: expected a map at a friction of {terrain.friction:g} or more, got {standing.friction:g}: what "
             "cannot be stood on there may be here"
         )
-    way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
+    if straight:
+        heights = [float(terrain_along.grid(end[:1], end[1:])[0, 0]) for end in ends]
+        way = np.column_stack([ends, heights])
+    else:
+        way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
@@ -125,7 +131,7 @@ def course_between(
     if not alternative.drawn:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
-        update["body"] = {"tilt_limit_rad": 0.0}
+        update["body"] = described().level()
     return described(stance=spec.stance, **update)
 
 
@@ -178,13 +184,20 @@ class LaidBetween:
     robot: Robot | str | None
     frames: int | None
     standing: StandingMap | None = None
+    straight: bool = False
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
         """The course over the inner or outer sets of the robot's legs.
 
         Raises InvalidInput and PlanningFailed.
         """
+        if sets == "inner" and alternative is AS_ASKED:
+            return self._as_asked
         return self._laid(self.start_m, self.frames, sets, alternative, ())
+
+    @cached_property
+    def _as_asked(self) -> Problem:
+        return self._laid(self.start_m, self.frames, "inner", AS_ASKED, ())
 
     def onward(
         self, com_m: Array, avoid_m: Sequence[Array], alternative: Alternative = AS_ASKED
@@ -214,6 +227,7 @@ class LaidBetween:
                 alternative=alternative,
                 avoid_m=avoid_m,
                 standing=self.standing,
+                straight=self.straight,
             )
             return build_course(spec, sets=sets)
         except InvalidInput as error:

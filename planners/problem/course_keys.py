@@ -266,6 +266,7 @@ class CourseSpec(_Keys):
     wrench: list[WrenchSpec] = []
     terrain: AnyTerrain
     _given: Robot | None = PrivateAttr(None)
+    _models: dict[Any, Any] = PrivateAttr(default_factory=dict)
 
     def of_robot(self, robot: Robot | str) -> CourseSpec:
         """Specification for another robot: a name or a file, as the key ``robot`` has it, or a
@@ -277,39 +278,18 @@ class CourseSpec(_Keys):
         made._given = robot
         return made
 
-    def robot_model(self, folder: Path = Path()) -> RobotModel | None:
-        """The model of a robot that the file names, by a path from its folder; None for one that is
-        but its limbs.
-
-        Raises InvalidInput.
-        """
-        if self._given is not None:
-            model = self._given.model
-        elif not isinstance(self.robot, str) or self.robot == "hexapod":
-            return None
-        else:
-            from ..robot.robot_file import named_robot
-
-            try:
-                model = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
-            except InvalidInput as error:
-                raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
-        if self.mass_kg is None or model is None:
-            return model
-        from ..robot.payload import with_mass
-
-        return with_mass(model, self.mass_kg)
-
-    def standing(self, model: RobotModel | None, robot: Robot, sets: Sets = "inner") -> CourseSpec:
-        """Specification with toes where the model has them as it stands, if the file does not say
+    def standing(self, robot: Robot, sets: Sets = "inner") -> CourseSpec:
+        """Specification with toes where the robot has them as it stands, if the file does not say
         where they should be: so far from borders of surfaces, where a riser may be, that the feet
         have room, and near the nominal path, from which a high body may be farther than a low one.
-        Inner sets, which shrink with the tilt, get less tilt. Without a model nothing changes.
+        Inner sets, which shrink with the tilt, get less tilt. Nothing changes for a robot without
+        legs of its own.
         """
-        if model is None:
+        if not robot.source.own:
             return self
         from ..robot.reach_sets import standing_toes
 
+        model = robot.source.own_model()
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
             rolls = (
@@ -342,27 +322,52 @@ class CourseSpec(_Keys):
             update["stance"] = StanceSpec(limbs=limbs)
         return self.model_copy(update=update)
 
-    def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
+    def make_robot(self, folder: Path = Path(), sets: Sets = "inner") -> Robot:
         """The robot of the course.
 
         Arguments:
-            model: the model that ``robot_model`` gives.
+            folder: folder from which a path of its file starts.
             sets: sets of its legs, see ``contact_robot``.
-        """
-        if self._given is not None and model is self._given.model:
-            if model is None or sets == "inner":
-                return (
-                    self._given
-                    if self.mass_kg is None
-                    else replace(self._given, mass_kg=self.mass_kg)
-                )
-            return self._given.sets(sets)
-        if model is not None:
-            from ..robot.contact_robot import contact_robot
 
-            return contact_robot(model, sets=sets)
-        robot = hexapod() if isinstance(self.robot, str) else self.robot.make()
-        return robot if self.mass_kg is None else replace(robot, mass_kg=self.mass_kg)
+        Raises:
+            InvalidInput: for a robot that cannot be read.
+        """
+        robot, mass_kg = self._given, self.mass_kg
+        if not isinstance(self.robot, str):
+            robot = robot or self.robot.make()
+        elif self.robot == "hexapod":
+            robot = robot or hexapod()
+        if robot is not None and not robot.source.own:
+            return robot if mass_kg is None else replace(robot, mass_kg=mass_kg)
+        if robot is not None and mass_kg is None:
+            return robot if sets == "inner" else robot.sets(sets)
+        from ..robot.contact_robot import contact_robot
+        from ..robot.payload import with_mass
+
+        model = self._named(folder) if robot is None else robot.source.own_model()
+        return contact_robot(model if mass_kg is None else with_mass(model, mass_kg), sets=sets)
+
+    def _named(self, folder: Path) -> RobotModel:
+        """The model of the robot that the key ``robot`` names, read once.
+
+        Raises InvalidInput.
+        """
+        from ..robot.robot_file import named_robot
+
+        assert isinstance(self.robot, str)
+        name = folder / self.robot if Path(self.robot).suffix else self.robot
+        if name not in self._models:
+            try:
+                self._models[name] = named_robot(name)
+            except InvalidInput as error:
+                raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
+        return self._models[name]
+
+    def level(self) -> BodySpec:
+        """Limits of a body that does not tilt, so that inner sets, which shrink with it, are
+        larger.
+        """
+        return self.body.model_copy(update={"tilt_limit_rad": 0.0})
 
     def with_frames(self, frames: int) -> CourseSpec:
         """Specification with another number of key frames.

@@ -48,16 +48,15 @@ def build_course(
         reach: a folder of polytopes in place of the robot's reach.
         alternative: another way to lay it out.
     """
-    model = spec.robot_model(folder)
-    robot = spec.make_robot(model, sets)
+    robot = spec.make_robot(folder, sets)
     if reach is not None:
         from ..robot.reach_file import read_reach
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
     if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
-        placed_by = spec.make_robot(model)
-    spec = alternative.of(spec.standing(model, placed_by, sets), placed_by)
+        placed_by = spec.make_robot(folder)
+    spec = alternative.of(spec.standing(placed_by, sets), placed_by)
     spec = _started(spec, placed_by, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)

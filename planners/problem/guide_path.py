@@ -30,7 +30,6 @@ from .candidates import NoPlace
 from .standing_map import INFEASIBLE, UNLIKELY
 
 if TYPE_CHECKING:
-    from ..robot.single_body import GaitRobot
     from ..terrain.heightfield import HeightField
     from ..terrain.terrain import Terrain
     from .standing_map import StandingMap
@@ -126,7 +125,7 @@ class Footprint:
         )
 
     @classmethod
-    def of_walker(cls, robot: GaitRobot, yaw_rad: float) -> Footprint:
+    def of_walker(cls, robot: Robot, yaw_rad: float) -> Footprint:
         """The footprint of a torso and its feet that faces so from x towards y [rad]."""
         toes = np.array([foot.nominal_m for foot in robot.feet])
         half = robot.trunk_half_m

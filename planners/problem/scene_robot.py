@@ -5,6 +5,7 @@ in its place.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +14,8 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..robot.model import Limb, Robot
-from ..robot.reach import ReachRows
 from ..robot.reach_file import ReachSets, read_reach, same_limb
-from ..robot.single_body import GaitRobot, anymal
+from ..robot.single_body import anymal
 from .posture import TILT_LIMIT_RAD
 from .scene_keys import SceneSpec
 
@@ -52,31 +52,23 @@ def other_robot(
             since that costs inner sets nothing; proofs are of one that tilts.
     """
     if isinstance(robot, str) and robot == BOXES:
-        made = _of_boxes(anymal())
-    elif isinstance(robot, Robot) and robot.model is None:
+        boxes = anymal()
+        limbs = tuple(replace(limb, leg=None) for limb in boxes.limbs)
+        made = Robot(name=boxes.name, mass_kg=boxes.mass_kg, limbs=limbs)
+    elif isinstance(robot, Robot) and not robot.source.own:
         made = robot
     else:
         from ..robot.contact_robot import contact_robot
         from ..robot.robot_file import named_robot
 
         if isinstance(robot, Robot):
-            model = robot.model
-            assert model is not None
+            model = robot.source.own_model()
         else:
             model = named_robot(folder / robot if Path(robot).suffix else robot)
         made = contact_robot(model, sets=sets)
         if spec.ours.sole_m is not None:
             sole = np.array(spec.ours.sole_m)
-            limbs = tuple(
-                Limb(
-                    name=e.name,
-                    shoulder_m=e.shoulder_m,
-                    reach_m=e.reach_m,
-                    reach_rows=e.reach_rows,
-                    sole_m=sole,
-                )
-                for e in made.limbs
-            )
+            limbs = tuple(replace(limb, sole_m=sole, hip_m=None) for limb in made.limbs)
             made = Robot(name=made.name, mass_kg=made.mass_kg, limbs=limbs)
     return renamed(spec, _matched(spec, made)), made, TILT_LIMIT_RAD if sets == "outer" else 0.0
 
@@ -122,20 +114,3 @@ def _of_sets(spec: SceneSpec, sets: ReachSets) -> Robot:
         Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0, sole_m=sole) for name in spec.limbs
     )
     return sets.applied(Robot(name=spec.robot, mass_kg=spec.ours.mass_kg, limbs=limbs))
-
-
-def _of_boxes(robot: GaitRobot) -> Robot:
-    """A robot of walks: its boxes as half-spaces, each with the ball about it."""
-    sides = np.vstack([np.eye(3), -np.eye(3)])
-    limbs = tuple(
-        Limb(
-            name=foot.name,
-            shoulder_m=0.5 * (foot.reach_min_m + foot.reach_max_m),
-            reach_m=0.5 * float(np.linalg.norm(foot.reach_max_m - foot.reach_min_m)),
-            reach_rows=ReachRows(
-                normals=sides, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m])
-            ),
-        )
-        for foot in robot.feet
-    )
-    return Robot(name=robot.name, mass_kg=robot.mass_kg, limbs=limbs)

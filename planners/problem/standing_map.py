@@ -134,6 +134,18 @@ class StandingMap:
         named = {name or "not known": n for name, n in zip(LIMITS, numbers, strict=True) if n}
         return dict(sorted(named.items(), key=lambda each: -each[1]))
 
+    def margins(self) -> dict[str, list[float]]:
+        """5 %, median and 95 % of the margins per verdict that has any, by name."""
+        held = {
+            name: self.margin[(self.verdict == number) & np.isfinite(self.margin)]
+            for number, name in enumerate(VERDICTS)
+        }
+        return {
+            name: [round(float(q), 5) for q in np.quantile(values, (0.05, 0.5, 0.95))]
+            for name, values in held.items()
+            if values.size
+        }
+
     def place(self, cell: tuple[int, int, int]) -> tuple[float, float, float]:
         """x, y [m] and heading [rad] of a pose."""
         x, y = self.corner_m + self.spacing_m * np.array(cell[:2])
@@ -168,6 +180,7 @@ class StandingMap:
             "counts": self.counts(),
             "shares": self.shares(),
             "in_the_way": self.in_the_way(),
+            "margins": self.margins(),
             "aside_m": self.aside_m,
             "error": self.error,
             "confidence": self.confidence,

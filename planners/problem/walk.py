@@ -12,7 +12,6 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, collect_errors, read_only
 from ..robot.model import Robot
-from ..robot.single_body import GaitRobot
 from ..robot.walker import walker_from
 from ..terrain.heightfield import HeightField
 from ..terrain.reference import named_terrain
@@ -33,7 +32,7 @@ class Walk:
     """One walk over a terrain (Pan et al. §V).
 
     Arguments:
-        robot: a torso with feet (``robot.single_body``).
+        robot: a robot with ``feet``; ``Walk.over`` measures those of others.
         terrain: a height field.
         start_xy_m, goal_xy_m: places of the torso's centre of mass at the start and at the end,
             shape (2,) [m].
@@ -64,7 +63,7 @@ class Walk:
         True
     """
 
-    robot: GaitRobot
+    robot: Robot
     terrain: HeightField
     start_xy_m: Array
     goal_xy_m: Array
@@ -80,6 +79,10 @@ class Walk:
 
     def __post_init__(self) -> None:
         feet = len(self.robot.feet)
+        if not feet:
+            raise InvalidInput(
+                f"robot: expected one with feet, which Walk.over measures, got {self.robot.name} without"
+            )
         object.__setattr__(
             self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet
         )
@@ -112,7 +115,7 @@ class Walk:
         terrain: Terrain | HeightField | str | Path,
         goal_xy_m: Array | Sequence[float],
         *,
-        robot: Robot | GaitRobot | str | Path = "anymal",
+        robot: Robot | str | Path = "anymal",
         start_xy_m: Array | Sequence[float] = (0.0, 0.0),
         gait: str | None = None,
         adhesive: Sequence[str] = (),
@@ -134,15 +137,15 @@ class Walk:
         body = walker_from(robot)
         if isinstance(adhesive, str) or not isinstance(adhesive, Sequence):
             raise InvalidInput(f"adhesive: expected a sequence (text each), got {adhesive!r}")
-        if strange := [name for name in adhesive if name not in body.foot_names]:
-            wanted = f"some of {', '.join(body.foot_names)}"
+        if strange := [name for name in adhesive if name not in body.limb_names]:
+            wanted = f"some of {', '.join(body.limb_names)}"
             raise InvalidInput(f"adhesive: expected {wanted}, got {', '.join(map(str, strange))}")
         return cls(
             robot=body,
             terrain=_heights(terrain),
             start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
             goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
-            adhesive=tuple(name in adhesive for name in body.foot_names),
+            adhesive=tuple(name in adhesive for name in body.limb_names),
             gait=gait or ("trot" if len(body.feet) == 4 else "tripod"),
             **further,
         )
@@ -155,7 +158,7 @@ class Walk:
         gait = gait_named(self.gait)
         scaled_gait = gait.at(self.robot.stand_height_m, step_s)
         timed = scaled_gait if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
-        return schedule(timed, self.robot.foot_names, self.duration_s, step_s)
+        return schedule(timed, self.robot.limb_names, self.duration_s, step_s)
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

@@ -42,13 +42,20 @@ class Kinematics:
     velocity_rad_s: limits of the joints, shape (J,); torque is inf where the robot's own file has
     none that can be believed, velocity 0 where it has none. rotor_kg_m2: inertia of every joint's
     rotor, behind its gears. legs: the number of the leg of every joint, shape (J,). known:
-    pinocchio's model; columns: where it has the joints' velocities, shape (J,). Raises InvalidInput
+    pinocchio's model; columns: where it has the joints' velocities, shape (J,). near_rad: posture of a
+    robot that is already somewhere, at which motions begin, shape (J,); None elsewhere. Raises InvalidInput
     where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
     def __init__(
-        self, robot: Robot, servo: Servo | None = None, *, gravity_m_s2: float = GRAVITY_M_S2
+        self,
+        robot: Robot,
+        servo: Servo | None = None,
+        *,
+        gravity_m_s2: float = GRAVITY_M_S2,
+        near_rad: Array | None = None,
     ) -> None:
+        self.near_rad = None if near_rad is None else np.array(near_rad, dtype=float)
         self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
         self.model = robot.source.legs(self.servo)

@@ -18,11 +18,10 @@ from ..files.documents import read_yaml
 from ..files.validation import validated
 from .leg import Leg
 from .legged import robot_of
-from .model import LegLimits, Limb, Robot
-from .reach import ReachRows
+from .model import LegLimits, Robot
 from .robot_file import YAML, LegKeys, named_robot, read_keys, robot_path
 from .robot_model import RobotModel
-from .single_body import GaitRobot, legged_anymal
+from .single_body import legged_anymal, read_walker
 from .urdf_reader import matching
 
 ANGLES = 9
@@ -57,8 +56,8 @@ def leaping_robot(robot: Robot | str | Path) -> Robot:
         data = read_yaml(path) if path.suffix in YAML else {}
         keys = validated(_File, data, str(path)).legs
         if data and "urdf" not in data:
-            walker = legged_anymal() if str(robot) == "anymal" else GaitRobot.from_yaml(path)
-            robot = boxed(walker, keys)
+            walker = legged_anymal() if str(robot) == "anymal" else read_walker(path)
+            robot = _corrected(replace(walker, feet=()), keys)
         else:
             keys = read_keys(path).legs if data else {}
             robot = _with_limits(robot_of(named_robot(robot)), keys)
@@ -85,35 +84,6 @@ def no_motors(model: RobotModel) -> str:
     if not lacks:
         return ""
     return f"expected limits of its joints' torque and speed, which leaps need: {'; '.join(lacks)}"
-
-
-def boxed(walker: GaitRobot, keys: Mapping[str, LegKeys] | None = None) -> Robot:
-    """A walker as a robot whose toes are in boxes, with an enclosing ball about each box's
-    centre.
-    """
-    limbs = []
-    for foot in walker.feet:
-        half = 0.5 * (foot.reach_max_m - foot.reach_min_m)
-        normals = np.concatenate([np.eye(3), -np.eye(3)])
-        rows = ReachRows(
-            normals=normals, bounds_m=np.concatenate([foot.reach_max_m, -foot.reach_min_m])
-        )
-        limb = Limb(
-            name=foot.name,
-            shoulder_m=0.5 * (foot.reach_max_m + foot.reach_min_m),
-            reach_m=float(np.linalg.norm(half)),
-            reach_rows=rows,
-            leg=LegLimits(hip_m=foot.hip_m),
-        )
-        limbs.append(limb)
-    robot = Robot(
-        name=walker.name,
-        mass_kg=walker.mass_kg,
-        limbs=tuple(limbs),
-        model=walker.model,
-        inertia_kgm2=walker.inertia_kgm2,
-    )
-    return _corrected(robot, keys or {})
 
 
 def limits_of(leg: Leg, com_m: Array) -> LegLimits:

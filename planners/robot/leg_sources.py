@@ -7,7 +7,6 @@ callers ask ``robot.source`` and do not look which of them it is.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -32,20 +31,22 @@ def no_legs(name: str) -> InvalidInput:
     return InvalidInput(f"robot {name}: {NO_LEGS}")
 
 
-class LegSource(ABC):
-    """Knowledge about the legs of one robot.
+class LegSource:
+    """Knowledge about the legs of one robot: none beside a mass and the reach of limbs, unless a
+    class below has more.
 
     Arguments:
         own: whether legs and reach are those of a file, so that plans keep to inner sets of the
             legs and have joints, and proofs are over outer sets.
+        identity: that of the robot whose reach it is; empty where it is no robot's.
+        point: whether feet are points.
     """
 
     own: bool = False
 
-    def __init__(self, name: str, limbs: int) -> None:
-        self.name, self.limbs = name, limbs
+    def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:
+        self.name, self.limbs, self.identity, self.point = name, limbs, identity, point
 
-    @abstractmethod
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The robot joint by joint; loads pinocchio.
 
@@ -55,6 +56,7 @@ class LegSource(ABC):
         Raises:
             InvalidInput: where no legs are known.
         """
+        raise no_legs(self.name)
 
     def own_model(self) -> RobotModel:
         """The model of the robot's own file.
@@ -66,11 +68,11 @@ class LegSource(ABC):
         )
 
     @property
-    @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
         """Names of all joints, limb by limb, from the base outward; none where no legs are
         known.
         """
+        return ()
 
     @property
     def foot_names(self) -> tuple[str, ...]:
@@ -83,7 +85,7 @@ class LegSource(ABC):
     @property
     def foot_radii_m(self) -> Array:
         """Radii of the feet, shape (N,) [m]."""
-        return np.full(self.limbs, FOOT_RADIUS_M)
+        return np.full(self.limbs, 0.0 if self.point else FOOT_RADIUS_M)
 
     @property
     def known_radius_m(self) -> float:
@@ -113,11 +115,11 @@ class LegSource(ABC):
     @property
     def hindrance(self) -> str:
         """The reason why nothing executes plans of such legs; empty where something does."""
-        return ""
+        return str(no_legs(self.name))
 
     def to_json(self) -> dict[str, Any]:
-        """The keys of a robot in files that say its legs."""
-        return {}
+        """The keys of a robot in files that say its legs, or whose reach it has."""
+        return {"identity": self.identity} if self.identity else {}
 
 
 class OwnLegs(LegSource):
@@ -172,6 +174,11 @@ class OwnLegs(LegSource):
         """The reasons that the model gives."""
         return self.model.unrunnable
 
+    @property
+    def hindrance(self) -> str:
+        """None: what its joints cannot do, ``unrunnable`` names."""
+        return ""
+
     def to_json(self) -> dict[str, Any]:
         """The model, from which it is read again."""
         return {"model": model_to_json(self.model)}
@@ -190,9 +197,9 @@ class DrawnLegs(LegSource):
         *,
         said: bool,
     ) -> None:
-        super().__init__(name, len(limbs))
+        super().__init__(name, len(limbs), identity)
         self._mass_kg, self._limbs, self._servo = mass_kg, limbs, servo
-        self._identity, self._said = identity, said
+        self._said = said
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The model of ``drawn_urdf``, which is kept."""
@@ -225,41 +232,4 @@ class DrawnLegs(LegSource):
         """The identity, and the servo where the limbs do not say it, as those of the default
         hexapod do.
         """
-        named = {"identity": self._identity} if self._identity else {}
-        return named | ({"legs": to_json(self._servo)} if self._said else {})
-
-
-class NoLegs(LegSource):
-    """A mass and the reach of limbs.
-
-    Arguments:
-        identity: that of the robot whose reach it is; empty where it is no robot's.
-        point: whether feet are points.
-    """
-
-    def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:
-        super().__init__(name, limbs)
-        self.identity, self.point = identity, point
-
-    def legs(self, servo: Servo | None = None) -> RobotModel:
-        """Raise InvalidInput: nobody knows them."""
-        raise no_legs(self.name)
-
-    @property
-    def foot_radii_m(self) -> Array:
-        """Radii of feet that are drawn up, or 0."""
-        return np.zeros(self.limbs) if self.point else super().foot_radii_m
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
-    @property
-    def hindrance(self) -> str:
-        """Reason why there are no legs, in the same words everywhere."""
-        return str(no_legs(self.name))
-
-    def to_json(self) -> dict[str, Any]:
-        """The identity of a robot whose reach it has."""
-        return {"identity": self.identity} if self.identity else {}
+        return super().to_json() | ({"legs": to_json(self._servo)} if self._said else {})

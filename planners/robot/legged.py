@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .leg_sources import no_legs
 from .model import Limb, Robot, hexapod
 from .robot_model import RobotModel
-
-if TYPE_CHECKING:
-    from .single_body import GaitRobot
 
 
 def robot_of(model: RobotModel) -> Robot:
@@ -29,7 +24,7 @@ def robot_of(model: RobotModel) -> Robot:
     return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
 
 
-def walking_robot(robot: GaitRobot) -> Robot:
+def walking_robot(robot: Robot) -> Robot:
     """The robot with limbs and joints of a walk's robot.
 
     Raises InvalidInput where its joints are not known.
@@ -41,7 +36,7 @@ def walking_robot(robot: GaitRobot) -> Robot:
         return robot_of(robot.source.own_model())
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
-    same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
+    same = robot.limb_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
     if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
         raise no_legs(robot.name)
     return known

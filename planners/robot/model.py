@@ -13,7 +13,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
 from ..files.codec import LATER, to_json
 from ..files.validation import shown
-from .leg_sources import DrawnLegs, LegSource, NoLegs, OwnLegs
+from ..physics import GRAVITY_M_S2
+from .foot import Foot, check_feet
+from .leg_sources import DrawnLegs, LegSource, OwnLegs
 from .limb import LegLimits as LegLimits
 from .limb import Limb as Limb
 from .reach import RelativeReach
@@ -61,14 +63,12 @@ class _RobotNumbers:
 
         Raises InvalidInput.
         """
-        model = None
-        if self.model is not None:
-            from .model_json import model_from_json  # reads URDFs, which is slow to import
+        from .model_json import model_from_json  # reads URDFs, which is slow to import
 
-            try:
-                model = model_from_json(self.model, self.name)
-            except InvalidInput as error:
-                raise InvalidInput(f"robot {self.name}: {error}") from None
+        try:
+            model = model_from_json(self.model, self.name)
+        except InvalidInput as error:
+            raise InvalidInput(f"robot {self.name}: {error}") from None
         return Robot(
             name=self.name,
             mass_kg=self.mass_kg,
@@ -89,7 +89,7 @@ class Robot:
     Arguments:
         name: a word.
         mass_kg: the whole mass [kg].
-        limbs: one or more, of different names.
+        limbs: one or more, of different names; with feet always those of their boxes.
         model: the robot's own legs, joint by joint, from its file; None if only its limbs are
             known.
         drawn: servo of legs that are drawn up for the limbs, for a robot without a file that asks
@@ -102,6 +102,12 @@ class Robot:
             which leaps need; None for that of the model, if there is one.
         absent: legs that the robot has beside its limbs and whose position is not known: their
             bodies are not judged.
+        feet: feet of a robot that walks (Pan et al. §III-A), whose limbs are their boxes; three or
+            more, none for a robot that only climbs.
+        stand_height_m: height of the centre of mass over level ground as a robot that walks stands
+            [m]; 0 without feet.
+        trunk_half_m: half sides of the trunk's box, which has to stay clear of the ground on a
+            walk, shape (3,) [m]; 0 without feet.
 
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, a model of another
@@ -120,13 +126,16 @@ class Robot:
 
     name: str
     mass_kg: float
-    limbs: tuple[Limb, ...]
+    limbs: tuple[Limb, ...] = ()
     model: RobotModel | None = field(default=None, repr=False)
     identity: str = ""
     relative_reach: tuple[RelativeReach, ...] = ()
     inertia_kgm2: Array | None = None
     drawn: Servo | None = field(default=None, repr=False)
     absent: tuple[str, ...] = ()
+    feet: tuple[Foot, ...] = ()
+    stand_height_m: float = 0.0
+    trunk_half_m: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -134,7 +143,9 @@ class Robot:
             self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0)
         )
         where = f"robot {self.name}: "
-        object.__setattr__(self, "limbs", checked_members(self.limbs, Limb, f"{where}limbs"))
+        object.__setattr__(self, "feet", checked_members(self.feet, Foot, f"{where}feet"))
+        limbs = tuple(foot.limb for foot in self.feet) or self.limbs
+        object.__setattr__(self, "limbs", checked_members(limbs, Limb, f"{where}limbs"))
         reach = checked_members(self.relative_reach, RelativeReach, f"{where}relative_reach")
         object.__setattr__(self, "relative_reach", reach)
         names = [limb.name for limb in self.limbs]
@@ -157,20 +168,18 @@ class Robot:
         object.__setattr__(self, "absent", checked_members(self.absent, str, f"{where}absent"))
         if not isinstance(self.identity, str):
             raise InvalidInput(f"{where}identity: expected text, got {shown(self.identity)}")
+        if self.drawn is not None:
+            checked_members((self.drawn,), Servo, f"{where}drawn")
         if self.model is not None:
             from .robot_model import RobotModel  # which reads files, and is slow to import
 
             checked_members((self.model,), RobotModel, f"{where}model")
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)
-        if self.drawn is not None:
-            checked_members((self.drawn,), Servo, f"{where}drawn")
-            if self.model is not None:
-                raise InvalidInput(
-                    f"{where}drawn: expected no drawn legs beside those of its model, got both"
-                )
-        elif self.model is None and self._is_hexapod():
+        elif self.drawn is None and self._is_hexapod():
             object.__setattr__(self, "drawn", Servo())
+        if self.feet:
+            check_feet(self)
 
     def _is_hexapod(self) -> bool:
         """Tell whether name and limbs are those of the default hexapod, whatever it carries."""
@@ -181,11 +190,16 @@ class Robot:
     def _check(self, model: RobotModel) -> None:
         """Raise InvalidInput unless the model is that of a robot of this mass and these limbs."""
         if self.limb_names != model.leg_names:
+            kind = "feet" if self.feet else "limbs"
             raise InvalidInput(
-                f"robot {self.name}: expected limbs as its model has legs, {', '.join(model.leg_names)}, got "
+                f"robot {self.name}: expected {kind} as its model has legs, {', '.join(model.leg_names)}, got "
                 f"{', '.join(self.limb_names)}"
             )
-        if abs(self.mass_kg - model.body.mass_kg) > SAME * self.mass_kg:
+        if self.drawn is not None:
+            raise InvalidInput(
+                f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got both"
+            )
+        if not self.feet and abs(self.mass_kg - model.body.mass_kg) > SAME * self.mass_kg:
             raise InvalidInput(
                 f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, got "
                 f"{self.mass_kg:.9g}"
@@ -196,7 +210,10 @@ class Robot:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-ready values of its limbs, and of what makes its legs."""
+        """JSON-ready values of its limbs, or its feet, and of what makes its legs."""
+        if self.feet:
+            walks = ("name", "mass_kg", "inertia_kgm2", "feet", "stand_height_m", "trunk_half_m")
+            return {name: to_json(getattr(self, name)) for name in walks} | self.source.to_json()
         reach = {"relative_reach": to_json(self.relative_reach)} if self.relative_reach else {}
         record = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
         absent = {"absent": list(self.absent)} if self.absent else {}
@@ -212,7 +229,9 @@ class Robot:
             return DrawnLegs(
                 self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
             )
-        return NoLegs(self.name, len(self.limbs), self.identity)
+        if self.feet:
+            return LegSource(self.name, len(self.feet), point=True)
+        return LegSource(self.name, len(self.limbs), self.identity)
 
     @property
     def legs(self) -> RobotModel:
@@ -235,10 +254,16 @@ class Robot:
         soles = (limb.sole_m for limb in self.limbs)
         return replace(
             self,
+            feet=(),
             limbs=tuple(
                 replace(limb, sole_m=sole) for limb, sole in zip(limbs, soles, strict=True)
             ),
         )
+
+    @property
+    def weight_n(self) -> float:
+        """Weight m·g, the unit of forces of the gait optimiser [N]."""
+        return self.mass_kg * GRAVITY_M_S2
 
     @property
     def servo(self) -> Servo:

@@ -95,21 +95,20 @@ def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
     """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links
     that may touch.
     """
-    model = robot.get("model")
-    record = (
-        {}
-        if model is None
-        else {"model": {name: model[name] for name in ("digest", "disabled_pairs")}}
-    )
-    return {**robot, **record}
+    record = dict(robot)
+    if "model" in record:
+        record["model"] = {name: record["model"][name] for name in ("digest", "disabled_pairs")}
+    return record
 
 
-def model_from_json(data: Mapping[str, Any], name: str) -> RobotModel:
-    """The model that ``model_to_json`` wrote, of a robot of this name.
+def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | None:
+    """The model that ``model_to_json`` wrote, of a robot of this name; None where a file has none.
 
     Raises InvalidInput, in one line, for keys that are wrong, a URDF that is none, legs that it
     does not have, and a digest of another one.
     """
+    if data is None:
+        return None
     from .robot_model import model_of  # what a file without a model does without
 
     raw = validated(ModelJson, data, key="model.")

@@ -66,7 +66,7 @@ class ReachSets:
             )
             for limb in robot.limbs
         )
-        return replace(robot, limbs=limbs, relative_reach=self.feet)
+        return replace(robot, feet=(), limbs=limbs, relative_reach=self.feet)
 
 
 def read_reach(folder: str | Path, limbs: Sequence[str], *, com_stretch: float = 1.0) -> ReachSets:

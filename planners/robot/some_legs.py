@@ -36,14 +36,17 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     """
     names = tuple(limb.name for limb in limbs)
     idle = tuple(name for name in robot.limb_names if name not in names)
-    if robot.model is None:
-        if robot.drawn is None:
-            raise no_legs(robot.name)
-        return Robot(
-            name=robot.name, mass_kg=mass_kg, limbs=tuple(limbs), drawn=robot.drawn, absent=idle
-        )
-    model = _on_legs(robot.model, names)
-    return Robot(name=robot.name, mass_kg=mass_kg, limbs=tuple(limbs), model=model, absent=idle)
+    if not robot.source.own and robot.drawn is None:
+        raise no_legs(robot.name)
+    model = _on_legs(robot.source.own_model(), names) if robot.source.own else None
+    return Robot(
+        name=robot.name,
+        mass_kg=mass_kg,
+        limbs=tuple(limbs),
+        model=model,
+        drawn=robot.drawn,
+        absent=idle,
+    )
 
 
 @lru_cache(maxsize=8)

@@ -19,12 +19,13 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
 from .contact_robot import contact_robot
+from .foot import DEEPEST, Foot, half_sides
 from .model import Robot
 from .polytope import Polytope
 from .reach_sets import standing_toes
 from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
-from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker, legged_anymal
+from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
 from .solids import shape_points, solid_shapes
 from .workspace import Workspace
 from .workspace_cache import workspaces_of
@@ -40,7 +41,7 @@ UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 
 
-def named_walker(name: str | Path) -> GaitRobot:
+def named_walker(name: str | Path) -> Robot:
     """The walker of a name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's
     numbers.
 
@@ -50,7 +51,7 @@ def named_walker(name: str | Path) -> GaitRobot:
     if path.suffix in YAML:
         data = read_yaml(path)
         if isinstance(data, dict) and "urdf" not in data:
-            return GaitRobot.from_yaml(path)
+            return read_walker(path)
         keys = read_keys(path)
         return walker_of(
             model_of_keys(keys, path),
@@ -65,20 +66,20 @@ def named_walker(name: str | Path) -> GaitRobot:
     raise unknown(name, tuple(BUILT_IN))
 
 
-def walker_from(robot: Robot | GaitRobot | str | Path) -> GaitRobot:
-    """A robot as walks have it: as it is, of a ``Robot`` with legs of its own, or as
-    ``named_walker`` reads it.
+def walker_from(robot: Robot | str | Path) -> Robot:
+    """A robot as walks have it: with feet. One that has them is as it is; boxes of others are
+    measured on the legs of their files, or read by ``named_walker``.
 
     Raises InvalidInput for a ``Robot`` that is but its limbs, and is not the default hexapod.
     """
-    if isinstance(robot, GaitRobot):
-        return robot
     if not isinstance(robot, Robot):
         return named_walker(robot)
+    if robot.feet:
+        return robot
     if robot.source.own:
         return walker_of(robot.source.own_model())
     default = hexapod_walker()
-    if robot.limb_names == default.foot_names and robot.mass_kg == default.mass_kg:
+    if robot.limb_names == default.limb_names and robot.mass_kg == default.mass_kg:
         return default
     raise InvalidInput(
         f"robot: expected one whose legs are known for a walk, got {robot.name}, of which only the limbs are known"
@@ -92,7 +93,7 @@ def walker_of(
     trunk_half_m: Sequence[float] | None = None,
     ceiling_m: float = 0.0,
     inner_m: float = 0.0,
-) -> GaitRobot:
+) -> Robot:
     """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its
     trunk.
 
@@ -141,7 +142,7 @@ def walker_of(
         for leg, toe, (low, high) in zip(model.legs, toes, boxes, strict=True)
     ]
     trunk = _trunk(model) if trunk_half_m is None else half_sides(trunk_half_m, "trunk_half_m")
-    return GaitRobot(
+    return Robot(
         name=model.name,
         mass_kg=model.body.mass_kg,
         inertia_kgm2=model.body.inertia_kgm2,

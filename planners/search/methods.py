@@ -4,6 +4,7 @@ is made of them.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import warnings
 from collections.abc import Callable, Mapping
@@ -619,7 +620,10 @@ def make_planner(
         return value.planner(options)
     make = _named(method, of)
     if _is_own(make):
-        return _value(make, method, settings, settings_of(method, of)).planner(options)
+        value = (
+            _value(make, method, settings, settings_of(method, of)) if settings else _plain(make)
+        )
+        return value.planner(options)
     from .verified import VerifiedPlanner
 
     whole_s = options.limit(POSTURE_LIMIT_S if of == "postures" else COURSE_LIMIT_S)
@@ -667,6 +671,13 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
         check_answers(part, of, "method")
         return part
     return VerifiedPlanner(planner, _called(planner), Acceptance(), called=CALLED[of])
+
+
+@functools.cache
+def _plain(make: Make) -> Method:
+    """The method with its settings as they are: a value, and so made once."""
+    method: Method = make()
+    return method
 
 
 def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:

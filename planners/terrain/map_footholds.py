@@ -30,7 +30,7 @@ from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties
-from .map_solids import ROOM, Overhead, box_patches, standing_boxes
+from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
 from .patch import Patch
@@ -65,7 +65,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
         footholds = _planes_of(terrain, limits, friction)
-        return _with_boxes(footholds, standing_boxes(terrain, footholds.noise_m or 0.0))
+        return _with_boxes(footholds, _standing(terrain, footholds))
     ground, beside = (
         ElevationMap.of_points(points, terrain.spacing_m, terrain.name)
         for points in (over.ground_m, over.beside_m)
@@ -83,9 +83,13 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             pieces=(*footholds.pieces, *more),
             surfaces=(*footholds.surfaces, *below.surfaces),
         )
-    return _with_boxes(
-        footholds, np.concatenate([standing_boxes(ground, footholds.noise_m or 0.0), over.boxes_m])
-    )
+    return _with_boxes(footholds, np.concatenate([_standing(ground, footholds), over.boxes_m]))
+
+
+def _standing(terrain: ElevationMap, found: Footholds) -> Array:
+    """Boxes of what stands on a map's surfaces, shape (B, 6) [m]."""
+    noise_m = found.noise_m or 0.0
+    return standing_boxes(on_surfaces(terrain, found.surfaces, noise_m), noise_m)
 
 
 def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
@@ -173,10 +177,10 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         pieces += standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
-        if facet.certainty is not None:  # bodies keep out of all that it may be
-            wider = facet.certainty.inset_m - limits.margin_m
-            outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
-            facet = replace(facet, polygon=outer)
+        # bodies keep out of all that it may be: an edge is anywhere between two samples
+        wider = 0.5 * spacing if margin_m is None else margin_m + 0.5 * spacing - limits.margin_m
+        outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
+        facet = replace(facet, polygon=outer)
         surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(

@@ -10,8 +10,8 @@ nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ WALL_M = 0.3
 NARROW_M, HIGH_M, NOISES = 0.25, 0.1, 6.0
 """What is narrower and so far above the ground to both sides is solid [m]; more, by so many
 deviations, where there is noise."""
+ON = 4.0
+"""Heights within so many deviations of a surface are on it."""
 ALIKE_M = (0.05, 0.2, np.inf)
 """Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which
 there are no more than ``MOST_BOXES``."""
@@ -170,6 +172,41 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
             unseen | more,
         )
     return unseen
+
+
+def on_surfaces(terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float) -> ElevationMap:
+    """A map whose cells on its surfaces are as high as these are: a single height is off its
+    surface by the noise, and a box as high as the highest of its cells would hide the surface.
+
+    Arguments:
+        noise_m: deviation of the heights [m].
+    """
+    heights, near = terrain.heights_m, np.full(terrain.heights_m.shape, ON * noise_m)
+    level = np.array(heights)
+    for patch in surfaces:
+        corners, normal = patch.vertices_m, patch.normal
+        low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+        i, j = (
+            slice(*np.searchsorted(line, [a - 1e-9, b + 1e-9]))
+            for line, a, b in zip((terrain.x_m, terrain.y_m), low, high, strict=True)
+        )
+        x, y = terrain.x_m[i, None], terrain.y_m[None, j]
+        ahead = np.roll(corners, -1, axis=0) - corners
+        cross = [
+            u * (y - b) - v * (x - a)
+            for (a, b), (u, v) in zip(corners[:, :2], ahead[:, :2], strict=True)
+        ]
+        inside = (np.array(cross) >= -1e-12).all(axis=0) | (np.array(cross) <= 1e-12).all(axis=0)
+        plane = (
+            corners[0, 2]
+            - ((x - corners[0, 0]) * normal[0] + (y - corners[0, 1]) * normal[1]) / (normal[2])
+        )
+        off = np.abs(plane - heights[i, j])
+        with np.errstate(invalid="ignore"):
+            closer = inside & (off <= near[i, j])
+        level[i, j] = np.where(closer, plane, level[i, j])
+        near[i, j] = np.where(closer, off, near[i, j])
+    return replace(terrain, heights_m=level)
 
 
 def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:

@@ -143,8 +143,8 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
         "tilt_limit",
         "",
         "rad",
-        problem.tilt_limit_rad,
-        TILT_CAP_RAD - problem.tilt_limit_rad,
+        float(numbers.tilt[0]),
+        TILT_CAP_RAD - float(numbers.tilt[0]),
         lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
     )
     relaxations.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))

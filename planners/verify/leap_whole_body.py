@@ -65,7 +65,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             rotation=body.rotation,
             toes_m=body.toes_m,
             normals=body.normals,
-            forces_n=body.forces_n,
+            forces_n=body.mean_forces_n,
             contact=body.contact,
             feet=body.plan.problem.robot.limb_names,
         )

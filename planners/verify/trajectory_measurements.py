@@ -84,7 +84,7 @@ class TrajectoryMeasurements:
         what the feet do, and by nothing else, however fast the torso turns.
         """
         half = self.trajectory.rotation[:-1] @ _turned(0.5 * self.step_s * self.spin)
-        momentum = np.einsum("kij,jl,kl->ki", half, self.robot.inertia_kgm2, self.spin)
+        momentum = np.einsum("kij,jl,kl->ki", half, np.asarray(self.robot.inertia_kgm2), self.spin)
         arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
         moments = np.cross(arms, self.trajectory.forces_n).sum(axis=1)
         return Series(

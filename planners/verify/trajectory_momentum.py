@@ -125,7 +125,7 @@ class MomentumMeasurements:
         ).sum(axis=1)
         lacking = (
             np.maximum(np.abs(needed) - moments, 0.0)
-            / np.linalg.eigvalsh(trajectory.robot.inertia_kgm2)[-1]
+            / np.linalg.eigvalsh(np.asarray(trajectory.robot.inertia_kgm2))[-1]
         )
         turned = np.cumsum(np.cumsum(lacking)) * self.step_s**2
         return Series(turned[:, None], ("torso",), self.times_s[1:-1])
@@ -136,7 +136,7 @@ class MomentumMeasurements:
         """
         rotation, missing = self.trajectory.rotation[1:-1], self._measured.moment_residual().values
         moment = np.einsum("kji,kj->ki", rotation, missing)
-        rate = np.linalg.solve(self._measured.robot.inertia_kgm2, moment.T).T
+        rate = np.linalg.solve(np.asarray(self._measured.robot.inertia_kgm2), moment.T).T
         return Series(np.linalg.norm(rate, axis=1)[:, None], ("torso",), self.times_s[1:-1])
 
     # -------------------------------------------------------------------------------------------

@@ -28,7 +28,6 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
-from ..motion.redundancy import Continued
 from ..prepared import Prepared, Resumption
 from ..record import Record
 from ..run import Runner
@@ -260,7 +259,9 @@ class ClosedLoop:
         failures = []
         for standing in starts:
             self._planning.course = course
-            kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
+            kinematics = Kinematics(
+                course.robot, servo, gravity_m_s2=course.gravity_m_s2, near_rad=near
+            )
             pace = 1.0 / (1.0 + self._stuck)  # legs that swing more slowly push feet less
             try:
                 return self._ready(

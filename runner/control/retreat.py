@@ -14,9 +14,9 @@ import numpy as np
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples, smooth, smooth_rate
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.redundancy import Continued
 from ..prepared import Prepared, Tracked
 from ..record import Record
 from ..run import Runner
@@ -74,11 +74,11 @@ def step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state:
     Raises Stopped, HardwareFault.
     """
     world, kinematics = runner.world, prepared.kinematics
-    near = Continued(
+    near = Kinematics(
         kinematics.robot,
         world.servo,
         gravity_m_s2=kinematics.gravity_m_s2,
-        near=np.array(state.angles_rad),
+        near_rad=np.array(state.angles_rad),
     )
     retreat, record = Retreat.of_step(prepared.motion, frame), Record()
     tracker = Tracker(retreat, near, world.rate_hz, runner.settings.feedback, drives=world.drives)

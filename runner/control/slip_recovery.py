@@ -25,7 +25,6 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.redundancy import Continued
 from ..prepared import Tracked
 from ..record import Record
 from ..run import Runner
@@ -230,8 +229,8 @@ class SlipRecovery:
         feel now.
         """
         robot, servo = self._kinematics.robot, self._kinematics.servo
-        near = Continued(
-            robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad
+        near = Kinematics(
+            robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near_rad=state.angles_rad
         )
         world = self._runner.world
         tracker = Tracker(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.motion_table import MotionTable
 from stancekit.planners.answer.plan import Plan
@@ -15,7 +16,7 @@ from stancekit.planners.robot.model import Robot
 
 from ..worlds.world import Ground, Terrain
 
-Subject = Plan | Trajectory | LeapPlan
+Subject = Plan | Trajectory | LeapPlan | Crossing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,8 +54,15 @@ def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, 
                 robot: Robot | None = walking_robot(subject.robot)
             except InvalidInput:
                 robot = None
-            return robot, subject.robot.foot_names, ground, GRAVITY_M_S2
+            return robot, subject.robot.limb_names, ground, GRAVITY_M_S2
         case LeapPlan():
             leap = subject.problem
             patches = tuple(leap.patch(j, subject.choice) for j in range(len(leap.footholds)))
             return leap.robot, leap.robot.limb_names, patches, GRAVITY_M_S2
+        case Crossing():
+            return (
+                subject.robot,
+                subject.robot.limb_names,
+                subject.terrain,
+                subject.first.gravity_m_s2,
+            )

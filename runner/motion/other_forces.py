@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,23 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Motion, Samples, smooth
 
 
-class _OtherForces:
-    """A motion as another one, but for what its feet carry."""
+class LoadTransfer:
+    """A motion that begins at rest, taken up by a robot whose feet carry other forces.
 
-    def __init__(self, motion: Motion) -> None:
+    Their load moves evenly from the feet that carry it now to those that shall: both sets of forces
+    balance the same posture and are within cones, and so is everything between them.
+
+    Arguments:
+        forces_n: those of now, shape (N, 3) [N]; 0 of a robot that hangs in a stand.
+        within_s: how long that takes [s], no longer than the motion is at rest; infinite for a
+            robot that never carries itself.
+    """
+
+    def __init__(
+        self, motion: Motion, forces_n: Array | float = 0.0, within_s: float = math.inf
+    ) -> None:
         self._motion, self.solids = motion, motion.solids
+        self._forces, self._within_s = np.asarray(forces_n), within_s
 
     @property
     def duration_s(self) -> float:
@@ -25,31 +38,6 @@ class _OtherForces:
     def knots_s(self) -> Array:
         """Times of the knots, as in ``Motion`` [s]."""
         return self._motion.knots_s
-
-
-class Hung(_OtherForces):
-    """A motion of a robot that hangs in a stand: its feet carry nothing."""
-
-    def at(self, times_s: float | Array) -> Samples:
-        """Sample that should be reached at a time; the ends are held."""
-        sample = self._motion.at(times_s)
-        return replace(sample, forces_n=np.zeros_like(sample.forces_n))
-
-
-class LoadTransfer(_OtherForces):
-    """A motion that begins at rest, taken up by a robot that stands already.
-
-    Its load moves evenly from the feet that carry it now to those that shall: both sets of forces
-    balance the same posture and are within cones, and so is everything between them.
-
-    Arguments:
-        forces_n: those of now, shape (N, 3) [N].
-        within_s: how long that takes [s], no longer than the motion is at rest.
-    """
-
-    def __init__(self, motion: Motion, forces_n: Array, within_s: float) -> None:
-        super().__init__(motion)
-        self._forces, self._within_s = forces_n, within_s
 
     def at(self, times_s: float | Array) -> Samples:
         """Sample that should be reached at a time; the ends are held."""

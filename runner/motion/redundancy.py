@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,26 +108,11 @@ class RedundancyResolution:
         return np.asarray(self._angles(np.minimum(np.maximum(times_s, 0.0), self._end)))
 
 
-class Continued(Kinematics):
-    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``,
-    shape (J,).
-    """
-
-    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.near_rad = np.array(near, dtype=float)
-
-
 def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
     """Resolve the postures that inverse kinematics is drawn to along a motion; half of the work
     before a run, which trackers share.
     """
-    return RedundancyResolution(motion, kinematics, near_of(kinematics))
-
-
-def near_of(kinematics: Kinematics) -> Array | None:
-    """The posture that the robot has already, if it is somewhere."""
-    return kinematics.near_rad if isinstance(kinematics, Continued) else None
+    return RedundancyResolution(motion, kinematics, kinematics.near_rad)
 
 
 def _planned(

@@ -10,12 +10,15 @@ from typing import TypeVar
 
 import numpy as np
 
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2
@@ -39,15 +42,21 @@ from .time_parametrization import (
 )
 
 log = logging.getLogger(__name__)
-M = TypeVar("M", PlanMotion, GaitMotion)
+M = TypeVar("M", PlanMotion, GaitMotion, LeapRun, CrossingMotion)
+JointMotion = (
+    TimedMotion[PlanMotion]
+    | TimedMotion[GaitMotion]
+    | TimedMotion[LeapRun]
+    | TimedMotion[CrossingMotion]
+)
 
 
-def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
-    """The motion of a plan or a walk as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
+def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Motion:
+    """The motion of a plan, a walk, a leap or a crossing as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
     rows per second.
 
     Of body and feet alone, on the same path and timed by the same rule, where joints are not known
-    or ``run`` would refuse them, and for a leap. The robot's own drives are taken.
+    or ``run`` would refuse them. The robot's own drives are taken.
     """
     try:
         return joint_motion(subject)
@@ -57,12 +66,12 @@ def streamed(subject: Plan | Trajectory | LeapPlan) -> Motion:
 
 
 def joint_motion(
-    subject: Plan | Trajectory | LeapPlan, rate_hz: float = RATE_HZ
-) -> TimedMotion[PlanMotion] | TimedMotion[GaitMotion]:
-    """The motion of a plan or a walk with its joints, as ``run`` streams it, so many rows per
-    second.
+    subject: Plan | Trajectory | LeapPlan | Crossing, rate_hz: float = RATE_HZ
+) -> JointMotion:
+    """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
+    many rows per second.
 
-    Raises InvalidInput where joints are not known or ``run`` would refuse them, and for a leap.
+    Raises InvalidInput where joints are not known or ``run`` would refuse them.
     """
     match subject:
         case Plan():
@@ -80,7 +89,38 @@ def joint_motion(
             walk = GaitMotion(subject, robot.source.foot_radii_m)
             walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
             return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
-    raise InvalidInput("a leap has body, feet and forces: its joints are not planned")
+        case Crossing():
+            kinematics = Kinematics(subject.robot, gravity_m_s2=subject.first.gravity_m_s2)
+            drives, can = _of_file(kinematics)
+            climbs = []
+            for plan in plans_of(subject):
+                motion, wished = unhurried_plan(plan, kinematics, can)
+                climbs.append(timed_plan(motion, wished, kinematics, can, drives).motion)
+            return _timed(CrossingMotion(subject, climbs), kinematics, drives, can, rate_hz)
+        case LeapPlan():
+            if not subject.problem.robot.source.own:
+                raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
+            kinematics = Kinematics(subject.problem.robot, gravity_m_s2=GRAVITY_M_S2)
+            drives, can = _of_file(kinematics)
+            return _timed(LeapRun(subject), kinematics, drives, can, rate_hz)
+
+
+L = TypeVar("L", LeapRun, CrossingMotion)
+
+
+def _timed(
+    motion: L, kinematics: Kinematics, drives: Drives, can: WorldCapabilities, rate_hz: float
+) -> TimedMotion[L]:
+    """A motion that was judged with its joints, and runs at its own pace."""
+    profile = joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives)
+    most = _most(kinematics)
+    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    velocity, acceleration, torque = (
+        uses[name][0] for name in ("velocity", "acceleration", "torque")
+    )
+    return TimedMotion(
+        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
+    )
 
 
 def _at_rate(

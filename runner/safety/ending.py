@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -22,17 +22,6 @@ from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
 Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
-
-
-@runtime_checkable
-class _Unsettled(Protocol):
-    """A device that knows what may still move the robot after ``hold``.
-
-    Arguments:
-        pending: what may still move it, in words; empty if nothing may.
-    """
-
-    pending: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +95,7 @@ def _held(world: SafeWorld, message: str) -> tuple[Left, str]:
     device = world.world
     if isinstance(device, Stoppable):
         wrong = _done(device.hold)
-        if not wrong and isinstance(device, _Unsettled):
-            wrong = device.pending
+        wrong = wrong or str(getattr(device, "pending", ""))
         if wrong:
             return "left to the device", f"{message}; {wrong}" if message else wrong
     return "held", message

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import NoReturn, Protocol, Self, runtime_checkable
+from typing import NoReturn, Self
 
 import numpy as np
 
@@ -28,37 +28,6 @@ from ..worlds.world import Actuator, State, Terrain, World
 from .heartbeat import HeartbeatMonitor
 from .latch import Source, StopLatch, Stopped
 from .watchdog import Watchdog
-
-
-@runtime_checkable
-class _Capable(Protocol):
-    capabilities: WorldCapabilities
-
-
-@runtime_checkable
-class _Driven(Protocol):
-    drives: Drives
-
-
-@runtime_checkable
-class _Waiting(Protocol):
-    beat: Callable[[], None]
-
-
-@runtime_checkable
-class _Evident(Protocol):
-    evidence: str
-
-
-@runtime_checkable
-class _Loadable(Protocol):
-    def preload(self, targets_rad: Array) -> bool: ...
-
-
-@runtime_checkable
-class _Bearing(Protocol):
-    def carry(self, wrench: Array) -> None: ...
-
 
 FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
@@ -137,9 +106,10 @@ class SafeWorld:
         self.capabilities = capabilities_of(world)
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
-        if isinstance(world, _Driven) and world.kind != "hardware":
+        self._drives: Drives | None = getattr(world, "drives", None)
+        if self._drives is not None and world.kind != "hardware":
             self._path = np.maximum(
-                self._path, SATURATED * world.drives.torque_nm / world.drives.stiffness_nm_rad
+                self._path, SATURATED * self._drives.torque_nm / self._drives.stiffness_nm_rad
             )
         self.real = isinstance(world, Actuator)
         if (
@@ -156,7 +126,7 @@ class SafeWorld:
             world.latch, limits.silent_s if moves else float("inf"), clock, monitor
         )
         self.latch.listen(*sources, self.watchdog.look)
-        if isinstance(world, _Waiting):  # to wait for a device is not to be silent
+        if hasattr(world, "beat"):  # to wait for a device is not to be silent
             world.beat = self.watchdog.kick
         self._to: World = world
         self._last: Array | None = None
@@ -168,8 +138,8 @@ class SafeWorld:
         """The world's loops; where it does not say nobody knows what they yield to, and it is sent
         angles alone.
         """
-        if isinstance(self.world, _Driven):
-            return self.world.drives
+        if self._drives is not None:
+            return self._drives
         result = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
         return replace(result, yields=False)
 
@@ -194,11 +164,8 @@ class SafeWorld:
         """Let a simulation begin with its joints loaded, as if it had been sent this before;
         whether it is one that can. What is real is sent its loads softly.
         """
-        if (
-            self.kind == "hardware"
-            or not isinstance(self.world, _Loadable)
-            or not self.world.preload(targets_rad)
-        ):
+        preload = getattr(self.world, "preload", None)
+        if self.kind == "hardware" or preload is None or not preload(targets_rad):
             return False
         self._last = np.array(targets_rad, dtype=float)
         return True
@@ -207,8 +174,9 @@ class SafeWorld:
         """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one
         does already.
         """
-        if self.kind == "simulation" and isinstance(self.world, _Bearing):
-            self.world.carry(wrench)
+        carry = getattr(self.world, "carry", None)
+        if self.kind == "simulation" and carry is not None:
+            carry(wrench)
 
     @property
     def last_rad(self) -> Array:
@@ -223,7 +191,7 @@ class SafeWorld:
     @property
     def evidence(self) -> str:
         """Evidence of the world about its e-stop since it was armed; empty where it has none."""
-        return self.world.evidence if isinstance(self.world, _Evident) else ""
+        return str(getattr(self.world, "evidence", ""))
 
     def arm(self) -> None:
         """Let something real move: its torque is switched on at the pose where it is.
@@ -360,8 +328,9 @@ def capabilities_of(world: World) -> WorldCapabilities:
     """Capabilities that the world declares; for a simulation those of its servos, and that it feels
     everything.
     """
-    if isinstance(world, _Capable):
-        return world.capabilities
+    can: WorldCapabilities | None = getattr(world, "capabilities", None)
+    if can is not None:
+        return can
     return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)
 
 

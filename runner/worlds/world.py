@@ -58,7 +58,11 @@ WorldKind = Literal["simulation", "recording", "hardware"]
 class World(Protocol):
     """Three methods, and what it can do.
 
-    A context manager; ``reset`` may be called again.
+    A context manager; ``reset`` may be called again. A world may have besides: ``capabilities``
+    (``WorldCapabilities``), ``drives`` (``Drives``), ``preload(targets_rad)``, which says whether
+    joints can begin loaded, ``carry(wrench)``, which a simulated body bears beside its weight,
+    ``beat``, which it calls while it waits for a device, ``evidence`` of its e-stop, and
+    ``pending``, which names what may still move the robot after ``hold``, in words.
 
     Arguments:
         kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed.

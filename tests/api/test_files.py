@@ -9,7 +9,7 @@ import stancekit
 from stancekit.configs import config_path
 from stancekit.learners.selectors.selector import Learned
 from stancekit.planners.relaxation.modes import Modes
-from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.model import Robot
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_a_walk_comes_back(tmp_path):
 
 def test_yaml_is_a_course_or_a_robot_and_a_folder_a_data_set(tmp_path):
     assert stancekit.load(config_path("courses/stairs.yaml"), stancekit.Problem).name == "stairs"
-    assert stancekit.load(config_path("robots/anymal.yaml"), GaitRobot).name == "anymal"
+    assert stancekit.load(config_path("robots/anymal.yaml"), Robot).name == "anymal"
     stancekit.label("wall-3", tmp_path / "set", rows=(2, 2))
     rows = stancekit.load(tmp_path / "set", stancekit.Dataset)
     assert len(rows) == 4

@@ -99,7 +99,7 @@ def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, stancekit, tmp_pat
     walk = read_trajectory("walk.json").trajectory
     whole = pin.buildModelFromXML(walk.robot.model.urdf, pin.JointModelFreeFlyer())
     assert pin.computeTotalMass(whole) == pytest.approx(walk.robot.mass_kg)
-    assert walk.robot.foot_names == ("LF", "RF", "LH", "RH")
+    assert walk.robot.limb_names == ("LF", "RF", "LH", "RH")
     code, out, _ = gait(*SHORT, "--robot", "anymal-boxes", "--json")
     assert json.loads(out)["joints"] is None
 

@@ -43,9 +43,29 @@ def test_a_map_is_written_drawn_and_said(stancekit, level, tmp_path):
     assert record["shares"]["proved"] == 1.0
 
 
+def test_a_file_means_what_its_options_say(stancekit, tmp_path):
+    sideways = [f"v {y} 0 {x}" for x, y in ((-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (-1.5, 1.5))]
+    (tmp_path / "y.obj").write_text("\n".join([*sideways, "f 1 2 3", "f 1 3 4", ""]))
+    np.save(tmp_path / "flat.npy", np.zeros((31, 31)))
+    how = ("--spacing-m", "0.5", "--headings", "1", "--json")
+    ran = stancekit("map", "y.obj", *how, "--up", "y", "--margin-m", "0.05")
+    assert ran.code == 0
+    assert ran.records[0]["options"]["up"] == "y"
+    assert ran.records[0]["options"]["limits"]["margin_m"] == 0.05
+    assert ran.records[0]["counts"]["feasible"] > 0
+    ran = stancekit("map", "flat.npy", *how, "--grid-m", "0.1", "--offset-m=5,0,0")
+    assert ran.code == 0
+    assert ran.records[0]["options"] == {"spacing_m": 0.1, "offset_m": [5.0, 0.0, 0.0]}
+    assert ran.records[0]["corner_m"][0] > 3.9
+
+
 @pytest.mark.parametrize(
     ("options", "line"),
     [
+        (("--grid-m", "0"), "--grid-m: expected a number in (0, 200], got 0"),
+        (("--up", "y"), "level.obj: expected footholds, got none"),
+        (("--margin-m", "9"), "level.obj: expected footholds, got none"),
+        (("--heights-m", "0,1"), "--heights-m: expected a .png with it, got level.obj"),
         (("--error", "0"), "--error: expected a number above 0 and below 1, got 0"),
         (("--error", "1"), "--error: expected a number above 0 and below 1, got 1"),
         (("--spacing-m", "9"), "--spacing-m: expected a grid of one cell or more"),

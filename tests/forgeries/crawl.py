@@ -8,7 +8,8 @@ import numpy as np
 
 from stancekit.planners.answer.trajectory import STEP_S, Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 
 G = 9.81
@@ -75,7 +76,7 @@ def crawl(friction: float = 0.75) -> Trajectory:
     )
 
 
-def balanced(robot: GaitRobot, torso: Array, toes: Array, contact: Array) -> Array:
+def balanced(robot: Robot, torso: Array, toes: Array, contact: Array) -> Array:
     """The smallest forces of the standing feet that the torso's motion needs, without turning,
     shape (K, 4, 3) [N].
     """

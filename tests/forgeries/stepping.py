@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -49,7 +50,7 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
         )
         for leg, toe in zip(model.legs, toes, strict=True)
     ]
-    robot = GaitRobot(
+    robot = Robot(
         name="quadruped",
         mass_kg=model.body.mass_kg,
         inertia_kgm2=model.body.inertia_kgm2,

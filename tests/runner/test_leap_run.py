@@ -39,8 +39,15 @@ def stopped_at(accepted: AcceptedLeap, when_s: float) -> RunReport:
     return runners[0].run(accepted)
 
 
-def test_a_leap_lands_where_it_should_and_stands(accepted: AcceptedLeap):
-    report = stancekit.run(accepted, "mujoco")
+@pytest.fixture(scope="module")
+def ran(accepted: AcceptedLeap, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunReport, Path]:
+    """A run that nothing stops, and its log."""
+    log = tmp_path_factory.mktemp("ran") / "leap.mcap"
+    return stancekit.run(accepted, "mujoco", log=log), log
+
+
+def test_a_leap_lands_where_it_should_and_stands(ran: tuple[RunReport, Path]):
+    report, _ = ran
     assert report.succeeded, report.message
     assert report.execution.com_final_m < 0.01
     assert report.execution.trace.rotation[-1, 2, 2] > 0.95
@@ -48,9 +55,9 @@ def test_a_leap_lands_where_it_should_and_stands(accepted: AcceptedLeap):
     assert np.count_nonzero(flies) > 20
 
 
-def test_a_replay_sends_the_same(accepted: AcceptedLeap, tmp_path: Path):
-    first = stancekit.run(accepted, "mujoco", log=tmp_path / "leap.mcap")
-    again = stancekit.run(accepted, "replay", setup=tmp_path / "leap.mcap")
+def test_a_replay_sends_the_same(accepted: AcceptedLeap, ran: tuple[RunReport, Path]):
+    first, log = ran
+    again = stancekit.run(accepted, "replay", setup=log)
     assert again.sent == first.sent
     assert again.replay_rad == 0.0
 

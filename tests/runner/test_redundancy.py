@@ -29,7 +29,6 @@ from stancekit.runner.motion.redundancy import (
     JUMP_RAD,
     LEFT,
     TURNED,
-    Continued,
     RedundancyResolution,
     _cheapest,
 )
@@ -141,7 +140,7 @@ def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
     near, error = kinematics.reach(feet, other, other)
     assert error.max() < 1e-4
     assert np.abs(near - alone).max() > 0.3, "another posture of the same feet"
-    first = joint_profile(motion, Continued(robot, near=near)).angles_rad[0]
+    first = joint_profile(motion, Kinematics(robot, near_rad=near)).angles_rad[0]
     assert np.abs(first - near).max() < 0.15
 
 

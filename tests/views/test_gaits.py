@@ -82,7 +82,7 @@ def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them()
 
 def test_touch_downs_are_the_samples_at_which_contact_begins():
     view = GaitView(walk())
-    contact, names = view.trajectory.contact, view.trajectory.robot.foot_names
+    contact, names = view.trajectory.contact, view.trajectory.robot.limb_names
     assert len(view.footholds) == 12
     for sample, disc in view.footholds:
         foot = names.index(disc.name.split()[0])

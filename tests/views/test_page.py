@@ -86,7 +86,7 @@ def test_the_page_holds_everything_that_it_shows(plan_page, walk_page):
     assert "friction μ = 1" in plan_page
     assert "path of the centre of mass" in plan_page
     assert f"{ACCENT}" in walk_page  # the verifier's word is bad news
-    for name in anymal().foot_names:
+    for name in anymal().limb_names:
         assert f"</span>{name}</div>" in walk_page
     for text in (plan_page, walk_page):
         assert text.startswith("<!doctype html>")

@@ -56,16 +56,16 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[
 def own_kg(spec: CourseSpec, folder: Path) -> float:
     """Mass of a course's robot without what its key mass_kg says [kg]."""
     plain = spec.model_copy(update={"mass_kg": None})
-    return plain.make_robot(plain.robot_model(folder)).mass_kg
+    return plain.make_robot(folder).mass_kg
 
 
 def _stands_m(keys: Mapping[str, Any], folder: Path) -> float:
     """Height of the centre of mass above its toes on the course as it is [m]; 0 between walls."""
     spec = spec_from(keys)
-    model = spec.robot_model(folder)
-    if model is None:
+    robot = spec.make_robot(folder)
+    if not robot.source.own:
         return spec.stance.down_m
-    return -float(np.mean(standing_toes(model)[:, 2]))
+    return -float(np.mean(standing_toes(robot.source.own_model())[:, 2]))
 
 
 def _raised(place: Any, by_m: float) -> Any:

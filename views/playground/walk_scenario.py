@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
 
@@ -32,7 +32,7 @@ class WalkScenario:
     """
 
     terrain: HeightField
-    walker: GaitRobot
+    walker: Robot
     robot: str
     start_m: tuple[float, float] = (0.0, 0.0)
     goal_m: tuple[float, float] = (1.0, 0.5)

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
 from ...physics import GRAVITY_M_S2
-from ...robot.single_body import GaitRobot
+from ...robot.model import Robot
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, Selection, VariableGroup
 from ..transcription.taylor import ExpansionPoint
@@ -69,7 +69,7 @@ def inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
     )
 
 
-def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
+def wrench(chart: Chart, robot: Robot) -> Kernel:
     """(f_i, (p_i − p) × f_i) of a standing foot."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -82,7 +82,7 @@ def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
     return kernel
 
 
-def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
+def centred(chart: Chart, robot: Robot, step_s: float) -> Kernel:
     """PCDM (W11) about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for
     the moment.
     """
@@ -96,7 +96,7 @@ def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
     return kernel
 
 
-def printed(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
+def printed(chart: Chart, robot: Robot, step_s: float) -> Kernel:
     """W11: p̈ ≈ (p − 2 p₋ + p₋₋) / Δt², and ∫ ρ (2 R₋ − R₋₋) x × R x dv / Δt² for the moment."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -108,7 +108,7 @@ def printed(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
     return kernel
 
 
-def newton_euler(chart: Chart, robot: GaitRobot) -> Kernel:
+def newton_euler(chart: Chart, robot: Robot) -> Kernel:
     """W2 of (p̄, θ̄) and its first two derivatives, shape (18), pushed forward along the chart."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -124,7 +124,7 @@ def newton_euler(chart: Chart, robot: GaitRobot) -> Kernel:
             cs.substitute(term, time, 0.0) for term in (r, turning, turned, acceleration)
         )
         omega, alpha = _vee(r_0.T @ turning), _vee(r_0.T @ turned)
-        inertia = cs.DM(robot.inertia_kgm2)
+        inertia = cs.DM(np.asarray(robot.inertia_kgm2))
         moment = r_0 @ (inertia @ alpha + cs.cross(omega, inertia @ omega))
         scale = robot.mass_kg * GRAVITY_M_S2 * robot.stand_height_m
         return -cs.vertcat(acceleration / GRAVITY_M_S2 + cs.DM(UP), moment / scale)
@@ -147,10 +147,12 @@ def _torsos(
     return [chart.torso(feature, at) for feature, at in zip(features, expansions, strict=True)]
 
 
-def _moment(robot: GaitRobot, step_s: float) -> Array:
-    """C / Δt² in units of m·g·(stand height)."""
-    scale = robot.mass_kg * GRAVITY_M_S2 * robot.stand_height_m
-    return np.asarray(second_moment(robot.inertia_kgm2) / (scale * step_s**2))
+def _moment(robot: Robot, step_s: float) -> Array:
+    """C / Δt² in units of m·g·(stand height), of C = ∫ ρ x xᵀ dv = ½ tr(I) Id − I."""
+    scale = robot.weight_n * robot.stand_height_m
+    inertia = np.asarray(robot.inertia_kgm2)
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.asarray(second / (scale * step_s**2))
 
 
 def _vee(m: cs.SX) -> cs.SX:
@@ -161,8 +163,3 @@ def _vee(m: cs.SX) -> cs.SX:
 def axial(m: cs.SX) -> cs.SX:
     """ε_ijk M_jk: ∫ ρ (A x) × (R x) dv for M = A C Rᵀ with C = ∫ ρ x xᵀ dv, shape (3, 1)."""
     return cs.vertcat(m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0])
-
-
-def second_moment(inertia: Array) -> Array:
-    """C = ∫ ρ x xᵀ dv = ½ tr(I) Id − I of an inertia tensor, shape (3, 3) [kg m²]."""
-    return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia)

@@ -41,7 +41,7 @@ def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
     Time runs along the key frames as it runs along the path of the terrain-following guess, whose
     swings and forces it has. Raises InvalidInput for a robot with other feet.
     """
-    task, names, walk = structure.task, structure.task.robot.foot_names, GuessedWalk(structure)
+    task, names, walk = structure.task, structure.task.robot.limb_names, GuessedWalk(structure)
     if set(names) != set(frames.limbs):
         raise InvalidInput(
             f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}"

@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ...answer.trajectory import Trajectory
 from ...files.arrays import Array
 from ..charts.pushforward import Pushforward
 from .structure import Structure
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GaitSamples:
-    """A motion at K times: torso p_WB (K, 3) [m], R_WB (K, 3, 3), feet p_WF (K, E, 3) [m], contact
-    forces f_W (K, E, 3) [N], and which feet stand (K, E), bool.
-    """
-
-    times_s: Array
-    torso_m: Array
-    rotation: Array
-    feet_m: Array
-    forces_n: Array
-    contact: NDArray[np.bool_]
-
-
 def sampled(
     structure: Structure, x: Array, times_s: Array, height_factor: float = 1.0
-) -> GaitSamples:
-    """Evaluate a decision vector at times, shape (K,) [s]."""
+) -> Trajectory:
+    """Evaluate a decision vector at times, shape (K,) [s]: a trajectory of the task, on its terrain
+    with heights by this factor.
+    """
     layout, push = structure.layout.timed(x), Pushforward(structure.chart, height_factor)
     torso_m, rotation = push.torso((layout.torso_rows(times_s) @ x).reshape(-1, 6))
     feet: list[Array] = []
@@ -41,11 +28,21 @@ def sampled(
         p_i, f_i = push.foot(place, force)
         feet, forces = [*feet, p_i], [*forces, f_i * structure.task.robot.weight_n]
         contact.append(entries.phases.stands(times_s))
-    return GaitSamples(
+    task = structure.task
+    return Trajectory(
         times_s=times_s,
         torso_m=torso_m,
         rotation=rotation,
         feet_m=np.stack(feet, axis=1),
         forces_n=np.stack(forces, axis=1),
         contact=np.stack(contact, axis=1),
+        robot=task.robot,
+        terrain=task.terrain if height_factor == 1.0 else task.terrain.scaled(height_factor),
+        friction=task.friction,
+        adhesive=np.array(task.adhesive),
+        start_xy_m=task.start_xy_m,
+        goal_xy_m=task.goal_xy_m,
+        heading_rad=task.start_yaw_rad,
+        heading_end_rad=task.end_yaw_rad,
+        suction_n=task.suction_n,
     )

@@ -17,11 +17,12 @@ from typing import Any
 import cloudpickle
 import pytest
 
-from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.learners.data import ray_cluster, ray_driver
 from stancekit.learners.data.executor import ClusterGone, WorkersDied, gather, processes
 from stancekit.learners.data.executors import executor
 from stancekit.learners.data.labelling import label
+from stancekit.learners.data.leap_tries import label_leaps
 from stancekit.planners.errors import InvalidInput
 from tests.emulators.tasks import die, die_once, fail, square
 
@@ -340,6 +341,17 @@ def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
     assert all(
         Path(tmp_path, "cluster", s).read_bytes() == Path(tmp_path, "here", s).read_bytes()
         for s in shards
+    )
+    tries = TryPlan(
+        distribution="leap", scenes=2, tries={"random": 2, "rule": 1}, shard_size=3, seed=3
+    )
+    label_leaps(tries, tmp_path / "leaps", run=run)
+    label_leaps(tries, tmp_path / "leaps here")
+    kept = sorted(file.name for file in (tmp_path / "leaps here").glob("shard-*.parquet"))
+    assert len(kept) == 2
+    assert all(
+        Path(tmp_path, "leaps", s).read_bytes() == Path(tmp_path, "leaps here", s).read_bytes()
+        for s in kept
     )
     with pytest.raises(InvalidInput) as error:
         gather(run, [partial(fail, x) for x in range(6)])

@@ -167,12 +167,6 @@ def test_two_processes_and_any_order_write_the_same_bytes(whole: Path, tmp_path:
     assert contents(tmp_path / "two") == contents(tmp_path / "backwards") == contents(whole)
 
 
-def test_ray_writes_the_same_bytes(whole: Path, tmp_path: Path) -> None:
-    pytest.importorskip("ray")
-    label_leaps(PLAN, tmp_path, run=executor("ray", address="local"))
-    assert contents(tmp_path) == contents(whole)
-
-
 def test_a_run_that_is_killed_goes_on_to_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     task = json.dumps([asdict(PLAN), str(tmp_path)])
     run = subprocess.Popen([sys.executable, "-c", RUN, task], stdout=subprocess.PIPE, text=True)

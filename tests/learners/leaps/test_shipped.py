@@ -44,7 +44,7 @@ def test_a_scorer_is_the_one_of_its_card(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
-    """Of 40 scenes; what is 4 standard errors below the lower end of the card's interval would be
+    """Of 20 scenes; what is 4 standard errors below the lower end of the card's interval would be
     another scorer.
     """
     env, scorer, solved = (
@@ -53,11 +53,11 @@ def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
         0,
     )
     env.reset(seed=77)
-    for _ in range(40):
+    for _ in range(20):
         observation, _ = env.reset()
         solved += env.step(scorer.predict(observation)[0])[4]["is_success"]
     least = card_of(shipped("scorers")[name])["figures"][0]["learned"][1]
-    assert solved / 40 >= least - 4.0 * np.sqrt(least * (1.0 - least) / 40)
+    assert solved / 20 >= least - 4.0 * np.sqrt(least * (1.0 - least) / 20)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -94,21 +94,34 @@ def test_a_copy_answers_as_the_original_does(name, rows, board):
         )
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_another_process_reads_the_pickle(name, rows, board, tmp_path):
-    kept = tmp_path / "kept.pickle"
-    one = learned(name, rows, board)
-    kept.write_bytes(pickle.dumps(one))
-    seen = scenes_of(rows)[0].observation
+READS = """
+import pickle
+import sys
+
+import numpy as np
+
+seen = dict(np.load("seen.npz"))
+for name in sys.argv[1:]:
+    with open(name + ".pickle", "rb") as file:
+        print(pickle.load(file).selector.predict(seen)[0].tolist())
+"""
+
+
+def test_another_process_reads_the_pickles(rows, board, tmp_path):
+    seen, predicted = scenes_of(rows)[0].observation, list[str]()
+    for name in ALL:
+        one = learned(name, rows, board)
+        (tmp_path / f"{name}.pickle").write_bytes(pickle.dumps(one))
+        predicted.append(str(one.selector.predict(seen)[0].tolist()))
     np.savez(tmp_path / "seen.npz", **seen)
-    script = (
-        f"import pickle, numpy as np; one = pickle.load(open({str(kept)!r}, 'rb'));"
-        f"print(one.selector.predict(dict(np.load({str(tmp_path / 'seen.npz')!r})))[0].tolist())"
-    )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path
+        [sys.executable, "-c", READS, *ALL],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
     )
-    assert done.stdout.strip() == str(one.selector.predict(seen)[0].tolist())
+    assert done.stdout.splitlines() == predicted
 
 
 @pytest.mark.parametrize("name", ["own", "quantile", "chooser", "neural"])

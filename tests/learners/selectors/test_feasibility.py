@@ -79,7 +79,7 @@ def boxes_about(
 def test_the_cache_says_what_solving_says(
     programs: Programs, name: str, kind: str, spread: float
 ) -> None:
-    problems = drawn(name, 30, seed=3)
+    problems = drawn(name, 12, seed=3)
     plain, cached = SolvingOracle(problems, programs), CachingOracle(problems, programs)
     which = np.arange(len(problems))
     for seed in range(3):  # each generation finds more proofs than the one before
@@ -88,7 +88,7 @@ def test_the_cache_says_what_solving_says(
             cached.is_feasible(which, boxes), plain.is_feasible(which, boxes)
         )
     counts = cached.counts
-    assert counts.total == plain.counts.total == plain.counts.solved == 3 * 18 * 30
+    assert counts.total == plain.counts.total == plain.counts.solved == 3 * 18 * 12
     assert min(counts.witness, counts.certificate, counts.trivial if name == "wall-3" else 1) > 0
     assert counts.cached > 0.6 * counts.total
     assert counts.unknown == plain.counts.unknown == 0

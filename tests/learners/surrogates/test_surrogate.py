@@ -121,6 +121,20 @@ def test_what_lies_beyond_the_calibration_is_asked_of_others(learned: Data) -> N
     assert set(surrogate.screen(slippery, 0.4).answers.tolist()) == {"ask"}
 
 
+def test_a_batch_that_is_not_drawn_as_the_class_is_is_asked_of_others(learned: Data) -> None:
+    rows, surrogate = learned
+    batch = LabelledBatch.of([rows]).batch
+    assert surrogate.screen(batch, 0.4).shifted == ""
+    slick = replace(batch, friction=np.full_like(batch.friction, batch.friction.min()), convex=True)
+    screened = surrogate.screen(slick, 0.4)
+    assert set(screened.answers.tolist()) == {"ask"}
+    assert screened.shifted.startswith(
+        "problems: expected draws of wall-3, with any share of feasible, infeasible ones, got others: "
+        "friction of "
+    )
+    assert surrogate.screen(slick.select(np.arange(20)), 0.4).shifted == ""
+
+
 @pytest.mark.parametrize(
     ("name", "line"),
     [

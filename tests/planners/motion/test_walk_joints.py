@@ -10,8 +10,9 @@ import pytest
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.walk_joints import walk_joints
+from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 
 from ..robot.small_urdfs import quadruped
@@ -36,7 +37,7 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
         )
         for leg, toe in zip(model.legs, toes, strict=True)
     ]
-    robot = GaitRobot(
+    robot = Robot(
         name="quadruped",
         mass_kg=model.body.mass_kg,
         inertia_kgm2=model.body.inertia_kgm2,

@@ -334,6 +334,27 @@ def test_terrain_within_a_centimetre_of_a_place_does_not_hide_it(over_m, upper):
     assert sorted(float(piece.vertices_m[0, 2]) for _, piece in offered) == upper
 
 
+def test_toes_asked_for_at_once_get_what_they_get_one_by_one():
+    course = read_course("icy-walls")
+    patches = course.terrain
+    footing = CandidatePatches(Terrain(patches, (True,) * len(patches)), 0.01)
+    rng, toes = np.random.default_rng(2), []
+    for limb in course.robot.limbs * 3:
+        shoulder = course.com_nominal_m[0] + limb.shoulder_m + 0.1 * rng.normal(size=3)
+        toes.append((limb, shoulder, shoulder + 0.2 * rng.normal(size=3), 0.1))
+    toes.append((course.robot.limbs[0], np.full(3, 50.0), np.zeros(3), 0.1))  # near nothing
+    together = footing.candidates_of(toes, 3)
+    assert together[-1] == []
+    assert any(len(each) > 1 for each in together)
+    for (limb, shoulder, toe, side), found in zip(toes, together, strict=True):
+        alone = footing.candidates(limb, shoulder, toe, 3, side)
+        assert [index for index, _ in found] == [index for index, _ in alone]
+        for (index, piece), (_, other) in zip(found, alone, strict=True):
+            np.testing.assert_allclose(piece.vertices_m, other.vertices_m, rtol=0.0, atol=1e-15)
+            window = footing.surfaces[index].patch
+            assert np.ptp(piece.vertices_m @ window.normal) < 1e-9  # in the plane of its surface
+
+
 def test_a_surface_seen_from_behind_carries_no_toe():
     message = refusal(laid_out, terrain=polygons(square(0.0, 0.0, 0.0, 2.0)[::-1]))
     assert message.startswith(

@@ -17,8 +17,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file, read_trajectory, write_trajectory
 from stancekit.planners.robot import single_body
 from stancekit.planners.robot.inverse_kinematics import Seeds
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.single_body import GaitRobot, anymal, legged_anymal
+from stancekit.planners.robot.single_body import anymal, legged_anymal
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
@@ -27,19 +28,19 @@ pytest.importorskip("pinocchio")
 
 
 @pytest.fixture(scope="module")
-def walker() -> GaitRobot:
+def walker() -> Robot:
     return legged_anymal()
 
 
 @pytest.fixture(scope="module")
-def model(walker: GaitRobot) -> RobotModel:
+def model(walker: Robot) -> RobotModel:
     assert walker.model is not None
     return walker.model
 
 
-def test_its_legs_weigh_and_stand_as_its_boxes(walker: GaitRobot, model: RobotModel) -> None:
+def test_its_legs_weigh_and_stand_as_its_boxes(walker: Robot, model: RobotModel) -> None:
     boxes = anymal()
-    assert model.leg_names == boxes.foot_names
+    assert model.leg_names == boxes.limb_names
     assert model.body.mass_kg == pytest.approx(boxes.mass_kg, rel=1e-9)
     np.testing.assert_allclose(model.body.inertia_kgm2, boxes.inertia_kgm2, atol=1e-9)
     assert model.stand_height_m == pytest.approx(boxes.stand_height_m, abs=1e-9)
@@ -60,7 +61,7 @@ def test_its_legs_weigh_and_stand_as_its_boxes(walker: GaitRobot, model: RobotMo
     assert {joint.velocity_rad_s for leg in model.legs for joint in leg.joints} == {12.0}
 
 
-def test_its_legs_reach_all_of_its_boxes(walker: GaitRobot, model: RobotModel) -> None:
+def test_its_legs_reach_all_of_its_boxes(walker: Robot, model: RobotModel) -> None:
     """Every corner and 2,000 places inside, on level ground and on ground of up to 10°."""
     rng = np.random.default_rng(0)
     for leg, foot in zip(model.legs, walker.feet, strict=True):
@@ -88,7 +89,7 @@ def test_without_pinocchio_it_is_its_boxes(monkeypatch: pytest.MonkeyPatch) -> N
     assert named_walker("anymal").model is None
 
 
-def test_it_is_written_with_its_legs_and_read_again(walker: GaitRobot, model: RobotModel) -> None:
+def test_it_is_written_with_its_legs_and_read_again(walker: Robot, model: RobotModel) -> None:
     again = robot_from_json(walker.to_json())
     assert again.model is not None
     assert again.model.digest == model.digest
@@ -99,7 +100,7 @@ def test_it_is_written_with_its_legs_and_read_again(walker: GaitRobot, model: Ro
         robot_from_json(other)
 
 
-def walked(robot: GaitRobot) -> Answer[Trajectory]:
+def walked(robot: Robot) -> Answer[Trajectory]:
     """Two seconds on level ground."""
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     return stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled", robot=robot)
@@ -118,7 +119,7 @@ def test_a_walk_of_the_boxes_is_written_and_judged_by_them(tmp_path: Path) -> No
     assert walk_hindrance(trajectory, ()).startswith("robot anymal: no legs are known")
 
 
-def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: GaitRobot) -> None:
+def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> None:
     pytest.importorskip("mujoco")
     from stancekit.runner.acceptance import AcceptedGait
     from stancekit.runner.run import Runner

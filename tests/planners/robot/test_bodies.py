@@ -220,7 +220,7 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
     .3 rad.
     """
     rng, radius, found = np.random.default_rng(4), 0.01, list[bool]()
-    for _ in range(60):
+    for _ in range(36):
         ball = shape("LF_SHANK", "sphere", [radius], at=[0.0, 0.05, -0.15])
         alone = bodies([ball])
         first = standing(alone, 1.0)
@@ -353,7 +353,7 @@ def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
     """
     import pinocchio as pin
 
-    sound = [each for each in made_robots() if each.sound][::3]
+    sound = [each for each in made_robots() if each.sound][::6]
     solvers = [
         Kinematics(hexapod()),
         *(Kinematics(named(each.write(tmp_path / each.name))) for each in sound),
@@ -373,7 +373,7 @@ def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
                 np.testing.assert_allclose(turns[row, k], there.rotation @ each.rotation, atol=1e-9)
                 np.testing.assert_allclose(origins[row, k], there.act(each.origin_m), atol=1e-9)
                 looked += 1
-    assert looked > 300
+    assert looked > 150
 
 
 def named(path: Path) -> Robot:

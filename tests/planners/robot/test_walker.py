@@ -11,11 +11,11 @@ import pytest
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.inverse_kinematics import Seeds
-from stancekit.planners.robot.model import hexapod
+from stancekit.planners.robot.model import Robot, hexapod
 from stancekit.planners.robot.polytope import Polytope
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.robot.walker import named_walker, walker_of
 
@@ -25,7 +25,7 @@ pin = pytest.importorskip("pinocchio")
 
 
 @pytest.fixture(scope="module")
-def walker() -> GaitRobot:
+def walker() -> Robot:
     return walker_of(model_of(quadruped()))
 
 
@@ -65,7 +65,7 @@ def test_the_box_about_a_point_of_a_box_is_that_box_and_outside_there_is_none() 
         sides.box_about(np.array([1.5, 0.0, 0.0]), 0.05)
 
 
-def test_a_walker_weighs_what_its_urdf_weighs_as_it_stands(walker: GaitRobot) -> None:
+def test_a_walker_weighs_what_its_urdf_weighs_as_it_stands(walker: Robot) -> None:
     model, whole = walker.model, pin.buildModelFromXML(quadruped(), pin.JointModelFreeFlyer())
     assert model is not None
     data, q = whole.createData(), pin.neutral(whole)
@@ -84,7 +84,7 @@ def test_a_walker_weighs_what_its_urdf_weighs_as_it_stands(walker: GaitRobot) ->
     )
 
 
-def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: GaitRobot) -> None:
+def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: Robot) -> None:
     rng, model = np.random.default_rng(1), walker.model
     assert model is not None
     for foot, each in zip(walker.feet, model.legs, strict=True):
@@ -97,7 +97,7 @@ def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: Ga
         assert np.prod(foot.reach_max_m - foot.reach_min_m) > 0.002
 
 
-def test_no_two_boxes_cross_and_none_is_above_its_ceiling(walker: GaitRobot) -> None:
+def test_no_two_boxes_cross_and_none_is_above_its_ceiling(walker: Robot) -> None:
     model = walker.model
     assert model is not None
     strict = walker_of(model, ceiling_m=-0.3, inner_m=0.03)
@@ -114,7 +114,7 @@ def test_no_two_boxes_cross_and_none_is_above_its_ceiling(walker: GaitRobot) -> 
 
 
 def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(
-    tmp_path: Path, walker: GaitRobot
+    tmp_path: Path, walker: Robot
 ) -> None:
     (tmp_path / "q.urdf").write_text(quadruped())
     (tmp_path / "q.yaml").write_text("urdf: q.urdf\ntrunk_half_m: [0.2, 0.1, 0.05]\nname: dog\n")
@@ -122,14 +122,14 @@ def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(
     assert (plain.name, corrected.name) == ("quadruped", "dog")
     assert (
         named_robot(tmp_path / "q.yaml").leg_names
-        == corrected.foot_names
+        == corrected.limb_names
         == ("LF", "RF", "LH", "RH")
     )
     assert corrected.trunk_half_m.tolist() == [0.2, 0.1, 0.05]
     for ours, theirs in zip(plain.feet, walker.feet, strict=True):
         np.testing.assert_array_equal(ours.reach_min_m, theirs.reach_min_m)
     assert named_walker("anymal-boxes").model is None
-    assert named_walker("hexapod").foot_names == named_robot("hexapod").leg_names
+    assert named_walker("hexapod").limb_names == named_robot("hexapod").leg_names
 
 
 FILE = """
@@ -258,7 +258,7 @@ def test_robots_that_cannot_walk_are_refused_in_one_line(
         walker_of(model_of(text, **options))
 
 
-def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) -> None:
+def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: Robot) -> None:
     written = json.loads(json.dumps(walker.to_json()))
     again = robot_from_json(written)
     assert again.model is not None
@@ -278,7 +278,7 @@ def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) 
     assert robot_from_json(written).model is None
 
 
-def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: GaitRobot) -> None:
+def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: Robot) -> None:
     straight = walker_of(
         model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.2, "*_KFE": -0.3})
     )
@@ -304,7 +304,7 @@ def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(
 ) -> None:
     found = anymal()
     assert found.mass_kg == pytest.approx(30.475)
-    assert found.foot_names == ("LF", "RF", "LH", "RH")
+    assert found.limb_names == ("LF", "RF", "LH", "RH")
     for foot in found.feet:
         assert foot.nominal_m[2] == pytest.approx(-found.stand_height_m)
     assert found.feet[0].reach_min_m.tolist() == [0.155, 0.095, -0.465]

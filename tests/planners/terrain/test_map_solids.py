@@ -9,6 +9,7 @@ import pytest
 
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of
+from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.map_solids import Overhead, box_patches, covered, standing_boxes
 from stancekit.planners.terrain.obstacles import Obstacles
 
@@ -129,3 +130,30 @@ def test_boxes_cover_their_cells_and_nothing_far_off_and_are_bodies():
     bodies = Obstacles.of(box_patches(boxes, 0.7))
     assert len(bodies.convex) == len(boxes)
     assert not bodies.closed
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.02, 0.03])
+def test_beams_on_a_noisy_map_are_solid_and_no_box_is_above_their_tops(noise_m):
+    x, y = np.arange(-1.0, 1.0, 0.02), np.arange(-0.8, 0.8, 0.02)
+    beam = np.mod(y + 2.0, 0.4) < 0.15
+    drawn = np.where(beam, 0.0, -0.25) + np.zeros((len(x), 1))
+    noisy = drawn + np.random.default_rng(7001).normal(0.0, noise_m, drawn.shape)
+    found = footholds_of(ElevationMap(x_m=x, y_m=y, heights_m=noisy, name="beams"))
+    corners = np.concatenate([patch.vertices_m for patch in found.surfaces])
+    tops = corners[np.abs(corners[:, 2]) < 0.1, 2]
+    solid = [patch for patch in found.surfaces if abs(patch.normal[2]) < 0.1]
+    assert solid
+    assert max(patch.vertices_m[:, 2].max() for patch in solid) < tops.max()
+    assert np.ptp(tops) < 0.02
+
+
+@pytest.mark.parametrize("spacing_m", [0.02, 0.05])
+def test_bodies_keep_out_of_all_that_a_surface_between_samples_may_be(spacing_m):
+    x, y = np.arange(-1.0, 1.0, spacing_m), np.arange(-0.8, 0.8, spacing_m)
+    for edge in np.linspace(0.0, spacing_m, 5)[1:-1]:
+        drawn = np.where(x > edge, 0.06, 0.0)[:, None] + np.zeros(len(y))
+        found = footholds_of(ElevationMap(x_m=x, y_m=y, heights_m=drawn, name="step"))
+        upper = [p.vertices_m for p in found.surfaces if p.vertices_m[:, 2].min() > 0.03]
+        assert min(corners[:, 0].min() for corners in upper) <= edge
+        on = [p.patch.vertices_m[:, 0].min() for p in found.pieces if p.patch.centre_m[2] > 0.03]
+        assert min(on) >= edge + FootholdLimits().margin_m - 1e-9

@@ -18,10 +18,13 @@ from stancekit.planners.terrain.polygon import (
     Surface,
     clipped,
     half_planes,
+    in_square,
     nearest,
+    patches_of,
     shrunk,
     signed_area,
     surface_patch,
+    surface_patches,
     width,
 )
 
@@ -170,6 +173,68 @@ def test_a_window_is_the_part_of_the_patch_inside_the_margin_and_the_square(seed
     depth = np.einsum("ej,pej->pe", inward, piece.vertices_m[:, None] - patch.vertices_m)
     assert depth.min() >= margin - 1e-9
     assert (piece.friction, piece.normal.tolist()) == (patch.friction, patch.normal.tolist())
+
+
+@given(SEEDS)
+def test_a_polygon_in_a_square_is_the_one_that_half_planes_leave(seed):
+    rng = np.random.default_rng(seed)
+    polygon, centre, side = polygon_of(rng), rng.normal(size=2), float(rng.uniform(0.02, 2.0))
+    axes = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    expected = clipped(polygon, axes, axes @ centre + 0.5 * side)
+    corners = in_square([(y, z) for y, z in polygon.tolist()], (centre[0], centre[1]), side)
+    np.testing.assert_array_equal(np.array(corners).reshape(-1, 2), expected)
+
+
+@given(SEEDS)
+def test_pieces_put_together_at_once_are_the_windows_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    surfaces = [Surface(tilted(rng, polygon_of(rng)), 0.01) for _ in range(6)]
+    centres = [each.patch.centre_m + 0.1 * rng.normal(size=3) for each in surfaces]
+    windows = [each.window(at, 0.3) for each, at in zip(surfaces, centres, strict=True)]
+    found = [(each, each.piece(at, 0.3)) for each, at in zip(surfaces, centres, strict=True)]
+    kept = [window for window in windows if window is not None]
+    pieces = patches_of([(surface, piece) for surface, piece in found if piece])
+    assert len(pieces) == len(kept)
+    for piece, window in zip(pieces, kept, strict=True):
+        np.testing.assert_allclose(piece.vertices_m, window.vertices_m, rtol=0.0, atol=1e-15)
+        assert piece.friction == window.friction
+
+
+@given(SEEDS)
+def test_a_point_that_is_covered_is_in_the_hull(seed):
+    rng = np.random.default_rng(seed)
+    patch = tilted(rng, polygon_of(rng))
+    hull = ConvexHull((patch.vertices_m - patch.centre_m) @ patch.frame[:, 1:])
+    for _ in range(20):
+        flat = 1.5 * rng.normal(size=2)
+        point = patch.centre_m + patch.frame @ np.array([rng.normal(), *flat])
+        room = float((hull.equations[:, :2] @ flat + hull.equations[:, 2]).max())
+        if abs(room) > 1e-7:
+            assert Surface(patch, 0.0).covers(point) == (room < 0.0)
+
+
+def test_surfaces_made_at_once_are_those_made_one_by_one():
+    rng = np.random.default_rng(7)
+    borders = np.array([tilted(rng, SQUARE + rng.normal(size=2)).vertices_m for _ in range(9)])
+    borders[::2] = borders[::2, ::-1]
+    towards, frictions = rng.normal(size=(9, 3)), rng.uniform(0.0, 1.0, 9).tolist()
+    for patch, corners, friction, point in zip(
+        surface_patches(borders, frictions, towards), borders, frictions, towards, strict=True
+    ):
+        alone = surface_patch(corners, friction, towards_m=point)
+        assert patch.friction == friction
+        for name in ("vertices_m", "normal", "shear_reference", "frame"):
+            np.testing.assert_array_equal(getattr(patch, name), getattr(alone, name))
+            assert not getattr(patch, name).flags.writeable
+
+
+def test_one_surface_that_is_none_among_many_is_refused():
+    flat = np.column_stack([SQUARE, np.zeros(4)])
+    bent = flat + np.array([0.0, 0.0, 0.1]) * np.array([0.0, 1.0, 0.0, 0.0])[:, None]
+    with pytest.raises(InvalidInput, match="vertices_m: expected a plane with the given normal"):
+        surface_patches(np.array([flat, bent]), [0.5, 0.5], np.ones((2, 3)))
+    with pytest.raises(InvalidInput, match="friction"):
+        surface_patches(np.array([flat]), [-0.5], np.ones((1, 3)))
 
 
 def test_a_window_far_from_the_patch_is_none():

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.patch import solids_of
 from stancekit.planners.terrain.prism import THICKNESS_M, Solid
 
 TRIANGLE = Patch(
@@ -71,3 +72,22 @@ def test_it_is_the_hull_of_its_corners_whichever_way_its_border_turns() -> None:
         volumes = [np.linalg.det(of.corners[of.triangles]).sum() / 6.0 for of in (solid, hull)]
         assert volumes[0] == pytest.approx(volumes[1], abs=1e-9)
         assert volumes[0] > 0.0
+
+
+def test_solids_made_at_once_are_those_made_one_by_one() -> None:
+    rng, patches = np.random.default_rng(5), list[Patch]()
+    for count in (3, 4, 4, 7, 3):
+        turn = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        border = 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1) @ axes[:2]
+        border += rng.normal(size=3)
+        border += 1e-4 * rng.normal(size=(count, 1)) * axes[2] * (len(patches) == 2)  # a bent one
+        patches.append(
+            Patch(vertices_m=border, normal=axes[2], shear_reference=axes[0], friction=0.5)
+        )
+    alone = [Solid.behind(patch.vertices_m, patch.normal) for patch in patches]
+    together = solids_of(patches)
+    assert [patch.solid for patch in patches] == list(together)
+    for one, solid in zip(alone, together, strict=True):
+        for name in ("corners", "normals", "offsets_m", "triangles"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(solid, name))

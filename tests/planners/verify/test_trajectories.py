@@ -18,7 +18,8 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.robot.single_body import Foot, GaitRobot
+from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
@@ -31,7 +32,7 @@ TIMES_S = STEP_S * np.arange(101)
 FEET = ("LF", "RF", "LH", "RH")
 
 
-def robot(mass_kg=30.0, inertia=(1.0, 2.0, 2.4)) -> GaitRobot:
+def robot(mass_kg=30.0, inertia=(1.0, 2.0, 2.4)) -> Robot:
     """Four feet on a rectangle, boxes of ±.15, ±.12, ±.12 m."""
     half = np.array([0.15, 0.12, 0.12])
     feet = []
@@ -46,7 +47,7 @@ def robot(mass_kg=30.0, inertia=(1.0, 2.0, 2.4)) -> GaitRobot:
                 hip_m=np.array([0.3 * x, 0.12 * y, 0.0]),
             )
         )
-    return GaitRobot(
+    return Robot(
         name="table",
         mass_kg=mass_kg,
         inertia_kgm2=np.diag(inertia),
@@ -62,7 +63,7 @@ def plane(slope_x=0.0, slope_y=0.0) -> HeightField:
     )
 
 
-def nominal(of: GaitRobot) -> np.ndarray:
+def nominal(of: Robot) -> np.ndarray:
     return np.array([foot.nominal_m for foot in of.feet])
 
 
@@ -848,6 +849,7 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
         "files/documents.py",
         "files/validation.py",
         "answer/trajectory.py",
+        "robot/foot.py",
         "robot/leg_sources.py",
         "robot/limb.py",
         "robot/model.py",

@@ -174,7 +174,7 @@ def test_a_guess_along_key_frames_steps_where_the_key_frames_do(waves, plan, cha
     motion = replace_x(program, along_key_frames(program.structure, frames)).samples(
         np.array([0.0, 4.0])
     )
-    order = [frames.limbs.index(name) for name in task.robot.foot_names]
+    order = [frames.limbs.index(name) for name in task.robot.limb_names]
     for sample, frame in ((0, 0), (1, -1)):
         assert motion.feet_m[sample] == pytest.approx(frames.toes_m[frame][order], abs=2e-3)
         assert motion.torso_m[sample] == pytest.approx(frames.com_m[frame], abs=2e-2)

@@ -277,8 +277,8 @@ def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) 
     feet = {foot["name"]: held["feet_m"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
     stands = {foot["name"]: held["contact"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
 
-    assert tuple(feet) == walk.robot.foot_names
-    for k, name in enumerate(walk.robot.foot_names):
+    assert tuple(feet) == walk.robot.limb_names
+    for k, name in enumerate(walk.robot.limb_names):
         np.testing.assert_array_equal(feet[name], walk.feet_m[:, k])
         np.testing.assert_array_equal(stands[name], walk.contact[:, k])
         assert np.abs(feet[name][stands[name] > 0, 2]).max() < 1e-3  # on level ground
@@ -338,7 +338,7 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
     assert isinstance(leap, LeapPlan)
     for to in ("csv", "npz", "foxglove"):
         done = stancekit.export(leap, tmp_path / f"leap{FORMATS[to].suffixes[0]}", to=to)
-        assert done.without == "a leap has body, feet and forces: its joints are not planned"
+        assert done.without == "a leap has body, feet and forces: its robot has limbs alone"
     for to in ("jointtrajectory", "mujoco", "reference"):
         with pytest.raises(
             InvalidInput,
@@ -358,3 +358,13 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
         InvalidInput, match=r"^a LeapPlan: expected a leap that the verifier accepts, it says: "
     ):
         stancekit.export(pushed, tmp_path / "leap.csv")
+
+
+def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> None:
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    done = stancekit.export(leap, tmp_path / "leap.csv", rate_hz=100.0)
+    assert done.without == ""
+    table = read_motion(tmp_path / "leap.csv")
+    assert len(table.joints) == 12
+    assert np.isfinite(table.angles_rad).all()
+    assert np.ptp(table.angles_rad, axis=0).max() > 0.3

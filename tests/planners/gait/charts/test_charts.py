@@ -12,7 +12,9 @@ from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.guess import GuessedWalk
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
+from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap, terrain_digest
@@ -187,7 +189,7 @@ def test_robots_are_refused_for_what_no_body_has() -> None:
     with pytest.raises(
         InvalidInput, match=r"robot r: inertia_kgm2: expected moments that a body can have"
     ):
-        GaitRobot(
+        Robot(
             name="r",
             mass_kg=1.0,
             inertia_kgm2=np.diag([1.0, 1.0, 3.0]),
@@ -199,7 +201,7 @@ def test_robots_are_refused_for_what_no_body_has() -> None:
         InvalidInput,
         match=r"robot r: trunk_half_m: expected sides above 0 m, got \[0\.1, 0\.0, 0\.1\]",
     ):
-        GaitRobot(
+        Robot(
             name="r",
             mass_kg=1.0,
             inertia_kgm2=np.eye(3),

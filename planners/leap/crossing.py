@@ -1,0 +1,460 @@
+"""Courses with leaps: where no foothold bridges a gap, key frames lead up to it, a leap over it, and
+key frames on from where it lands.
+
+The gap is looked for on the straight way: places of the body below which some toe has nothing to
+stand on. Every climb is a course of its own, laid out and judged as any other; every leap begins
+with the toes and the body where the climb before it ends; every climb after it begins with those
+where it lands, as its legs have turned the body.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.answer import Answer, Effort, Status
+from ..answer.crossing import Crossing
+from ..answer.leap_plan import LeapPlan
+from ..answer.plan import Plan
+from ..equilibrium.programs import programs_of_this_thread
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array
+from ..motion.leap_body import LeapBody
+from ..problem.candidates import CandidatePatches
+from ..problem.course_between import LaidBetween
+from ..problem.foothold import Foothold
+from ..problem.leap import BodyState, Leap, LeapLimits, Phase
+from ..problem.leap_classes import SPINS
+from ..problem.problem import Problem
+from ..projection.whole_body_limits import WholeBodyLimits
+from ..robot.leg_limits import leaping_robot, no_motors
+from ..robot.model import Robot
+from ..search.answer import Planner
+from ..search.plan_course import plan_course
+from ..search.plan_window import Standing, course_window
+from ..terrain.polygon import Surface, half_planes
+from ..terrain.terrain import Terrain
+from ..verify.crossings import check_crossing
+from .bend import judged_answer
+from .finder import LeapFinder, find_leap
+
+SPACING_M = 0.01
+"""Places along the way that are looked at are so far apart [m]."""
+NARROW_M = 0.05
+"""Toes stand so much nearer to the body along the way where it leaps, at most [m]."""
+LEAST_M = 0.04
+"""A climb between two leaps that is shorter is none [m]."""
+FLAT = 0.3
+"""Surfaces whose normals are steeper than this are nothing to land on."""
+INTERVALS = (4, 1, 4)
+STANCES_S = (0.65, 0.5)
+"""Durations of the stances before and after a flight that are tried [s]."""
+FLIGHTS_M_S = (1.25, 1.6)
+"""Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
+FLIGHT_S = (0.2, 0.5)
+"""Least and greatest duration of a flight [s]."""
+CANDIDATES, WINDOW_M = 4, 0.16
+"""Candidates per toe where a leap lands, and how wide each is [m]."""
+LOW = 0.5
+"""Least height of the body over its toes, in units of that at which it stands."""
+SQUARE_M = 0.04
+"""Width of the pieces on which a climb ends that a leap follows [m]."""
+SHARES = (0.25, 0.8)
+"""Of the time that is left, for one climb and for one leap, while more is to come."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretches:
+    """Places along a straight way where a robot can stand.
+
+    Arguments:
+        start_m, direction: of the way in the plane, shape (2,) each.
+        spans_m: where each stretch begins and ends along it, shape (S, 2) [m].
+        length_m: of the way [m].
+    """
+
+    start_m: Array
+    direction: Array
+    spans_m: Array
+    length_m: float
+
+    def at(self, along_m: float) -> Array:
+        """Place so far along the way, shape (2,) [m]."""
+        return np.asarray(self.start_m + along_m * self.direction)
+
+
+def stretches(terrain: Terrain, toes_m: Array, ends_m: Array) -> Stretches | None:
+    """Stretches of the straight way on which every toe has something to stand on; None unless the
+    way begins and ends on one, or where it is short of a gap.
+
+    Arguments:
+        toes_m: vectors from the body to its toes, shape (N, 3) [m].
+        ends_m: start and goal, shape (2, 2) [m].
+    """
+    way = ends_m[1] - ends_m[0]
+    length = float(np.linalg.norm(way))
+    if length < SPACING_M:
+        return None
+    direction = way / length
+    along = np.linspace(0.0, length, int(np.ceil(length / SPACING_M)) + 1)
+    ahead = toes_m[:, :2] @ direction
+    drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+    toes = toes_m[:, :2] - drawn[:, None] * direction
+    places = ends_m[0] + along[:, None, None] * direction + toes
+    stands = _on_ground(terrain, places).all(axis=1)
+    padded = np.concatenate([[False], stands, [False]])
+    begins = np.flatnonzero(~padded[:-1] & padded[1:])
+    ends = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
+    if len(begins) < 2 or begins[0] > 0 or ends[-1] < len(along) - 1:
+        return None
+    spans = np.column_stack([along[begins], along[ends]])
+    return Stretches(start_m=ends_m[0], direction=direction, spans_m=spans, length_m=length)
+
+
+def _on_ground(terrain: Terrain, places_m: Array) -> NDArray[np.bool_]:
+    """Tell at which places some surface is to stand on, shape (K, N)."""
+    on = np.zeros(places_m.shape[:2], dtype=bool)
+    for _, patch in terrain.standing:
+        if patch.normal[2] < FLAT:
+            continue
+        normals, offsets = half_planes(patch.vertices_m[:, :2])
+        on |= np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
+    return on
+
+
+def cross(
+    question: LaidBetween,
+    planner: Planner,
+    *,
+    robot: Robot | str,
+    refusal: str,
+    limits: WholeBodyLimits = WholeBodyLimits(),
+    finder: LeapFinder = LeapFinder(solves=50, proof=0),
+    deadline: float = np.inf,
+) -> Answer[Plan] | Answer[Crossing] | None:
+    """Cross a course with leaps where key frames alone do not; None where no gap is in the way, or
+    the robot has nothing to leap with.
+
+    Arguments:
+        question: the course between two places.
+        planner: of contacts of key frames.
+        robot: whose legs are known.
+        refusal: what key frames alone came to.
+        limits: of joints and bodies of climbs.
+        finder: of leaps.
+        deadline: when the answer is wanted (``time.perf_counter()``).
+
+    Returns:
+        Feasible with a ``Crossing`` that ``check_crossing`` accepted; undecided with the part that
+        has no plan in its message; or the answer of key frames straight ahead, where they have a
+        plan after all.
+    """
+    leaper = leaping_robot(robot)
+    if not leaper.source.own or any(limb.sole_m is not None for limb in leaper.limbs):
+        return None
+    model = leaper.source.own_model()
+    terrain = question.terrain.along(np.array([question.goal_m]), Path())
+    feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
+    radii = np.array([leg.radius_m for leg in model.legs])
+    toes = feet - model.body.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
+    way = stretches(terrain, toes, np.array([question.start_m, question.goal_m]))
+    if way is None:
+        return None
+    if unlimited := no_motors(model):
+        return Answer(
+            status=Status.UNDECIDED,
+            method=planner.name,
+            message=f"{refusal}; a leap over it: robot {leaper.name}: {unlimited}",
+        )
+    return _Crossing(
+        question=question,
+        planner=planner,
+        limits=limits,
+        finder=finder,
+        deadline=deadline,
+        leaper=leaper,
+        toes_m=toes,
+        terrain=terrain,
+        way=way,
+        refusal=refusal,
+    ).answer()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Crossing:
+    """One course with gaps."""
+
+    question: LaidBetween
+    planner: Planner
+    limits: WholeBodyLimits
+    finder: LeapFinder
+    deadline: float
+    leaper: Robot
+    toes_m: Array
+    terrain: Terrain
+    way: Stretches
+    refusal: str
+
+    def answer(self) -> Answer[Plan] | Answer[Crossing]:
+        """The crossing, or why there is none."""
+        begin = time.perf_counter()
+        straight = self._straight()
+        if straight is not None and straight.status is Status.FEASIBLE:
+            return straight
+        proof = None if straight is None else straight.certificate
+        refusal = self.refusal if straight is None or proof is None else straight.message
+        parts, why = list[Plan | LeapPlan](), ""
+        solves = tries = 0
+        for part in self._parts():
+            if isinstance(part, str):
+                why = part
+                break
+            answer, effort = part
+            solves, tries = solves + effort.solves, tries + effort.tries
+            parts.append(answer)
+        effort = Effort(solves=solves, tries=tries, seconds=time.perf_counter() - begin)
+        problem = None if straight is None else straight.problem
+        if why:
+            return Answer(
+                status=Status.UNDECIDED,
+                method=self.planner.name,
+                problem=problem,
+                effort=effort,
+                message=f"key frames alone: {refusal}; with leaps: {why}",
+            )
+        name = parts[0].problem.name
+        crossing = Crossing(name=name, parts=tuple(parts), refusal=refusal, certificate=proof)
+        report = check_crossing(crossing)
+        return Answer(
+            status=Status.FEASIBLE if report.accepted else Status.UNDECIDED,
+            method=self.planner.name,
+            problem=problem,
+            solution=crossing,
+            report=report,
+            residual=report.worst,
+            effort=effort,
+            message="" if report.accepted else report.message,
+        )
+
+    def _straight(self) -> Answer[Plan] | None:
+        """Answer of key frames straight ahead, of which there may be a proof; None where they are
+        not laid out.
+        """
+        question = replace(self.question, straight=True)
+        try:
+            return plan_course(
+                question, self.planner, limits=self.limits, deadline=self._until(SHARES[0])
+            )
+        except (InvalidInput, PlanningFailed):
+            return None
+
+    def _until(self, share: float) -> float:
+        """When a part is wanted."""
+        now = time.perf_counter()
+        return now + share * max(self.deadline - now, 0.0)
+
+    def _parts(self) -> Iterator[tuple[Plan | LeapPlan, Effort] | str]:
+        """The plans of all parts in order, or why one has none."""
+        spans = self.way.spans_m
+        standing: Standing | None = None
+        for k, (begin, end) in enumerate(spans):
+            last = k == len(spans) - 1
+            if standing is not None:
+                begin = float((standing.com_m[:2] - self.way.start_m) @ self.way.direction)
+            if standing is None or abs(end - begin) > LEAST_M:
+                where = f"the climb from {begin:.2f} to {end:.2f} m along the way"
+                climbed: tuple[Plan, Effort] | str = ""
+                for square in (True, False)[last:]:
+                    climbed = self._climb(standing, end, 1.0 if last else SHARES[0], square=square)
+                    if not isinstance(climbed, str):
+                        break
+                if isinstance(climbed, str):
+                    yield f"{where}: {climbed}"
+                    return
+                plan, effort = climbed
+                standing = Standing.at_end(plan)
+                yield plan, effort
+            if last:
+                return
+            leapt = self._leap(standing, float(end), float(spans[k + 1, 0]))
+            if isinstance(leapt, str):
+                yield (
+                    f"the leap over the gap at {end:.2f} m, of {spans[k + 1, 0] - end:.2f} m from "
+                    f"place to place of the body: {leapt}"
+                )
+                return
+            leap, effort = leapt
+            standing = landed(leap)
+            yield leap, effort
+
+    def _climb(
+        self, standing: Standing | None, end_m: float, share: float, *, square: bool
+    ) -> tuple[Plan, Effort] | str:
+        """The plan of key frames from where the robot stands, or from the start.
+
+        Arguments:
+            square: it is to end with its toes where they like to be for a leap.
+        """
+        goal = tuple(self.way.at(end_m).tolist())
+        question = replace(self.question, goal_m=goal, frames=None)
+        asked: Problem | LaidBetween = question
+        try:
+            if standing is not None:
+                start = tuple(standing.com_m[:2].tolist())
+                course = replace(question, start_m=start, straight=True)("inner")
+                asked = course_window(course, 0, course.frames - 1, standing)
+            if square:
+                course = question("inner") if standing is None else asked
+                assert isinstance(course, Problem)
+                asked = self._squared(course, end_m)
+            answer = plan_course(
+                asked,
+                self.planner,
+                limits=self.limits,
+                start_rad=None if standing is None else standing.angles_rad,
+                deadline=self._until(share),
+            )
+        except (InvalidInput, PlanningFailed) as error:
+            return str(error)
+        if answer.status is not Status.FEASIBLE or answer.solution is None:
+            return answer.message or answer.claim or answer.status.value
+        return answer.solution, answer.effort
+
+    def _leap(
+        self, standing: Standing, from_m: float, to_m: float
+    ) -> tuple[LeapPlan, Effort] | str:
+        """The leap from where the robot stands to a place along the way, judged with its legs."""
+        why, effort = "no timing", Effort()
+        timings = self._timings(to_m - from_m)
+        until = self._until(SHARES[1])
+        for k, timing in enumerate(timings):
+            leap = self.leap_from(standing, to_m, timing)
+            if isinstance(leap, str):
+                return leap
+            now = time.perf_counter()
+            share = now + 0.5 * (until - now) if k + 1 < len(timings) else until
+            answer = find_leap(leap, self.finder, time_limit_s=max(share - now, 0.0))
+            if answer.solution is not None:
+                answer = judged_answer(answer, programs_of_this_thread(), deadline=share)
+            effort = answer.effort
+            if answer.status is Status.FEASIBLE and answer.solution is not None:
+                return answer.solution, effort
+            why = f"undecided: {answer.message}"
+            if time.perf_counter() > until:
+                break
+        return why
+
+    def _timings(self, far_m: float) -> list[tuple[float, float, float]]:
+        """Durations of the phases of a leap so far, the likeliest first [s]."""
+        gap = max(far_m, 0.1)
+        flights = [float(np.clip(gap / (2.0 * v), *FLIGHT_S)) for v in FLIGHTS_M_S]
+        return [(s, round(t, 3), s) for t in flights for s in STANCES_S]
+
+    def leap_from(
+        self, standing: Standing, to_m: float, timing: tuple[float, float, float]
+    ) -> Leap | str:
+        """The leap from where a robot stands to a place along the way, or why there is none."""
+        robot = self.leaper
+        height = float((standing.com_m[2] - standing.toes_m[:, 2]).mean())
+        place = self.way.at(to_m)
+        surfaces = CandidatePatches(self.terrain, 0.0)
+        wanted, ground = self._wanted(to_m)
+        if not np.isfinite(ground).all():
+            return "no foothold for some toe where it lands"
+        goal = np.array([*place, float(ground.mean()) + height])
+        footholds = [
+            Foothold(limb=limb.name, frame=0, candidates=(patch,), toe_m=toe)
+            for limb, toe, patch in zip(robot.limbs, standing.toes_m, standing.patches, strict=True)
+        ]
+        for limb, xy, z in zip(robot.limbs, wanted, ground, strict=True):
+            toe = np.array([*xy, z])
+            pieces = surfaces.candidates(limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M)
+            if not pieces:
+                return f"no foothold for {limb.name} where it lands"
+            candidates = tuple(piece for _, piece in pieces)
+            footholds.append(Foothold(limb=limb.name, frame=2, candidates=candidates))
+        names = robot.limb_names
+        stances = [Phase(limbs=names, intervals=n) for n in (INTERVALS[0], INTERVALS[2])]
+        return Leap(
+            name=f"leap over {self.terrain_name}",
+            robot=robot,
+            phases=(stances[0], Phase(limbs=(), intervals=INTERVALS[1]), stances[1]),
+            timings_s=(timing,),
+            footholds=tuple(footholds),
+            start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
+            goal=BodyState(com_m=goal),
+            limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
+        )
+
+    def _wanted(self, along_m: float) -> tuple[Array, Array]:
+        """Places of the toes from which a robot leaps, or on which it lands, shape (N, 2) [m], and
+        the heights there, shape (N,) [m].
+        """
+        ahead = self.toes_m[:, :2] @ self.way.direction
+        drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+        wanted = self.way.at(along_m) + self.toes_m[:, :2] - drawn[:, None] * self.way.direction
+        return wanted, _heights(self.terrain, wanted)
+
+    def _squared(self, course: Problem, end_m: float) -> Problem:
+        """The course whose last foothold of every limb is a small piece about where its toe likes to
+        be for a leap: bodies roll that push off with feet anywhere.
+        """
+        wanted, heights = self._wanted(end_m)
+        names, last = course.robot.limb_names, dict[str, int]()
+        for j, foothold in enumerate(course.footholds):
+            last[foothold.limb] = j
+        footholds = list(course.footholds)
+        surfaces = [Surface(patch, 0.0) for _, patch in self.terrain.standing]
+        for limb, xy, z in zip(names, wanted, heights, strict=True):
+            j, place = last[limb], np.array([*xy, z])
+            if footholds[j].frame == 0 and footholds[j].toe_m is not None:
+                continue
+            pieces = (surface.window(place, SQUARE_M) for surface in surfaces)
+            near = tuple(
+                piece
+                for piece in pieces
+                if piece is not None
+                and np.linalg.norm(piece.vertices_m.mean(axis=0) - place) < SQUARE_M
+            )
+            if near:
+                footholds[j] = replace(footholds[j], candidates=near[:CANDIDATES])
+        return replace(course, footholds=tuple(footholds))
+
+    @property
+    def terrain_name(self) -> str:
+        """Name of the terrain, in the names of leaps."""
+        return Path(self.question.terrain.file).name
+
+
+def _heights(terrain: Terrain, places_m: Array) -> Array:
+    """Height of the highest surface to stand on at places, shape (N, 2); −inf where there is
+    none.
+    """
+    heights = np.full(len(places_m), -np.inf)
+    for _, patch in terrain.standing:
+        if patch.normal[2] < FLAT:
+            continue
+        normals, offsets = half_planes(patch.vertices_m[:, :2])
+        within = np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
+        away = (places_m - patch.centre_m[:2]) @ patch.normal[:2]
+        here = patch.centre_m[2] - away / patch.normal[2]
+        heights = np.where(within, np.maximum(heights, here), heights)
+    return heights
+
+
+def landed(plan: LeapPlan) -> Standing:
+    """Pose of a robot where it has landed, its body turned as its legs turn it."""
+    body, leap = LeapBody(plan), plan.problem
+    last = leap.holds[-1]
+    return Standing(
+        com_m=plan.com_m[-1],
+        rotation_rad=body.rotation_rad[-1],
+        toes_m=plan.toes_m[last],
+        patches=tuple(leap.patch(int(j), plan.choice) for j in last),
+        angles_rad=body.postures.angles[-1],
+    )

@@ -1,0 +1,207 @@
+"""The judge of a crossing: every part by its own verifier, what lies between them, and leaps against
+all of the terrain, which they alone know nothing of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..answer.crossing import Crossing
+from ..answer.leap_plan import LeapPlan
+from ..answer.plan import Plan
+from ..answer.report import Group, Report
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.codec import to_json
+from ..robot.model import Robot
+from .certificate import check_certificate
+from .ground import off_terrain
+from .leaps import check_leap
+from .plans import check_plan
+
+TOES_M = 1e-6
+"""Toes are where they were when the next part begins, within this [m]."""
+BODY_M, TURN_RAD = 2e-3, 0.1
+"""So is the body, which goes from one pose to the other while all limbs stand [m, rad]."""
+JOINTS_RAD = 0.25
+"""And every joint: what a centre of mass of the whole robot, by which leaps go, and one of its body,
+by which key frames go, make of one pose [rad]."""
+UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _End:
+    """Where a part begins or ends: body, toes, and joints where they are known."""
+
+    com_m: Array
+    rotation_rad: Array
+    toes_m: Array
+    angles_rad: Array | None
+
+
+def check_crossing(crossing: Crossing) -> Report[Crossing]:
+    """Judge a crossing; never raises for a bad one.
+
+    The groups are one per part, named "1: climb", "2: leap" and so on, with what its own verifier
+    says; and per seam between two parts toes, body, turn, joints and rest. Of every leap, "flight":
+    its whole body against all surfaces of the terrain, and "ground": its toes on the terrain.
+    """
+    groups = list[Group]()
+    defect = _defect(crossing)
+    if not defect:
+        groups = [*_parts(crossing), *_seams(crossing), *_proof(crossing)]
+    return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
+
+
+def _defect(crossing: Crossing) -> str:
+    """What keeps the parts from being parts of one way; empty where nothing does."""
+    first = crossing.first
+    terrain = to_json(first.terrain)
+    for k, part in enumerate(crossing.parts):
+        where = f"part {k + 1}"
+        if other := differs(first.robot, part.problem.robot):
+            return f"{where}: expected the robot of part 1, got another: {other}"
+        if isinstance(part, Plan):
+            if to_json(part.problem.terrain) != terrain:
+                return f"{where}: expected the terrain of part 1, got another"
+            if part.problem.gravity_m_s2 != first.gravity_m_s2:
+                return f"{where}: expected the gravity of part 1, got another"
+            if part.problem.wrench is not None:
+                return f"{where}: expected no wrench on a body that leaps"
+        elif not all(part.problem.still):
+            return f"{where}: expected a leap that begins and ends at rest"
+    return ""
+
+
+def differs(mine: Robot, other: Robot) -> str:
+    """Difference of two robots' masses, limbs or legs, in words; empty where there is none."""
+    if not np.isclose(mine.mass_kg, other.mass_kg, rtol=1e-6):
+        return f"{mine.mass_kg:g} kg and {other.mass_kg:g} kg"
+    if mine.limb_names != other.limb_names:
+        return f"limbs {', '.join(mine.limb_names)} and {', '.join(other.limb_names)}"
+    digests = [robot.source.digest for robot in (mine, other)]
+    if digests[0] != digests[1]:
+        return (
+            "their legs are of different files"
+            if all(digests)
+            else "only one of them has legs of its own"
+        )
+    return ""
+
+
+def _parts(crossing: Crossing) -> Iterator[Group]:
+    for k, part in enumerate(crossing.parts, 1):
+        if isinstance(part, Plan):
+            report = check_plan(part, joints=True)
+            yield _verdict(f"{k}: climb", report)
+            continue
+        leapt = check_leap(part, body=True)
+        yield _verdict(f"{k}: leap", leapt)
+        if not leapt.defect:
+            yield from _over(crossing, k, part)
+
+
+def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
+    """What its own verifier says of a part."""
+    words = "; ".join(filter(None, (report.message, report.failures)))
+    worst = max(report.worst, 0.0) if not report.defect else np.inf
+    if not report.accepted:
+        return Group(name, value=worst, unit="1", message=words, verdict="violated")
+    if report.unchecked:
+        left = ", ".join(report.unchecked)
+        return Group(name, unit="1", message=f"{left} not checked", verdict="not checked")
+    return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
+
+
+def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
+    """A leap over the terrain: its toes on it, its whole body off it."""
+    leap = plan.problem
+    patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
+    off = off_terrain(crossing.terrain, patches, np.asarray(plan.toes_m))
+    j = int(np.argmax(off))
+    yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=leap.footholds[j].limb)
+    name = f"{k}: flight"
+    try:
+        from ..motion.leap_body import LeapBody
+        from ..terrain.obstacles import Obstacles
+        from .leap_whole_body import LeapBodyMeasurements
+
+        obstacles = Obstacles.of(crossing.terrain)
+        yield LeapBodyMeasurements(LeapBody(plan)).bodies(obstacles).group(name)
+    except InvalidInput as error:  # no legs, no pinocchio, no coal
+        yield Group(name, unit="m", message=str(error), verdict="not checked")
+
+
+def _seams(crossing: Crossing) -> Iterator[Group]:
+    """What is between each part and the next."""
+    for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
+        name = f"{k} to {k + 1}"
+        a, b = _end(before, last=True), _end(after, last=False)
+        names = crossing.robot.limb_names
+        yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), TOES_M, names)
+        yield _seam(f"{name}: body", np.linalg.norm(a.com_m - b.com_m)[None], BODY_M)
+        turn = np.abs(a.rotation_rad - b.rotation_rad)
+        yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
+        if a.angles_rad is None or b.angles_rad is None:
+            message = "joints are not known on both sides"
+            yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
+            continue
+        short = np.mod(a.angles_rad - b.angles_rad + np.pi, 2.0 * np.pi) - np.pi
+        yield _seam(f"{name}: joints", np.abs(short), JOINTS_RAD)
+
+
+def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -> Group:
+    """The worst of what differs between two parts."""
+    k = int(np.argmax(values))
+    unit = UNITS[name.rpartition(": ")[2]]
+    value = float(values[k]) if np.isfinite(values).all() else np.inf
+    return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
+
+
+def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
+    """Where a part begins, or where it ends."""
+    k = -1 if last else 0
+    if isinstance(part, Plan):
+        frame = part.problem.frames - 1 if last else 0
+        return _End(
+            com_m=part.com_m[k],
+            rotation_rad=part.rotation_rad[k],
+            toes_m=part.toes_at(frame),
+            angles_rad=None if part.joints_rad is None else part.joints_rad[k],
+        )
+    leap, rotation, angles = part.problem, part.rotation_rad[k], None
+    try:
+        from ..motion.leap_body import LeapBody
+
+        body = LeapBody(part)
+        rotation, angles = body.rotation_rad[k], body.postures.angles[k]
+    except InvalidInput:  # no legs, or no pinocchio
+        pass
+    return _End(
+        com_m=part.com_m[k],
+        rotation_rad=rotation,
+        toes_m=part.toes_m[leap.holds[k]],
+        angles_rad=angles,
+    )
+
+
+def _proof(crossing: Crossing) -> Iterator[Group]:
+    """The proof that one course of key frames alone has no plan, where there is one."""
+    proof = crossing.certificate
+    if proof is None:
+        return
+    name = "key frames alone"
+    if proof.problem is None or differs(crossing.robot, proof.problem.robot):
+        message = "the proof is of another robot"
+        yield Group(name, message=message, verdict="violated")
+        return
+    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.terrain):
+        yield Group(name, message="the proof is over another terrain", verdict="violated")
+        return
+    report = check_certificate(proof)
+    verdict = "holds" if report.accepted else "violated"
+    yield Group(name, message=f"refused: {report.message}", verdict=verdict)

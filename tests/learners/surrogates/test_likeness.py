@@ -1,0 +1,64 @@
+"""A batch is told from a class that it is not drawn of, whatever share of it is feasible."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stancekit.learners.surrogates.likeness import ALARM, BINS, FEWEST, Likeness
+
+
+def rows(rng: np.random.Generator, kind: str, count: int) -> np.ndarray:
+    """Eleven numbers whose means differ between the classes."""
+    mean = {"feasible": 0.0, "infeasible": 0.7, "trivial": 2.0}[kind]
+    return rng.normal(mean, 1.0, size=(count, 11)) * np.linspace(0.1, 3.0, 11)
+
+
+@pytest.fixture(scope="module")
+def likeness() -> Likeness:
+    rng = np.random.default_rng(0)
+    sizes = {"feasible": 2000, "infeasible": 800, "trivial": 400}
+    return Likeness.of({kind: rows(rng, kind, count) for kind, count in sizes.items()})
+
+
+def drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+    kinds = rng.choice(
+        ["feasible", "infeasible", "trivial"], size=count, p=rng.dirichlet([1, 1, 1])
+    )
+    return np.concatenate([rows(rng, kind, int((kinds == kind).sum())) for kind in set(kinds)])
+
+
+def test_any_mixture_of_the_classes_is_alike(likeness: Likeness) -> None:
+    rng = np.random.default_rng(1)
+    p = np.array([likeness.unlike(drawn(rng, int(rng.integers(64, 3000))))[0] for _ in range(400)])
+    assert p.min() > ALARM
+    assert (p < 0.05).mean() < 0.08
+
+
+def test_another_distribution_is_not(likeness: Likeness) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        batch = drawn(rng, 400)
+        batch[:, 4] += 0.8
+        p, worst = likeness.unlike(batch)
+        assert p < ALARM
+        assert worst == 4
+    narrow = drawn(rng, 400)
+    narrow[:, 7] = 0.0
+    assert likeness.unlike(narrow)[0] < ALARM
+
+
+def test_few_problems_and_a_stranger_among_many_are_no_alarm(likeness: Likeness) -> None:
+    rng = np.random.default_rng(3)
+    assert likeness.unlike(np.full((FEWEST - 1, 11), 9.0)) == (1.0, 0)
+    batch = drawn(rng, 300)
+    batch[0] = 100.0
+    assert likeness.unlike(batch)[0] > ALARM
+
+
+def test_without_rows_nothing_is_told() -> None:
+    nothing = Likeness.of(
+        {kind: np.zeros((0, 3)) for kind in ("feasible", "infeasible", "trivial")}
+    )
+    assert nothing.counts.shape == (3, 3, BINS)
+    assert nothing.unlike(np.zeros((500, 3))) == (1.0, 0)
