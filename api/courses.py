@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
@@ -173,56 +174,65 @@ def plan(
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     name = course if isinstance(course, str | Path) and start_xy_m is None else None
     planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
-    leaps = _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None)
-    until = deadline
-    if leaps and _no_way(question):
-        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
-    refusal: PlanningFailed | None = None
-    answer: Answer[Plan] | None = None
-    try:
-        answer = plan_course(
-            question,
-            planner,
-            shares=shares,
-            limits=settings.body,
-            push_n=settings.push_n,
-            wrench=None if settings.wrench is None else wrench_of(settings.wrench),
-            layouts=_layouts(question, name),
-            kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
-            progress=progress,
-            deadline=until,
-        )
-    except PlanningFailed as error:
-        if not leaps:
-            raise
-        refusal = error
-    if leaps and (answer is None or answer.status is not Status.FEASIBLE):
-        why = str(refusal) if answer is None else answer.message or answer.status.value
-        crossed = _crossed(question, planner, why, settings.body, deadline)
-        if crossed is not None:
-            return crossed
-    if answer is None:
-        assert refusal is not None
-        raise refusal
-    return answer
+    asked = partial(
+        plan_course,
+        question,
+        planner,
+        shares=shares,
+        limits=settings.body,
+        push_n=settings.push_n,
+        wrench=None if settings.wrench is None else wrench_of(settings.wrench),
+        layouts=_layouts(question, name),
+        kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
+        progress=progress,
+    )
+    if _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None):
+        return _or_leap(asked, question, planner, settings.body, deadline)
+    return asked(deadline=deadline)
 
 
-def _crossed(
+def _or_leap(
+    asked: Callable[..., Answer[Plan]],
     question: Problem | LayOut,
-    planner: Planner[Any, Any],
-    why: str,
+    planner: Planner,
     limits: WholeBodyLimits,
     deadline: float,
-) -> Answer[Crossing] | None:
-    """Climb, leap and climb where key frames alone have no plan; None where no leap helps."""
+) -> Answer[Plan] | Answer[Crossing]:
+    """Plan by key frames alone; where they have no plan, climb, leap and climb.
+
+    Arguments:
+        asked: plans by key frames until a ``deadline``.
+        question: the course between two places.
+        planner: plans the climbs.
+        limits: of the whole body.
+        deadline: the time at which all of it ends (``time.perf_counter``) [s].
+    """
     from stancekit.planners.leap.crossing import cross  # of gaps alone
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 
     assert isinstance(question, LaidBetween)
     assert question.robot is not None
-    return cross(
+    until = deadline
+    if _no_way(question):
+        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
+    refusal: PlanningFailed | None = None
+    answer: Answer[Plan] | None = None
+    try:
+        answer = asked(deadline=until)
+        if answer.status is Status.FEASIBLE:
+            return answer
+        why = answer.message or answer.status.value
+    except PlanningFailed as error:
+        refusal, why = error, str(error)
+    crossed = cross(
         question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
     )
+    if crossed is not None:
+        return crossed
+    if answer is None:
+        assert refusal is not None
+        raise refusal
+    return answer
 
 
 def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:

@@ -203,9 +203,9 @@ class _Page(io.StringIO):
         return self._output is not None and self._output.isatty()
 
     @property
-    def encoding(self) -> str | None:
+    def encoding(self) -> str:  # type: ignore[override]  # typeshed has an attribute
         """Standard output's."""
-        return getattr(self._output, "encoding", None)
+        return getattr(self._output, "encoding", None) or "ascii"
 
     def broken(self) -> str:
         """The text, the lines ahead of its tables broken between words."""

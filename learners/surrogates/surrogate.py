@@ -242,7 +242,7 @@ class Surrogate:
             "architecture": asdict(self.network.architecture),
             "provenance": self.provenance,
         }
-        extra = {
+        extra: dict[str, Array] = {
             **{f"calibration.{kind}": self.calibration[kind].astype(np.float32) for kind in KINDS},
             "ranges": self.ranges,
             "likeness.edges": self.likeness.edges,

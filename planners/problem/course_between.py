@@ -115,7 +115,7 @@ def course_between(
     last = max(
         1.0, length / max(wanted - 1, 1) / stride
     )  # fewer frames than that take longer steps
-    update = {
+    update: dict[str, Any] = {
         "frames": wanted,
         "gait": gait if alternative.gait is None else spec.gait,
         "start_m": tuple(way[0].tolist()),

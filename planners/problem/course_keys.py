@@ -361,7 +361,8 @@ class CourseSpec(_Keys):
                 self._models[name] = named_robot(name)
             except InvalidInput as error:
                 raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
-        return self._models[name]
+        model: RobotModel = self._models[name]
+        return model
 
     def level(self) -> BodySpec:
         """Limits of a body that does not tilt, so that inner sets, which shrink with it, are

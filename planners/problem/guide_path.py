@@ -494,12 +494,12 @@ class _Lattice:
         gaps = self.corner_m + self.spacing_m * np.argwhere(self.free) - place
         gap = float(np.linalg.norm(gaps, axis=1).min(initial=np.inf))
         nearest = f"the nearest place to stand is {gap:.3g} m away"
-        if (high := self._solid_at(place)) is not None:
+        if (solid_m := self._solid_at(place)) is not None:
             # over one that is higher than legs are long nobody stands, however wide or high
-            refused = InvalidInput if high > self.footprint.reach_m else NoPlace
+            refused = InvalidInput if solid_m > self.footprint.reach_m else NoPlace
             raise refused(
                 f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
-                f"solid that is {high:.3g} m high; {nearest}"
+                f"solid that is {solid_m:.3g} m high; {nearest}"
             )
         if inside and np.isfinite(self.z_m[tuple(at)]):
             number = int(self.by[tuple(at)])

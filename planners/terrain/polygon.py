@@ -344,7 +344,7 @@ def _newell(vertices: Array) -> Array:
     """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
     then refuses.
     """
-    return _newells(vertices[None])[0]
+    return np.asarray(_newells(vertices[None])[0])
 
 
 def _newells(vertices: Array) -> Array:

@@ -270,12 +270,12 @@ class Forest:
 
     def _parted(self, node: Node, step: float, where: str) -> list[Node]:
         """The parts of the side that a least step has; the first one last."""
-        *same, sides = node
+        pieces, lower, upper, sides = node
         e = _index(step, len(sides), f"{where}: least step")
         if too_small(sides[e]):
             raise InvalidInput(f"{where}: expected a side that is wide enough to be parted")
         children = [(*sides[:e], part, *sides[e + 1 :]) for part in parts(sides[e])]
-        return [(same[0], same[1], same[2], child) for child in reversed(children)]
+        return [(pieces, lower, upper, child) for child in reversed(children)]
 
     def _chosen(self, node: Node, candidate: int) -> list[Node]:
         """The slot's foothold on this candidate, and not on it; the first child last."""

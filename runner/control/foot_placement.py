@@ -155,7 +155,7 @@ class FootPlacement:
         """Tell which feet touch, shape (N,). Before the first period nothing was felt yet: feet are
         taken to stand where the ground is exact, and nowhere else.
         """
-        return (felt_n >= self._touch_n) & (self._met | self._heard)
+        return np.asarray((felt_n >= self._touch_n) & (self._met | self._heard))
 
     @staticmethod
     def _on(of_footholds: NDArray[Any], sample: Samples) -> NDArray[Any]:
