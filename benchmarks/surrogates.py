@@ -26,9 +26,9 @@ import stancekit
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import software
 from stancekit.learners.surrogates.rows import LabelledBatch
-from stancekit.learners.surrogates.shipped import shipped_surrogates, surrogate_card
 from stancekit.learners.surrogates.surrogate import Surrogate
 from stancekit.learners.surrogates.training import SurrogateSettings, fit_surrogate
+from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 
 FOLDER = ROOT / "learners" / "surrogates"
@@ -153,8 +153,8 @@ def table() -> Iterator[str]:
         "trivially so, called feasible | decided of each | µs |"
     )
     yield "|---|---|---|---|---|---|---|"
-    for name in shipped_surrogates():
-        rows = surrogate_card(name)["figures"]
+    for name, file in shipped("surrogates").items():
+        rows = card_of(file)["figures"]
         for error in sorted({row["error"] for row in rows}):
             mine = {row["truly"]: row for row in rows if row["error"] == error}
             cells = [

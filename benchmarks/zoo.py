@@ -32,7 +32,8 @@ from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.selectors.shipped import Card, Figure, card, shipped
+from stancekit.learners.selectors.shipped import Card, Figure, card
+from stancekit.learners.zoo import shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 
 ZOO = ROOT / "learners" / "zoo"
@@ -74,7 +75,9 @@ def main(given: Arguments) -> None:
                 known = described(method, content, result, experiment, score)
                 write_bytes(ZOO / f"{name}.safetensors", content)
                 write_text(ZOO / f"{name}.json", known.model_dump_json(indent=1) + "\n")
-            same = name in shipped() and shipped()[name].read_bytes() == content
+            same = (
+                name in shipped("selectors") and shipped("selectors")[name].read_bytes() == content
+            )
             differ += not same
             given.say({"selector": name, "bytes": len(content), "the same": same})
     sys.exit(int(differ > 0))
@@ -136,7 +139,7 @@ def table() -> Iterator[str]:
     """
     yield "| name | rows to learn from | P1 feasible | P1 infeasible | fix-p | kB |"
     yield "|---|---|---|---|---|---|"
-    for name, path in shipped().items():
+    for name, path in shipped("selectors").items():
         known = card(name)
         shown = [
             f"{100 * each.share:.1f} ± {50 * (each.high - each.low):.1f} (lift {100 * known.lift[key].share:.1f})"

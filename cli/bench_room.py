@@ -107,7 +107,7 @@ class BenchRoom:
         """LeapChoice-v0, a line per budget."""
         from stancekit.learners.evaluation import leap_bench
         from stancekit.learners.evaluation.room import leap_room
-        from stancekit.learners.leaps.shipped import shipped_scorers
+        from stancekit.learners.zoo import shipped
         from stancekit.planners.files.arrays import checked, checked_int
 
         with as_options(
@@ -123,7 +123,7 @@ class BenchRoom:
             checked_int(self.oracle_solves, "oracle_solves", least=1)
             for path in self.scorer:
                 if not leap_bench.is_scorer(path):
-                    names = ", ".join(shipped_scorers())
+                    names = ", ".join(shipped("scorers"))
                     raise InvalidInput(
                         f"scorer: expected a file of leaps' scores, or one of {names}, got {path}"
                     )

@@ -10,10 +10,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked
 from stancekit.planners.files.validation import typed
 from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 
@@ -46,15 +48,30 @@ class Judged:
         scene: the scene, with the expert's label.
         answer: answer of P1 over the chosen envelope.
         envelope: the chosen one.
-        right: True if P1 agrees with the expert.
-        reached: True if the first projection ends in a verified posture.
+        projections: the projections that were tried, in their order.
+        postures: posture that the verifier accepted, by the projection that ends in it.
     """
 
     scene: LabelledScene
     answer: RelaxationAnswer
     envelope: Envelope
-    right: bool
-    reached: bool
+    projections: tuple[Projection, ...]
+    postures: Mapping[Projection, Plan]
+
+    @property
+    def right(self) -> bool:
+        """True if P1 agrees with the expert."""
+        return self.answer.known and self.answer.feasible == self.scene.feasible
+
+    @property
+    def reached(self) -> bool:
+        """True if the first projection ends in a verified posture."""
+        return self.projections[0] in self.postures
+
+    @property
+    def posture(self) -> Plan | None:
+        """The posture of the first projection that has one."""
+        return next((self.postures[way] for way in self.projections if way in self.postures), None)
 
 
 def agreement(judged: Judged) -> float:

@@ -59,24 +59,8 @@ class Verdict:
     envelope: Envelope
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Trial:
-    """One action on one scene before it is judged.
-
-    Arguments:
-        postures: posture that each projection found, by projection.
-        candidates: number of postures before the verifier judged them.
-    """
-
-    scene: LabelledScene
-    answer: RelaxationAnswer
-    envelope: Envelope
-    postures: dict[Projection, Plan]
-    candidates: int
-    p1_seconds: float
-    p2_seconds: float
-
-
+_Projected = tuple[Judged, float]
+"""An action with the postures that its projections end in, and the time that they took [s]."""
 Asked = tuple[tuple[Envelope, ...], Array | None]
 """Boxes, and for relaxations about a point that of the one."""
 
@@ -208,22 +192,35 @@ class SelectionTask:
         answers = self._relax([scene.scaled for scene in scenes], choices)
         each = (time.perf_counter() - begin) / max(len(choices), 1)
         tried = [
-            self._project(scene, answer, envelopes, each)
+            self._project(scene, answer, envelopes)
             for scene, answer, (envelopes, _) in zip(scenes, answers, choices, strict=True)
         ]
-        pairs = [(trial.postures, way) for trial in tried for way in trial.postures]
-        if pairs:
-            begin = time.perf_counter()
-            worst = check_postures([postures[way] for postures, way in pairs])
-            for (postures, way), off in zip(pairs, worst.tolist(), strict=True):
-                if off > ADMITTED:
-                    del postures[way]
-            share = (time.perf_counter() - begin) / len(pairs)
-            tried = [
-                replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.candidates))
-                for trial in tried
-            ]
-        return [self._verdict(trial) for trial in tried]
+        verified, p2_seconds = self._verified(tried)
+        return [
+            self._verdict(judged, each, seconds)
+            for judged, seconds in zip(verified, p2_seconds, strict=True)
+        ]
+
+    def _verified(self, tried: Sequence[_Projected]) -> tuple[list[Judged], list[float]]:
+        """The actions with those postures alone that the verifier accepts, and the time that each
+        action took to project and to verify.
+        """
+        begin = time.perf_counter()
+        postures = [posture for judged, _ in tried for posture in judged.postures.values()]
+        worst = iter(check_postures(postures).tolist() if postures else ())
+        verified = [
+            replace(
+                judged,
+                postures={
+                    way: posture
+                    for way, posture in judged.postures.items()
+                    if not next(worst) > ADMITTED
+                },
+            )
+            for judged, _ in tried
+        ]
+        share = (time.perf_counter() - begin) / max(len(postures), 1)
+        return verified, [seconds + share * bool(judged.postures) for judged, seconds in tried]
 
     def _relax(self, scaled: Sequence[Scaled], asked: Sequence[Asked]) -> list[RelaxationAnswer]:
         """P1 of every problem over the boxes of its action; problems of one layout are asked about
@@ -242,12 +239,8 @@ class SelectionTask:
         return [result[index] for index in range(len(scaled))]
 
     def _project(
-        self,
-        scene: LabelledScene,
-        answer: RelaxationAnswer,
-        envelopes: Sequence[Envelope],
-        p1_seconds: float,
-    ) -> _Trial:
+        self, scene: LabelledScene, answer: RelaxationAnswer, envelopes: Sequence[Envelope]
+    ) -> _Projected:
         """From the point of P1 every projection."""
         begin = time.perf_counter()
         postures: dict[Projection, Plan] = {}
@@ -261,15 +254,14 @@ class SelectionTask:
                 for way, at in points.items()
                 if np.isfinite(at.residual)
             }
-        return _Trial(
+        judged = Judged(
             scene=scene,
             answer=answer,
             envelope=envelopes[answer.chosen],
+            projections=self._projections,
             postures=postures,
-            candidates=len(postures),
-            p1_seconds=p1_seconds,
-            p2_seconds=time.perf_counter() - begin,
         )
+        return judged, time.perf_counter() - begin
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
         """The boxes of an action, and for relaxations about a point that of the one."""
@@ -289,37 +281,31 @@ class SelectionTask:
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
-    def _verdict(self, trial: _Trial) -> Verdict:
-        """Verdict on a trial whose postures are the verifier's."""
-        scene, answer, envelope = trial.scene, trial.answer, trial.envelope
-        right = answer.known and answer.feasible == scene.feasible
-        reached = self._projections[0] in trial.postures
-        judged = Judged(scene=scene, answer=answer, envelope=envelope, right=right, reached=reached)
+    def _verdict(self, judged: Judged, p1_seconds: float, p2_seconds: float) -> Verdict:
+        """Verdict on an action whose postures the verifier accepted."""
+        scene, answer, envelope = judged.scene, judged.answer, judged.envelope
         terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
-        posture = next(
-            (trial.postures[way] for way in self._projections if way in trial.postures), None
-        )
         clock = self._timing
         info = {
             "label": int(scene.feasible),
             "p1_feasible": int(answer.feasible),
-            "p1_right": int(right),
-            "is_success": int(right and (reached or not scene.feasible)),
+            "p1_right": int(judged.right),
+            "is_success": int(judged.right and (judged.reached or not scene.feasible)),
             "margin": float(answer.margin),
             "gap": 0.0 if math.isnan(gap := answer.gap) else gap,
             "log_volume": envelope.log_volume(),
             "chosen": int(answer.chosen),
-            **{self._keys[way]: int(way in trial.postures) for way in self._projections},
+            **{self._keys[way]: int(way in judged.postures) for way in self._projections},
             **terms,
-            **self._margins_of(scene, posture),
+            **self._margins_of(scene, judged.posture),
             "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
-            "p1_seconds": trial.p1_seconds if clock else 0.0,
-            "p2_seconds": trial.p2_seconds if clock else 0.0,
+            "p1_seconds": p1_seconds if clock else 0.0,
+            "p2_seconds": p2_seconds if clock else 0.0,
             "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
         return Verdict(
-            reward=float(sum(terms.values())), info=info, posture=posture, envelope=envelope
+            reward=float(sum(terms.values())), info=info, posture=judged.posture, envelope=envelope
         )
 
     def before(self, scene: LabelledScene) -> dict[str, Any]:

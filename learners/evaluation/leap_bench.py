@@ -32,7 +32,7 @@ from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
 from ..leaps.kinds import SCORER
-from ..leaps.shipped import shipped_scorers
+from ..zoo import shipped
 
 FIRST_RULE = Rule(grip=3.0, grip_cap=0.3, room=20.0, room_cap=0.03)
 """The hand rule as it was first written, before its constants were chosen on training scenes."""
@@ -281,7 +281,7 @@ def name_of(method: str) -> str:
 
 def is_scorer(method: str) -> bool:
     """Tell whether it is a file of learned scores, or the name of one that ships."""
-    return method.endswith(SCORER) or method in shipped_scorers()
+    return method.endswith(SCORER) or method in shipped("scorers")
 
 
 def _finder(method: str, seed: int) -> LeapFinder:

@@ -22,8 +22,8 @@ from stancekit.planners.leap.numbers import LeapNumbers
 
 from ..selectors.network import AttentionBlock
 from ..selectors.tensors import load_weights, read_tensors, write_tensors
+from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
-from .shipped import shipped_scorers
 
 CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
 """More than this of a feature may be worth nothing: the smaller of the two is a feature, too."""
@@ -209,7 +209,7 @@ class LeapScorer:
     @classmethod
     def read(cls, path: str | Path) -> LeapScorer:
         """Read what ``write`` wrote, or the scorer of that name that ships."""
-        path = file_or_named(path, shipped_scorers())
+        path = file_or_named(path, shipped("scorers"))
         header, tensors = read_tensors(path, FORMAT)
         try:
             kind, sizes = (

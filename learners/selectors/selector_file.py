@@ -8,9 +8,9 @@ from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.documents import decoded, file_or_named, open_file, parse_json
 from stancekit.planners.formats.answer_file import read_envelopes
 
+from ..zoo import shipped
 from .own import is_own, own_selector
 from .selector import Learned
-from .shipped import shipped
 
 
 def load_selector(path: str | Path) -> Learned:
@@ -24,7 +24,7 @@ def load_selector(path: str | Path) -> Learned:
     """
     if is_own(str(path)):
         return own_selector(str(path))
-    path = file_or_named(path, shipped())
+    path = file_or_named(path, shipped("selectors"))
     kind = safetensors_format(path) if path.is_file() else None
     if kind is None and path.suffix == ".safetensors" and path.is_file():
         raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")

@@ -1,20 +1,16 @@
-"""Selectors that ship with the package, by name: their files, and their cards, which say what they
-are good for.
-"""
+"""Cards of the selectors that ship with the package, which say what they are good for."""
 
 from __future__ import annotations
 
-from importlib import resources
-from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
 from stancekit.planners.files.codec import KEYS
-from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.validation import validated
 
 from ..data.quota import Quota
+from ..zoo import card_of, shipped
 
 
 class Figure(BaseModel):
@@ -58,20 +54,10 @@ class Card(BaseModel):
     software: dict[str, str]
 
 
-def shipped() -> dict[str, Path]:
-    """The file of each selector that ships, by its name, METHOD-CLASS."""
-    return {path.stem: path for path in sorted(_folder().glob("*.safetensors"))}
-
-
 def card(name: str) -> Card:
     """The card of a selector that ships.
 
     Raises KeyError for another name.
     """
-    path = shipped()[name].with_suffix(".json")
-    record: Any = read_json(path)
-    return validated(Card, record, str(path))
-
-
-def _folder() -> Path:
-    return Path(str(resources.files("stancekit.learners.zoo")))
+    file = shipped("selectors")[name]
+    return validated(Card, card_of(file), str(file.with_suffix(".json")))

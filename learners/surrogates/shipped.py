@@ -1,31 +1,16 @@
-"""Surrogates that ship with the package: their files, by name, and the one for given problems."""
+"""The surrogate of a file or a name, and the one that ships for given problems."""
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import file_or_named, read_json
+from stancekit.planners.files.documents import file_or_named
 from stancekit.planners.problem import Problem
 
+from ..zoo import shipped
 from .surrogate import Surrogate
-
-
-def shipped_surrogates() -> dict[str, Path]:
-    """The file of each surrogate that ships, by its name, METHOD-CLASS."""
-    folder = Path(str(resources.files("stancekit.learners.surrogates")))
-    return {path.stem: path for path in sorted(folder.glob("*.safetensors"))}
-
-
-def surrogate_card(name: str) -> dict[str, Any]:
-    """The card of a surrogate that ships: data, seeds, figures, limits, versions.
-
-    Raises KeyError for another name.
-    """
-    card: dict[str, Any] = read_json(shipped_surrogates()[name].with_suffix(".json"))
-    return card
 
 
 def surrogate_of(given: Any) -> Surrogate:
@@ -34,7 +19,7 @@ def surrogate_of(given: Any) -> Surrogate:
     Raises InvalidInput.
     """
     if isinstance(given, str | Path):
-        return Surrogate.read(file_or_named(given, shipped_surrogates()))
+        return Surrogate.read(file_or_named(given, shipped("surrogates")))
     return Surrogate.of(given)
 
 
@@ -43,7 +28,8 @@ def surrogate_for(problem: Problem) -> Surrogate:
 
     Raises InvalidInput where none does.
     """
-    for path in shipped_surrogates().values():
+    files = shipped("surrogates")
+    for path in files.values():
         surrogate = Surrogate.read(path)
         try:
             surrogate.check_fits(problem)
@@ -52,6 +38,6 @@ def surrogate_for(problem: Problem) -> Surrogate:
         return surrogate
     raise InvalidInput(
         f"surrogate: expected a surrogate or its file, since none of those that ship "
-        f"({', '.join(shipped_surrogates())}) is for problems like these, got none: "
+        f"({', '.join(files)}) is for problems like these, got none: "
         "stancekit.fit(rows, 'surrogate') learns one"
     )

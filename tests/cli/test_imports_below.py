@@ -49,7 +49,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation",
             "learners.evaluation.env_room",
             "learners.evaluation.room",
-            "learners.leaps.shipped",
+            "learners.zoo",
         )
     },
     "bench_scenes": {

@@ -5,13 +5,15 @@ the whole body.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem import Problem
-from stancekit.planners.search.plan_course import plan_course
+from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import Report, explain
 
@@ -59,17 +61,12 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
     longer. Raises nothing.
     """
-    begin = time.process_time()
-    try:
-        course = scenario.course()
-        laid = time.process_time()
-        planner = TwoStageCoursePlanner(
-            time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS
-        )
-        outcome = plan_course(scenario.course, planner, shares=SHARES, presses=(), limits=None)
-    except StancekitError as error:
-        return SceneAnswer(message=str(error), seconds=(time.process_time() - begin, 0.0))
-    return _answer(outcome, course, (laid - begin, time.process_time() - laid))
+    planner = TwoStageCoursePlanner(
+        time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS
+    )
+    return _planned(
+        scenario, partial(plan_course, planner=planner, shares=SHARES, presses=(), limits=None)
+    )
 
 
 def patient_answer(scenario: Scenario) -> SceneAnswer:
@@ -77,18 +74,30 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     where no plan over the layout that is asked for is accepted, one over another. Raises
     nothing.
     """
+
+    def plan(question: LayOut) -> Answer[Plan]:
+        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
+        deadline = time.perf_counter() + PATIENT_S
+        return plan_course(question, planner, layouts=scenario.layouts, deadline=deadline)
+
+    return _planned(scenario, plan, patient=True)
+
+
+def _planned(
+    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
+) -> SceneAnswer:
+    """The answer that a way to plan gives, with the time that it took."""
     begin = time.process_time()
     try:
         course = scenario.course()
         laid = time.process_time()
-        deadline = time.perf_counter() + PATIENT_S
-        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
-        outcome = plan_course(scenario.course, planner, layouts=scenario.layouts, deadline=deadline)
+        outcome = plan(scenario.course)
     except StancekitError as error:
         return SceneAnswer(
-            message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0)
+            message=str(error), patient=patient, seconds=(time.process_time() - begin, 0.0)
         )
-    return _answer(outcome, course, (laid - begin, time.process_time() - laid), patient=True)
+    seconds = (laid - begin, time.process_time() - laid)
+    return _answer(outcome, course, seconds, patient=patient)
 
 
 def _answer(

@@ -12,22 +12,22 @@ import pytest
 from stancekit.envs.leap_choice import LeapChoiceEnv
 from stancekit.learners.evaluation.leap_bench import LeapBenchSettings, run
 from stancekit.learners.leaps.scorer import LeapScorer
-from stancekit.learners.leaps.shipped import scorer_card, shipped_scorers
+from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.errors import InvalidInput
 
-NAMES = list(shipped_scorers())
+NAMES = list(shipped("scorers"))
 CARDS = Path(__file__).parents[3] / "docs" / "cards.md"
 
 
 def test_some_ship_and_are_small():
     assert NAMES == ["set-leap-hard"]
-    assert sum(path.stat().st_size for path in shipped_scorers().values()) < 500_000
+    assert sum(path.stat().st_size for path in shipped("scorers").values()) < 500_000
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_scorer_is_the_one_of_its_card(name):
-    card, scorer = scorer_card(name), LeapScorer.read(name)
-    assert hashlib.sha256(shipped_scorers()[name].read_bytes()).hexdigest() == card["sha256"]
+    card, scorer = card_of(shipped("scorers")[name]), LeapScorer.read(name)
+    assert hashlib.sha256(shipped("scorers")[name].read_bytes()).hexdigest() == card["sha256"]
     assert name == f"{card['method']}-{card['problem_class']}"
     origin = scorer.origin
     assert (origin["method"], origin["class"], origin["seed"]) == (
@@ -48,7 +48,7 @@ def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
     another scorer.
     """
     env, scorer, solved = (
-        LeapChoiceEnv(problem=scorer_card(name)["problem_class"], tries=1),
+        LeapChoiceEnv(problem=card_of(shipped("scorers")[name])["problem_class"], tries=1),
         LeapScorer.read(name),
         0,
     )
@@ -56,7 +56,7 @@ def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
     for _ in range(20):
         observation, _ = env.reset()
         solved += env.step(scorer.predict(observation)[0])[4]["is_success"]
-    least = scorer_card(name)["figures"][0]["learned"][1]
+    least = card_of(shipped("scorers")[name])["figures"][0]["learned"][1]
     assert solved / 20 >= least - 4.0 * np.sqrt(least * (1.0 - least) / 20)
 
 
@@ -67,7 +67,7 @@ def test_the_page_of_cards_has_its_figures(name):
         for line in CARDS.read_text(encoding="utf-8").splitlines()
         if line.startswith(f"| `{name}`")
     ]
-    figures = scorer_card(name)["figures"]
+    figures = card_of(shipped("scorers")[name])["figures"]
     assert len(rows) == len(figures)
     for row, figure in zip(rows, figures, strict=True):
         wanted = [
@@ -83,7 +83,11 @@ def test_the_page_of_cards_has_its_figures(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_scenes_that_it_learned_from_are_refused_as_a_test(name, tmp_path):
     settings = LeapBenchSettings(
-        scenes=1, seed=scorer_card(name)["train"]["seed"], methods=(name,), solves=1, proof=0
+        scenes=1,
+        seed=card_of(shipped("scorers")[name])["train"]["seed"],
+        methods=(name,),
+        solves=1,
+        proof=0,
     )
     with pytest.raises(
         InvalidInput,

@@ -393,7 +393,7 @@ def test_files_that_are_not_this_selector_are_refused_in_one_line(
         header | {"architecture": header["architecture"] | {"heads": 3}},
         tensors,
     )
-    assert "odd: architecture: width: expected a multiple of 3 heads, got 32" in refusal()
+    assert "odd: architecture.width: expected a multiple of 3 heads, got 32" in refusal()
     path.write_bytes(good.read_bytes())
     assert "expected a selector for wall-5, got one for wall-3" in refusal(problem_class="wall-5")
     assert "expected a selector for legs ['RF'], got one for ['RF', 'RR', 'LM']" in refusal(

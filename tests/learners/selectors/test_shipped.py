@@ -15,10 +15,11 @@ from stancekit.envs.sampling import SampledScenes
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.selectors.shipped import card, shipped
+from stancekit.learners.selectors.shipped import card
+from stancekit.learners.zoo import shipped
 from stancekit.planners.errors import InvalidInput
 
-NAMES = list(shipped())
+NAMES = list(shipped("selectors"))
 SCENES = 30
 CARDS = Path(__file__).parents[3] / "docs" / "cards.md"
 
@@ -29,13 +30,13 @@ def test_the_zoo_is_that_of_its_experiment_and_small() -> None:
         f"{method}-{problem}" for method in experiment.methods for problem in experiment.problems
     }
     assert {"neural-wall-3", "neural-wall-5", "neural-ground-3"} <= wanted == set(NAMES)
-    assert sum(path.stat().st_size for path in shipped().values()) < 5_000_000
+    assert sum(path.stat().st_size for path in shipped("selectors").values()) < 5_000_000
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_selector_is_the_one_of_its_card(name: str) -> None:
     known, learned = card(name), load_selector(name)
-    assert hashlib.sha256(shipped()[name].read_bytes()).hexdigest() == known.sha256
+    assert hashlib.sha256(shipped("selectors")[name].read_bytes()).hexdigest() == known.sha256
     assert name == f"{known.method}-{known.problem_class}"
     assert learned.problem_class == known.problem_class
     assert (

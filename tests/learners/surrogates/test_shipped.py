@@ -11,19 +11,16 @@ from scipy.stats import binom
 pytest.importorskip("torch")
 
 import stancekit
-from stancekit.learners.surrogates.shipped import (
-    shipped_surrogates,
-    surrogate_card,
-    surrogate_of,
-)
+from stancekit.learners.surrogates.shipped import surrogate_of
+from stancekit.learners.zoo import card_of, shipped
 
-NAMES = list(shipped_surrogates())
+NAMES = list(shipped("surrogates"))
 
 
 def test_they_are_small_and_what_their_cards_say() -> None:
     assert {"surrogate-wall-3", "surrogate-wall-5"} <= set(NAMES)
-    for name, path in shipped_surrogates().items():
-        card, surrogate = surrogate_card(name), surrogate_of(name)
+    for name, path in shipped("surrogates").items():
+        card, surrogate = card_of(path), surrogate_of(name)
         assert path.stat().st_size < 600_000
         assert hashlib.sha256(path.read_bytes()).hexdigest() == card["sha256"]
         assert (name, list(surrogate.legs)) == (f"surrogate-{card['problem_class']}", card["legs"])
