@@ -216,7 +216,8 @@ def check_run(
             f"timing: expected key frames: a {_called(asked)} runs as planned, or not at all",
         ),
         (
-            isinstance(asked, AcceptedLeap | AcceptedCrossing) and settings.least_push != LEAST_PUSH,
+            isinstance(asked, AcceptedLeap | AcceptedCrossing)
+            and settings.least_push != LEAST_PUSH,
             f"least_push: expected a plan of key frames, got a {_called(asked)}, which bears nothing in the air",
         ),
     ):

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 def film(
-    path: Path | None, request: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing, report: RunReport
+    path: Path | None,
+    request: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+    report: RunReport,
 ) -> None:
     """Write it, where it was asked for and the robot moved."""
     if path is None:

@@ -94,7 +94,9 @@ class Runner:
         self.state: State | None = None
 
     def run(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing, terrain: Terrain | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        terrain: Terrain | None = None,
     ) -> RunReport:
         """Run one plan, or gait, from its beginning to its end.
 
@@ -171,7 +173,9 @@ class Runner:
         self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing
     ) -> Prepared[PlannedMotion]: ...
     def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing, resumption: Resumption | None = None
+        self,
+        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        resumption: Resumption | None = None,
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it.
 

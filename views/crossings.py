@@ -70,7 +70,9 @@ class CrossingView:
     @property
     def name(self) -> str:
         """Name of the course, or of the leap."""
-        return self.subject.name if isinstance(self.subject, Crossing) else self.subject.problem.name
+        return (
+            self.subject.name if isinstance(self.subject, Crossing) else self.subject.problem.name
+        )
 
     @property
     def robot(self) -> Robot:
@@ -277,7 +279,9 @@ def draw_crossing(
     Still(view.scene(), view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
     words = [f"{view.motion.duration_s:.1f} s", SCALE]
     if isinstance(subject, Crossing):
-        words.insert(0, ", ".join("leap" if isinstance(p, LeapPlan) else "climb" for p in subject.parts))
+        words.insert(
+            0, ", ".join("leap" if isinstance(p, LeapPlan) else "climb" for p in subject.parts)
+        )
     if execution is not None:
         words.insert(0, f"{execution.world}: {'done' if execution.succeeded else 'failed'}")
     headline(figure, caption or view.name, "   ·   ".join(words))

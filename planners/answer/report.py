@@ -447,7 +447,9 @@ class Report(Generic[S]):
         """The verdict on a crossing, and the first part or seam that is refused."""
         failed = [group for group in self.groups if group.verdict == "violated"]
         if not failed:
-            return f"{acceptance_word(self.unchecked)}: {len(self.answer.parts)} parts, and they meet"
+            return (
+                f"{acceptance_word(self.unchecked)}: {len(self.answer.parts)} parts, and they meet"
+            )
         first = failed[0]
         size = f"off by {first.value:.3g} {first.unit}".rstrip()
         return f"rejected: {first.name}{f' ({first.where})' if first.where else ''}: " + (

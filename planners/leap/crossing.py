@@ -58,8 +58,10 @@ FLIGHTS_M_S = (1.25, 1.6)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
-CANDIDATES, WINDOW_M = 4, 0.16
+CANDIDATES, WINDOW_M = 4, 0.1
 """Candidates per toe where a leap lands, and how wide each is [m]."""
+GOAL_M = 0.02
+"""A leap ends so near to where the body likes to be over its toes: a climb goes on from there [m]."""
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
 SQUARE_M = 0.04
@@ -369,15 +371,11 @@ class _Crossing:
         goal = np.array([*place, float(ground.mean()) + height])
         footholds = [
             Foothold(limb=limb.name, frame=0, candidates=(patch,), toe_m=toe)
-            for limb, toe, patch in zip(
-                robot.limbs, standing.toes_m, standing.patches, strict=True
-            )
+            for limb, toe, patch in zip(robot.limbs, standing.toes_m, standing.patches, strict=True)
         ]
         for limb, xy, z in zip(robot.limbs, wanted, ground, strict=True):
             toe = np.array([*xy, z])
-            pieces = surfaces.candidates(
-                limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M
-            )
+            pieces = surfaces.candidates(limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M)
             if not pieces:
                 return f"no foothold for {limb.name} where it lands"
             candidates = tuple(piece for _, piece in pieces)
@@ -392,6 +390,7 @@ class _Crossing:
             footholds=tuple(footholds),
             start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
             goal=BodyState(com_m=goal),
+            goal_radius_m=GOAL_M,
             limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
         )
 

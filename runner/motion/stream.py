@@ -15,8 +15,8 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
+from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
