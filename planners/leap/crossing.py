@@ -58,9 +58,9 @@ FLIGHTS_M_S = (1.25, 1.6)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
-CANDIDATES, WINDOW_M = 4, 0.1
+CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
-GOAL_M = 0.02
+GOAL_M = 0.06
 """A leap ends so near to where the body likes to be over its toes: a climb goes on from there [m]."""
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
