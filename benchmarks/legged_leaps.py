@@ -29,6 +29,7 @@ from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
+from stancekit.planners.motion.leap_run import REST_S
 from stancekit.runner.acceptance import AcceptedLeap
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
@@ -110,6 +111,7 @@ def outcome(report: Any) -> dict[str, Any]:
     return {
         "succeeded": report.succeeded,
         "upright": bool(trace.rotation[-1, 2, 2] > UPRIGHT) and execution.com_final_m < 0.1,
+        "rested_s": REST_S,
         "com_worst_m": execution.com_worst_m,
         "com_final_m": execution.com_final_m,
         "slip_m": float(np.max(execution.slip_m)),
@@ -169,7 +171,9 @@ def table(folder: Path) -> None:
     runs = folder / "runs.jsonl"
     if runs.exists():
         played = [json.loads(line) for line in runs.read_text().splitlines()]
-        print("upright at the end", wilson(sum(row["upright"] for row in played), len(played)))
+        print(
+            "upright 2 s after landing", wilson(sum(row["upright"] for row in played), len(played))
+        )
         print("run as planned", wilson(sum(row["succeeded"] for row in played), len(played)))
         for row in played:
             if not row["upright"]:

@@ -67,7 +67,7 @@ class LeapView:
     def motion(self) -> LeapMotion | LeapRun:
         """The body as its forces move it, and its legs where they are known."""
         has_legs = self.plan.problem.robot.source.own
-        return LeapRun(self.plan, settle_s=0.0) if has_legs else LeapMotion(self.plan)
+        return LeapRun(self.plan, settle_s=0.0, rest_s=0.0) if has_legs else LeapMotion(self.plan)
 
     @property
     def judged(self) -> str:

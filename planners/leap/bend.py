@@ -62,6 +62,9 @@ GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
 MORE_M, MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
+MOST_AIR_M = 0.03
+"""What it misses in the air, just off a surface or just before one, counts for no more in a round
+[m]."""
 SAID = 2
 """A plan says so often anew what legs turn its body by, where nothing else is violated."""
 NEAR_M = 0.06
@@ -102,7 +105,9 @@ class JudgedLeap:
     @property
     def short_m(self) -> Array:
         """Length that the reach of every limb lacks, with what was known before, shape (N,) [m]."""
-        missed = self.body.off_toes().values.max(axis=0)
+        off, stands = self.body.off_toes().values, self.body.path.contact
+        flying = np.minimum(np.where(stands, 0.0, off), MOST_AIR_M)
+        missed = np.where(stands, off, flying).max(axis=0)
         return np.asarray(
             np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
         )

@@ -60,6 +60,8 @@ FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
 CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
+GOAL_M = 0.06
+"""A leap ends so near to where the body likes to be over its toes: a climb goes on from there [m]."""
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
 SQUARE_M = 0.04
@@ -388,6 +390,7 @@ class _Crossing:
             footholds=tuple(footholds),
             start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
             goal=BodyState(com_m=goal),
+            goal_radius_m=GOAL_M,
             limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
         )
 

@@ -17,7 +17,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.prism import Solid
-from .leap_run import LeapRun
+from .leap_run import SETTLE_S, LeapRun
 from .motion import Samples, smooth, smooth_rate, stacked
 from .plan_motion import PlanMotion
 
@@ -46,7 +46,7 @@ class CrossingMotion:
         self.parts: list[PlanMotion | LeapRun] = []
         for part in crossing.parts:
             if isinstance(part, LeapPlan):
-                self.parts.append(LeapRun(part))
+                self.parts.append(LeapRun(part, rest_s=SETTLE_S))
             else:
                 self.parts.append(next(timed) if climbs is not None else PlanMotion(part))
         lasts = [part.duration_s for part in self.parts]

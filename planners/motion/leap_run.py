@@ -18,8 +18,8 @@ from .leap_body import LeapBody
 from .leap_motion import LeapMotion
 from .motion import Samples
 
-SETTLE_S = 0.5
-"""At rest before and after."""
+SETTLE_S, REST_S = 0.5, 2.0
+"""At rest before, and after: a robot that stands so long has landed."""
 KNOT_S = 0.02
 """Postures are looked for so often."""
 
@@ -29,7 +29,7 @@ class LeapRun:
 
     Arguments:
         plan: the leap.
-        settle_s: how long it rests before and after [s].
+        settle_s, rest_s: how long it rests before and after [s].
 
     Raises:
         InvalidInput: for a robot without legs of its own.
@@ -37,8 +37,9 @@ class LeapRun:
 
     counted = "seconds"
 
-    def __init__(self, plan: LeapPlan, settle_s: float = SETTLE_S) -> None:
-        self.plan, self.body, self.settle_s = plan, LeapBody(plan), settle_s
+    def __init__(self, plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST_S) -> None:
+        self.plan, self.body = plan, LeapBody(plan)
+        self.settle_s, self.rest_s = settle_s, rest_s
         self._feet_alone = LeapMotion(plan)
         self.solids: tuple[Solid, ...] = ()
         leap = plan.problem
@@ -49,7 +50,7 @@ class LeapRun:
     @property
     def duration_s(self) -> float:
         """Duration [s]."""
-        return float(self.plan.times_s[-1]) + 2.0 * self.settle_s
+        return float(self.plan.times_s[-1]) + self.settle_s + self.rest_s
 
     @property
     def last_frame(self) -> float:
@@ -81,7 +82,8 @@ class LeapRun:
         if not air.any():
             return ()
         first = max(int(np.argmax(air)) - 1, 0)
-        return ((float(ends[first]) + self.settle_s, self.duration_s),)
+        begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s
+        return ((begin, rests + SETTLE_S if self.rest_s > SETTLE_S else self.duration_s),)
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""

@@ -1,0 +1,82 @@
+"""What a crossing is refused for: parts of other robots, over other ground, or that do not meet."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.answer.crossing import Crossing
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.formats.crossing_file import read_crossing, write_crossing
+from stancekit.planners.motion.crossing_motion import BLEND_S, CrossingMotion
+from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.verify.crossings import check_crossing
+
+LEAP = Path("tests/data/leap-hop-anymal.json")
+
+
+@pytest.fixture(scope="module")
+def climb() -> Plan:
+    plan = stancekit.plan("stairs", frames=2).solution
+    assert isinstance(plan, Plan)
+    return plan
+
+
+def test_a_part_of_another_robot_is_refused(climb: Plan) -> None:
+    leap = stancekit.load(LEAP, LeapPlan)
+    report = check_crossing(Crossing(name="forged", parts=(climb, leap)))
+    assert not report.accepted
+    assert report.message.startswith(
+        "rejected: part 2: expected the robot of part 1, got another: 10"
+    )
+
+
+def test_a_part_over_other_ground_is_refused(climb: Plan) -> None:
+    other = stancekit.plan("walls", frames=2).solution
+    assert isinstance(other, Plan)
+    report = check_crossing(Crossing(name="forged", parts=(climb, other)))
+    assert report.message == "rejected: part 2: expected the terrain of part 1, got another"
+
+
+def test_parts_that_do_not_meet_are_refused(climb: Plan) -> None:
+    report = check_crossing(Crossing(name="forged", parts=(climb, climb)))
+    assert report.group("1: climb").verdict == "holds"
+    assert report.group("1 to 2: toes").verdict == "violated"
+    assert report.group("1 to 2: body").verdict == "violated"
+    assert report.message.startswith("rejected: 1 to 2: toes (")
+
+
+def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Plan, tmp_path: Path) -> None:
+    path = tmp_path / "crossing.json"
+    stancekit.save(Crossing(name="stairs", parts=(climb,), refusal="no way"), path)
+    back = stancekit.load(path, Crossing)
+    assert (back.name, back.refusal, len(back.parts)) == ("stairs", "no way", 1)
+    np.testing.assert_array_equal(back.parts[0].com_m, climb.com_m)
+    check = stancekit.verify(path)
+    assert check.accepted
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps(data | {"refusal": "none"}))
+    with pytest.raises(InvalidInput, match="digest mismatch"):
+        read_crossing(path)
+
+
+def test_a_crossing_has_a_name_that_ends_in_json(climb: Plan, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"expected a crossing's name to end in \.json"):
+        write_crossing(tmp_path / "crossing.txt", Crossing(name="stairs", parts=(climb,)))
+
+
+def test_body_and_feet_go_on_without_a_jump_from_part_to_part(climb: Plan) -> None:
+    motion, alone = CrossingMotion(Crossing(name="twice", parts=(climb, climb))), PlanMotion(climb)
+    last = alone.duration_s
+    assert motion.duration_s == pytest.approx(2.0 * last + BLEND_S)
+    for time_s in (last, last + BLEND_S):
+        before, after = motion.at(time_s - 1e-6), motion.at(time_s + 1e-6)
+        for name in ("com_m", "feet_m", "rotation_rad", "velocity_m_s", "forces_n"):
+            np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-4)
+    np.testing.assert_allclose(motion.at(0.3).com_m, alone.at(0.3).com_m)
