@@ -46,7 +46,7 @@ def test_a_part_over_other_ground_is_refused(climb: Plan) -> None:
 
 
 def test_parts_that_do_not_meet_are_refused(climb: Plan) -> None:
-    aside = replace(climb, toes_m=climb.toes_m + [0.0, 1e-3, 0.0])
+    aside = replace(climb, toes_m=climb.toes_m + np.array([0.0, 1e-3, 0.0]))
     report = check_crossing(Crossing(name="forged", parts=(climb, aside)))
     assert report.group("1: climb").verdict == "holds"
     assert report.group("1 to 2: toes").value == pytest.approx(1e-3)
