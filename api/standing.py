@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
 
 
-BESIDE = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit", "surrogate")
-BESIDE += ("error", "seed", "checkpoint", "progress", "limits")
+BESIDE: tuple[str, ...] = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit")
+BESIDE += ("surrogate", "error", "seed", "checkpoint", "progress", "limits")
 """Arguments beside the meaning of a file."""
 
 
@@ -117,7 +117,7 @@ def map(
     try:
         options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=BESIDE)
         made = limits or FootholdLimits.for_foot(
-            0.0 if robot is None else robot_of(who).source.known_radius_m
+            0.0 if who is None else robot_of(who).source.known_radius_m
         )
         footholds = footholds_on(terrain, options, made, friction)
     except InvalidInput as refused:  # the file's spacing has another name here

@@ -152,7 +152,8 @@ class Answer(Generic[S]):
 
         parts = [part for part in (self.solution, self.report) if part is not None]
         status = status_html(self.status.value, self.method, self.message)
-        return status + "".join(part._repr_html_() for part in parts)
+        shown = (getattr(part, "_repr_html_", None) for part in parts)  # a crossing has none
+        return status + "".join(html() for html in shown if html is not None)
 
     @property
     def sets(self) -> Sets | None:

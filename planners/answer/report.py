@@ -445,6 +445,7 @@ class Report(Generic[S]):
 
     def _crossing_line(self) -> str:
         """The verdict on a crossing, and the first part or seam that is refused."""
+        assert isinstance(self.answer, Crossing)
         failed = [group for group in self.groups if group.verdict == "violated"]
         if not failed:
             return (

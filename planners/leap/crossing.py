@@ -311,9 +311,9 @@ class _Crossing:
                 course = replace(question, start_m=start, straight=True)("inner")
                 asked = course_window(course, 0, course.frames - 1, standing)
             if square:
-                course = question("inner") if standing is None else asked
-                assert isinstance(course, Problem)
-                asked = self._squared(course, end_m)
+                straight = question("inner") if standing is None else asked
+                assert isinstance(straight, Problem)
+                asked = self._squared(straight, end_m)
             answer = plan_course(
                 asked,
                 self.planner,

@@ -143,7 +143,7 @@ def _seams(crossing: Crossing) -> Iterator[Group]:
         a, b = _end(before, last=True), _end(after, last=False)
         names = crossing.robot.limb_names
         yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), TOES_M, names)
-        yield _seam(f"{name}: body", np.linalg.norm(a.com_m - b.com_m)[None], BODY_M)
+        yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), BODY_M)
         turn = np.abs(a.rotation_rad - b.rotation_rad)
         yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
         if a.angles_rad is None or b.angles_rad is None:
@@ -203,5 +203,8 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
         yield Group(name, message="the proof is over another terrain", verdict="violated")
         return
     report = check_certificate(proof)
-    verdict = "holds" if report.accepted else "violated"
-    yield Group(name, message=f"refused: {report.message}", verdict=verdict)
+    yield Group(
+        name,
+        message=f"refused: {report.message}",
+        verdict="holds" if report.accepted else "violated",
+    )
