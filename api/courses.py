@@ -174,7 +174,7 @@ def plan(
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     name = course if isinstance(course, str | Path) and start_xy_m is None else None
     planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
-    asked = partial(
+    by_frames = partial(
         plan_course,
         question,
         planner,
@@ -187,12 +187,12 @@ def plan(
         progress=progress,
     )
     if _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None):
-        return _or_leap(asked, question, planner, settings.body, deadline)
-    return asked(deadline=deadline)
+        return _or_leap(by_frames, question, planner, settings.body, deadline)
+    return by_frames(deadline=deadline)
 
 
 def _or_leap(
-    asked: Callable[..., Answer[Plan]],
+    by_frames: Callable[..., Answer[Plan]],
     question: Problem | LayOut,
     planner: Planner,
     limits: WholeBodyLimits,
@@ -201,7 +201,7 @@ def _or_leap(
     """Plan by key frames alone; where they have no plan, climb, leap and climb.
 
     Arguments:
-        asked: plans by key frames until a ``deadline``.
+        by_frames: plans by key frames until a ``deadline``.
         question: the course between two places.
         planner: plans the climbs.
         limits: of the whole body.
@@ -218,7 +218,7 @@ def _or_leap(
     refusal: PlanningFailed | None = None
     answer: Answer[Plan] | None = None
     try:
-        answer = asked(deadline=until)
+        answer = by_frames(deadline=until)
         if answer.status is Status.FEASIBLE:
             return answer
         why = answer.message or answer.status.value
@@ -307,12 +307,12 @@ def _in_new_form(
     renamed = dict(old)
     method = renamed.pop("planner", method)
     check_argument("planner", method, str | Method | Planner)
-    told = {
+    moved = {
         name: renamed.pop(name) for name in PlanSettings.__dataclass_fields__ if name in renamed
     }
-    if told:
-        made = settings_from(PlanSettings, told)  # which holds them against their annotations
-        settings = replace(settings, **{name: getattr(made, name) for name in told})
+    if moved:
+        made = settings_from(PlanSettings, moved)  # which holds them against their annotations
+        settings = replace(settings, **{name: getattr(made, name) for name in moved})
     limits = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
     if limits:
         settings = replace(settings, body=replace(settings.body, **limits))

@@ -106,7 +106,7 @@ def map(
     from stancekit.learners.maps.making import MapSettings, make_map
     from stancekit.learners.maps.poses import Poses
     from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.foothold_search import footholds_on
+    from stancekit.planners.terrain.reference import footholds_on
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")

@@ -58,11 +58,8 @@ def terrain(
     """
     from stancekit.planners.robot.robot_file import robot_of
     from stancekit.planners.terrain.elevation import ElevationMap
-    from stancekit.planners.terrain.foothold_search import (
-        check_unasked,
-        footholds_of,
-        footholds_on,
-    )
+    from stancekit.planners.terrain.foothold_search import check_unasked, footholds_of
+    from stancekit.planners.terrain.reference import footholds_on
 
     options = settings_from(
         ImportOptions, meaning, beside=("source", "friction", "robot", "limits")

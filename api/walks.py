@@ -196,8 +196,8 @@ def search_of(
     checked_int(seed, "seed", least=0)
     check_argument("raw", raw, bool)
     several = chart == "portfolio"
-    given = {name: value for name, value in settings.items() if value is not None}
-    solves = GaitSettings(**{"max_iterations": LIMITS[several], **given})
+    values = {name: value for name, value in settings.items() if value is not None}
+    solves = GaitSettings(**{"max_iterations": LIMITS[several], **values})
     caps = Caps(
         iterations=solves.max_iterations, total_s=time_limit_s, total_iterations=total_iterations
     )

@@ -10,19 +10,30 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from .console import complain, counted, emit, out, progress
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.crossing import Crossing
 
-    from .plan import PlanCourse
 
+def report_crossing(
+    outcome: Answer[Crossing],
+    *,
+    out_file: Path | None,
+    proof: Path | None,
+    pictures: tuple[Path | None, Path | None, Path | None],
+    json: bool,
+) -> int:
+    """Write the files that were asked for, and say what there is; the exit code.
 
-def report_crossing(asked: PlanCourse, outcome: Answer[Crossing]) -> int:
-    """Write the files that were asked for, and say what there is; the exit code."""
+    Arguments:
+        pictures: files of a picture, a film and a page.
+    """
     crossing, report = outcome.solution, outcome.report
     assert crossing is not None
     assert report is not None
-    written = _write(asked, crossing)
-    if asked.json:
+    written = _write(crossing, out_file, proof, pictures)
+    if json:
         emit(_record(outcome, crossing))
     else:
         for line in _lines(outcome, crossing):
@@ -35,39 +46,45 @@ def report_crossing(asked: PlanCourse, outcome: Answer[Crossing]) -> int:
     return int(not report.accepted)
 
 
-def _write(asked: PlanCourse, crossing: Crossing) -> list[Any]:
+def _write(
+    crossing: Crossing,
+    out_file: Path | None,
+    proof: Path | None,
+    pictures: tuple[Path | None, Path | None, Path | None],
+) -> list[Path]:
     """Write the files; their names."""
-    written = list[Any]()
-    if asked.out is not None:
+    picture, video, html = pictures
+    written = list[Path]()
+    if out_file is not None:
         from stancekit.planners.formats.crossing_file import write_crossing
 
-        with progress(f"write {asked.out}"):
-            write_crossing(asked.out, crossing)
-        written.append(asked.out)
-    if asked.proof is not None and crossing.certificate is not None:
+        with progress(f"write {out_file}"):
+            write_crossing(out_file, crossing)
+        written.append(out_file)
+    if proof is not None and crossing.certificate is not None:
         from stancekit.planners.formats.proof_file import write_proof
 
-        write_proof(asked.proof, crossing.certificate)
-        written.append(asked.proof)
-    if asked.picture is not None:
+        write_proof(proof, crossing.certificate)
+        written.append(proof)
+    if picture is not None:
         from stancekit.views.crossings import draw_crossing
         from stancekit.views.sheet import save
 
-        save(draw_crossing(crossing), asked.picture)
-        written.append(asked.picture)
-    if asked.video is not None:
+        save(draw_crossing(crossing), picture)
+        written.append(picture)
+    if video is not None:
         from stancekit.views.crossings import FPS, crossing_frames
         from stancekit.views.video import write_video
 
         frames, total = crossing_frames(crossing)
-        write_video(asked.video, counted(frames, total, f"film {asked.video}"), fps=FPS)
-        written.append(asked.video)
-    if asked.html is not None:
+        write_video(video, counted(frames, total, f"film {video}"), fps=FPS)
+        written.append(video)
+    if html is not None:
         from stancekit.views.crossings import CrossingView
         from stancekit.views.page import write_page
 
-        write_page(asked.html, CrossingView(crossing).film(fps=10.0))
-        written.append(asked.html)
+        write_page(html, CrossingView(crossing).film(fps=10.0))
+        written.append(html)
     return written
 
 

@@ -215,7 +215,13 @@ class PlanCourse:
         if isinstance(outcome.solution, Crossing):
             from .crossing_plan import report_crossing
 
-            return report_crossing(self, cast("Answer[Crossing]", outcome))
+            return report_crossing(
+                cast("Answer[Crossing]", outcome),
+                out_file=self.out,
+                proof=self.proof,
+                pictures=(self.picture, self.video, self.html),
+                json=self.json,
+            )
         course, report = cast("Problem", outcome.problem), outcome.report
         if outcome.solution is not None and report is not None:
             self._write(outcome.solution, report)

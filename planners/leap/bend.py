@@ -232,8 +232,8 @@ class LeapBender:
         stretch = [
             flight if not stand else before if q < air else after for q, stand in enumerate(stands)
         ]
-        own = leap.timings_s[plan.timing]
-        timing = tuple(round(s * t, 4) for s, t in zip(stretch, own, strict=True))
+        times_s = leap.timings_s[plan.timing]
+        timing = tuple(round(s * t, 4) for s, t in zip(stretch, times_s, strict=True))
         leap = replace(leap, timings_s=(timing,))
         numbers = LeapNumbers.of(leap)
         attempted = attempt(self._programs, numbers, plan.choice, share=self._share, stop=np.inf)

@@ -105,8 +105,8 @@ def stretches(terrain: Terrain, toes_m: Array, ends_m: Array) -> Stretches | Non
     direction = way / length
     along = np.linspace(0.0, length, int(np.ceil(length / SPACING_M)) + 1)
     ahead = toes_m[:, :2] @ direction
-    drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
-    toes = toes_m[:, :2] - drawn[:, None] * direction
+    shift_m = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+    toes = toes_m[:, :2] - shift_m[:, None] * direction
     places = ends_m[0] + along[:, None, None] * direction + toes
     stands = _on_ground(terrain, places).all(axis=1)
     padded = np.concatenate([[False], stands, [False]])
@@ -399,8 +399,8 @@ class _Crossing:
         the heights there, shape (N,) [m].
         """
         ahead = self.toes_m[:, :2] @ self.way.direction
-        drawn = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
-        wanted = self.way.at(along_m) + self.toes_m[:, :2] - drawn[:, None] * self.way.direction
+        shift_m = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+        wanted = self.way.at(along_m) + self.toes_m[:, :2] - shift_m[:, None] * self.way.direction
         return wanted, _heights(self.terrain, wanted)
 
     def _squared(self, course: Problem, end_m: float) -> Problem:

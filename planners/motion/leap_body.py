@@ -169,8 +169,8 @@ class LeapBody:
         away = mids - (hips[0] + shares * (hips[1] - hips[0]))
         lengths = np.linalg.norm(ends - hips, axis=1)
         folded = max(self._fold * float(lengths.min()), 1.1 * leg.fold_m)
-        drawn = np.minimum(folded / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 1.0)
-        mids += (drawn[:, None] - 1.0) * away
+        fold = np.minimum(folded / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 1.0)
+        mids += (fold[:, None] - 1.0) * away
         knots = begin + np.array([0.0, edge, 1.0 - edge, 1.0]) * (end - begin)
         path = CubicSpline(
             knots, np.vstack([ends[:1], mids, ends[1:]]), bc_type=((1, moves[0]), (1, moves[1]))

@@ -97,24 +97,24 @@ class CandidatePatches:
         Arguments:
             toes: limb, shoulder, toe, and width of the pieces, each as of ``candidates``.
         """
-        found = list[list[tuple[int, Corners]]]()
+        pieces = list[list[tuple[int, Corners]]]()
         for (limb, shoulder_m, toe_m, window_m), (indices, places) in zip(
             toes, self._places(toes), strict=True
         ):
             hip_m = limb.hip_at(shoulder_m)
             order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
-            found.append([])
+            pieces.append([])
             for index, place in zip(indices[order].tolist(), places[order], strict=True):
-                if len(found[-1]) == count:
+                if len(pieces[-1]) == count:
                     break
                 if not self._hidden(place, hip_m):
                     piece = self.surfaces[index].piece(place, window_m)
                     if piece:
-                        found[-1].append((index, piece))
+                        pieces[-1].append((index, piece))
         patches = iter(
-            patches_of([(self.surfaces[index], piece) for each in found for index, piece in each])
+            patches_of([(self.surfaces[index], piece) for each in pieces for index, piece in each])
         )
-        return [[(index, next(patches)) for index, _ in each] for each in found]
+        return [[(index, next(patches)) for index, _ in each] for each in pieces]
 
     def everywhere(
         self, limb: Limb, shoulder_m: Array, slack_m: float, toe_m: Array

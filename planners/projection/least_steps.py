@@ -21,7 +21,7 @@ def lengths_of(plan: Plan, course: Problem) -> tuple[Array, Array]:
     before, after = course.moves.T
     toes = plan.toes_m[after] - plan.toes_m[before]
     turns = np.diff(plan.rotation_rad, axis=0)
-    kept = [
+    parts = [
         part
         for part, least in (
             (toes, course.steps.least_toe_m),
@@ -29,7 +29,7 @@ def lengths_of(plan: Plan, course: Problem) -> tuple[Array, Array]:
         )
         if least > 0.0
     ]
-    steps = np.concatenate([np.zeros((0, 3)), *kept])
+    steps = np.concatenate([np.zeros((0, 3)), *parts])
     return steps, np.linalg.norm(steps, axis=1)
 
 

@@ -10,11 +10,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_choice, checked_members, checked_name, read_only
+from ..files.arrays import (
+    Array,
+    checked,
+    checked_choice,
+    checked_members,
+    checked_name,
+    collect_errors,
+    read_only,
+)
 from ..files.codec import LATER, to_json
 from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
-from .foot import Foot, check_feet
+from .foot import Foot, half_sides
 from .leg_sources import DrawnLegs, LegSource, OwnLegs
 from .limb import LegLimits as LegLimits
 from .limb import Limb as Limb
@@ -29,6 +37,12 @@ HEXAPOD = "hexapod"
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
+SAME_AS_MODEL = 1e-6
+"""A walking robot's numbers may differ by so much of them from those of its model: rounding."""
+NEAR = 0.05
+"""Share of a robot's height by which its feet may be elsewhere, on the mean."""
+DEEPEST = 0.5
+"""How deep a robot may crouch, as a share of its height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,7 +193,7 @@ class Robot:
         elif self.drawn is None and self._is_hexapod():
             object.__setattr__(self, "drawn", Servo())
         if self.feet:
-            check_feet(self)
+            _check_feet(self)
 
     def _is_hexapod(self) -> bool:
         """Tell whether name and limbs are those of the default hexapod, whatever it carries."""
@@ -358,3 +372,71 @@ def _same_limb(one: Limb, other: Limb) -> bool:
         and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
     )
     return plain and near and one.name == other.name
+
+
+def _check_feet(robot: Robot) -> None:
+    """Raise InvalidInput for a robot whose feet, height and trunk are not those of one that walks."""
+    where = f"robot {robot.name}"
+    set_field = object.__setattr__
+    if robot.inertia_kgm2 is None:
+        raise InvalidInput(f"{where}: inertia_kgm2: expected that of a robot that walks, got none")
+    inertia = robot.inertia_kgm2
+    collect_errors(
+        lambda: set_field(
+            robot,
+            "stand_height_m",
+            checked(robot.stand_height_m, f"{where}: stand_height_m", above=0.0),
+        ),
+        lambda: set_field(
+            robot, "trunk_half_m", half_sides(robot.trunk_half_m, f"{where}: trunk_half_m")
+        ),
+    )
+    names = [foot.name for foot in robot.feet]
+    if len(names) < 3 or len(set(names)) != len(names):
+        raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
+    if robot.source.own:
+        _check_model(robot, inertia, robot.source.own_model(), where)
+    _check_numbers(robot, inertia, where)
+
+
+def _check_model(robot: Robot, inertia: Array, model: RobotModel, where: str) -> None:
+    """Raise InvalidInput for numbers that are not its model's.
+
+    It may stand lower, crouched, and not higher.
+    """
+    mass_kg, expected = model.body.mass_kg, model.body.inertia_kgm2
+    if abs(robot.mass_kg - mass_kg) > SAME_AS_MODEL * mass_kg:
+        raise InvalidInput(
+            f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {robot.mass_kg:.8g}"
+        )
+    if not float(np.abs(inertia - expected).max()) <= SAME_AS_MODEL * float(np.abs(expected).max()):
+        raise InvalidInput(
+            f"{where}: expected the inertia of its model as it stands, got another one"
+        )
+    low_m, high_m = (1.0 - DEEPEST) * model.stand_height_m, model.stand_height_m
+    if not (1.0 - SAME_AS_MODEL) * low_m <= robot.stand_height_m <= (1.0 + SAME_AS_MODEL) * high_m:
+        raise InvalidInput(
+            f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to {low_m:.6g} m, "
+            f"got {robot.stand_height_m:.6g}"
+        )
+
+
+def _check_numbers(robot: Robot, inertia: Array, where: str) -> None:
+    """Raise InvalidInput for a height at which its feet do not stand, and for an inertia that
+    no mass within it has: tolerances of the verifier are in units of both.
+    """
+    stands_m = -float(np.mean([foot.nominal_m[2] for foot in robot.feet]))
+    if not abs(robot.stand_height_m - stands_m) <= NEAR * abs(stands_m):
+        raise InvalidInput(
+            f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its centre of mass, got "
+            f"{robot.stand_height_m:.6g}"
+        )
+    corners = [
+        np.maximum(np.abs(foot.reach_min_m), np.abs(foot.reach_max_m)) for foot in robot.feet
+    ]
+    most = robot.mass_kg * max(float(corner @ corner) for corner in (robot.trunk_half_m, *corners))
+    if (moment := float(np.linalg.eigvalsh(inertia)[-1])) > most:
+        raise InvalidInput(
+            f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk and its feet go, "
+            f"got {moment:.3g}"
+        )

@@ -19,8 +19,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
 from .contact_robot import contact_robot
-from .foot import DEEPEST, Foot, half_sides
-from .model import Robot
+from .foot import Foot, half_sides
+from .model import DEEPEST, Robot
 from .polytope import Polytope
 from .reach_sets import standing_toes
 from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown

@@ -188,8 +188,8 @@ def _most(course: Problem) -> Array:
     ]
     turn = min(2.0 * math.sqrt(3.0) * course.tilt_limit_rad, course.steps.rotation_rad)
     count = len(course.least_steps)
-    kept = toes if course.steps.least_toe_m > 0.0 else []
-    return np.array([*kept, *[turn] * (count - len(kept))])
+    lengths = toes if course.steps.least_toe_m > 0.0 else []
+    return np.array([*lengths, *[turn] * (count - len(lengths))])
 
 
 def _places(course: Problem, foothold: int) -> list[Array]:

@@ -86,22 +86,6 @@ def read_footholds(
     return footholds_of(terrain, limits, friction)
 
 
-def footholds_on(
-    source: str | Path, options: ImportOptions, limits: FootholdLimits, friction: float
-) -> Footholds:
-    """The footholds of a terrain's file, or of a ground by its name, which is read from no file.
-
-    Raises InvalidInput.
-    """
-    if Path(source).exists() and ".py" not in str(source):
-        return read_footholds(source, options, limits, friction)
-    from .reference import named_surface  # splines are slow to import
-
-    surface = named_surface(str(source))
-    check_unasked(options, surface.name)
-    return footholds_of(surface, limits, friction)
-
-
 def check_unasked(options: ImportOptions, name: str) -> None:
     """Raise InvalidInput for options of a file where there is none."""
     for field in fields(options):

@@ -36,6 +36,7 @@ from .terrain_file import read_heights
 from .triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
+    from .footholds import FootholdLimits, Footholds
     from .terrain import Terrain
 
 
@@ -261,3 +262,19 @@ if not TYPE_CHECKING:  # checkers read what is there today
             f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2
         )
         return Formula
+
+
+def footholds_on(
+    source: str | Path, options: ImportOptions, limits: FootholdLimits, friction: float
+) -> Footholds:
+    """The footholds of a terrain's file, or of a ground by its name, which is read from no file.
+
+    Raises InvalidInput.
+    """
+    from .foothold_search import check_unasked, footholds_of, read_footholds  # of files alone
+
+    if Path(source).exists() and ".py" not in str(source):
+        return read_footholds(source, options, limits, friction)
+    surface = named_surface(str(source))
+    check_unasked(options, surface.name)
+    return footholds_of(surface, limits, friction)

@@ -109,6 +109,15 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.video",
         ),
     },
+    "crossing_plan": {
+        CHOICES: ("planners.answer.leap_plan",),
+        LATER: (
+            "planners.formats.crossing_file",
+            "planners.formats.proof_file",
+            "planners.verify",
+        ),
+        DRAWS: ("views.crossings", "views.page", "views.sheet", "views.video"),
+    },
     "leap_plan": {
         CHOICES: (
             "planners.answer.answer",
@@ -132,6 +141,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "plan": {
         CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.answer"),
         LATER: (
+            "planners.answer.crossing",
             "planners.answer.report",
             "planners.equilibrium.programs",
             "planners.formats.answer_file",
@@ -187,13 +197,16 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "run_film": {LATER: ("runner.acceptance",)},
     "simulate": {
         LATER: (
+            "planners.answer.plan",
+            "planners.formats.crossing_file",
+            "planners.formats.leap_file",
             "planners.formats.plan_file",
             "planners.motion.plan_motion",
             "runner.acceptance",
             "runner.settings",
             "runner.worlds",
         ),
-        DRAWS: ("views.executions", "views.sheet"),
+        DRAWS: ("views.crossings", "views.executions", "views.sheet"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},
     "stops": {TOOL: ("runner.safety.estop", "runner.safety.stop_topic")},
