@@ -189,6 +189,9 @@ def verify(
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {value}")
     if isinstance(subject, Answer) and answer is None:
         subject = _evidence(subject)
+    for one in (subject, getattr(subject, "problem", None)):
+        if isinstance(one, Problem):
+            one.check_whole()
     match subject, answer:
         case Problem(is_posture=True), Plan():
             old_form("verify(problem, posture)", "verify(plan), which knows its problem")

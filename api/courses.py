@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
+import numpy as np
+
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
@@ -186,7 +188,8 @@ def plan(
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
-    if _may_leap(question, loaded=settings.push_n > 0.0 or settings.wrench is not None):
+    loaded = settings.push_n > 0.0 or settings.wrench is not None
+    if start_xy_m is not None and _may_leap(question, loaded=loaded):
         return _or_leap(by_frames, question, planner, settings.body, deadline)
     return by_frames(deadline=deadline)
 
@@ -239,9 +242,11 @@ def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
     """Tell whether leaps may be tried where key frames have no plan: over a terrain, by a robot that
     was named, with nothing on its body and nobody who pushes it.
     """
+    if loaded or isinstance(question, Problem):
+        return False
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 
-    return isinstance(question, LaidBetween) and question.robot is not None and not loaded
+    return isinstance(question, LaidBetween) and question.robot is not None
 
 
 def _no_way(question: Problem | LayOut) -> bool:
@@ -305,15 +310,24 @@ def _in_new_form(
     Raises InvalidInput.
     """
     renamed = dict(old)
+    if "planner" in renamed and method != "two-stage":
+        raise InvalidInput("planner: expected it once, got a method, too")
     method = renamed.pop("planner", method)
     check_argument("planner", method, str | Method | Planner)
     moved = {
         name: renamed.pop(name) for name in PlanSettings.__dataclass_fields__ if name in renamed
     }
+    usual = PlanSettings()
+    for name in moved:
+        if not np.array_equal(getattr(settings, name), getattr(usual, name)):
+            raise InvalidInput(f"{name}: expected it once, got it in settings, too")
     if moved:
         made = settings_from(PlanSettings, moved)  # which holds them against their annotations
         settings = replace(settings, **{name: getattr(made, name) for name in moved})
     limits = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
+    for name in limits:
+        if getattr(settings.body, name) != getattr(usual.body, name):
+            raise InvalidInput(f"{name}: expected it once, got it in settings.body, too")
     if limits:
         settings = replace(settings, body=replace(settings.body, **limits))
     return method, settings, renamed
@@ -383,6 +397,7 @@ def _question(
     if standing is not None:
         raise InvalidInput("standing: expected a start and a goal over a terrain with it, got none")
     if isinstance(course, Problem):
+        course.check_whole()
         return _of_problem(course, frames, robot)
     return _of_file(str(course), frames, who)
 

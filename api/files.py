@@ -154,6 +154,7 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
                 raise InvalidInput(
                     f"{path}: expected the plan of a course, got that of a posture problem"
                 )
+            thing.problem.check_whole()
             plan_file.write_plan(path, thing, check_plan(thing, joints=True, margins=True))
         case Trajectory():
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))

@@ -75,6 +75,7 @@ class Accepted:
             raise InvalidInput(
                 f"{source}: expected the plan of a course, got that of a posture problem"
             )
+        plan.problem.check_whole()
         report = judged(plan)
         if not report.accepted:
             raise InvalidInput(

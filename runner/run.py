@@ -207,7 +207,7 @@ class Runner:
         """
         first = prepared.first
         rotation, origin = first.sample.rotation, first.origin_m
-        if terrain is not None:
+        if terrain is not None and self.world.kind == "simulation":
             feet = origin + prepared.kinematics.feet(first.angles_rad) @ rotation.T
             rise = rise_m(terrain, feet, prepared.kinematics.radii_m)
             origin = origin + np.array([0.0, 0.0, rise])

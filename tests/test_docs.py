@@ -355,7 +355,11 @@ def test_an_extra_that_a_message_or_a_page_names_is_one_that_can_be_installed() 
     named = [
         name
         for path in files
-        for name in re.findall(r"stancekit\[([\w,]+)\]", path.read_text(encoding="utf-8"))
+        for pattern in (
+            r"stancekit\[([\w,]+)\]",
+            r"not_installed\((?:[^()]|\([^()]*\))*\"(\w+)\"\s*\)",
+        )
+        for name in re.findall(pattern, path.read_text(encoding="utf-8"))
     ]
     assert len(named) > 20
     assert {extra for names in named for extra in names.split(",")} <= set(

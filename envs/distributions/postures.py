@@ -251,6 +251,8 @@ def distribution(
     """
     if not isinstance(name, str):
         raise REGISTRY.unknown(name)
+    if isinstance(robot, Robot):
+        robot.check_limbs()
     own_robot = (
         robot
         if isinstance(robot, Robot)

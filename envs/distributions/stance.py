@@ -119,6 +119,8 @@ class StandingRobot:
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
         """
+        if isinstance(robot, Robot):
+            robot.check_limbs()
         if isinstance(robot, Robot) and not robot.source.own:
             toes = paper_stance(robot.limbs, "ground").centre_m
             reach = float(np.mean([limb.reach_m for limb in robot.limbs]))

@@ -186,6 +186,7 @@ class Problem:
             raise InvalidInput(
                 "standing_m: expected where toes are as the robot stands, with weights.stance, got none"
             )
+        self.robot.check_limbs()
         if self.force_scale_n is None:
             set_field(self, "force_scale_n", self.weight_n)
         set_field(self, "force_scale_n", checked(self.force_scale_n, "force_scale_n", above=0.0))
@@ -208,6 +209,13 @@ class Problem:
         _ = self.regions
         if self.sides is not None:
             set_field(self, "sides", read_only(self.sides, (len(self.least_steps), 4), "sides"))
+
+    def check_whole(self) -> None:
+        """Raise InvalidInput for sides: they say less than the least steps that they stand for, and
+        are for planners that go through all of them.
+        """
+        if self.sides is not None:
+            raise InvalidInput("sides: expected none, planners part least steps by themselves")
 
     @classmethod
     def posture(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -37,6 +37,8 @@ HEXAPOD = "hexapod"
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
+NO_TRUNK: Array = cast(Any, (0.0, 0.0, 0.0))
+"""Half sides of the trunk of a robot that does not walk; a class attribute, which an array cannot be."""
 SAME_AS_MODEL = 1e-6
 """A walking robot's numbers may differ by so much of them from those of its model: rounding."""
 NEAR = 0.05
@@ -149,7 +151,7 @@ class Robot:
     absent: tuple[str, ...] = ()
     feet: tuple[Foot, ...] = ()
     stand_height_m: float = 0.0
-    trunk_half_m: Array = field(default_factory=lambda: np.zeros(3))
+    trunk_half_m: Array = NO_TRUNK
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -221,6 +223,14 @@ class Robot:
         if any(limb.sole_m is not None for limb in self.limbs):
             raise InvalidInput(
                 f"robot {self.name}: expected point feet with a model of its legs, got soles"
+            )
+
+    def check_limbs(self) -> None:
+        """Raise InvalidInput for a robot whose limbs are the boxes of a walker's feet."""
+        if self.feet:
+            raise InvalidInput(
+                f"robot: expected one with limbs that reach, got {self.name}, which has the feet of a walker: "
+                "give its URDF"
             )
 
     def to_json(self) -> dict[str, Any]:

@@ -123,6 +123,7 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
         InvalidInput: also for a leg without a workspace that has an inside.
     """
     if isinstance(robot, Robot):
+        robot.check_limbs()
         return robot
     if str(robot) in BUILT_IN and srdf is None:
         return hexapod()

@@ -33,6 +33,8 @@ TRIES = 3
 SHARE = 0.5
 """Share of the time that is left which one question may take: a planner that seeks the best plan takes
 all that it gets."""
+MOST_ASKED = 100
+"""Questions to a planner that has no limit of time."""
 SHORT = 1e-6
 """A step that is shorter than δ by less than this is long enough [m or rad]."""
 Sides = tuple[Array | None, ...]
@@ -73,6 +75,8 @@ class _Search:
         if proof is not None and proof[1]:
             tree, rows = np.array(proof[0], dtype=np.float64), np.concatenate(proof[1])
             certificate = Certificate(tree=tree, multipliers=rows)
+        if self._plan is None and certificate is None and not self._message:
+            self._message = "no plan was found in the directions of least steps that were tried"
         details = {"asked": float(self._asked), "parted": float(self._parts)}
         claim = Claim(
             found=self._plan, certificate=certificate, message=self._message, details=details
@@ -143,6 +147,11 @@ class _Search:
     def _ask(self, course: Problem) -> Answer[Plan] | None:
         """The planner's answer in the time that is left; None where none is."""
         left_s = self._clock.left()[0]
+        if self._asked >= MOST_ASKED and left_s == math.inf:
+            self._message = (
+                f"the search over directions of least steps met its limit of {MOST_ASKED} questions"
+            )
+            return None
         if left_s <= 0.0:
             self._message = "the search over directions of least steps met its time limit"
             return None

@@ -177,10 +177,10 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         pieces += standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
-        # bodies keep out of all that it may be: an edge is anywhere between two samples
-        wider = 0.5 * spacing if margin_m is None else margin_m + 0.5 * spacing - limits.margin_m
-        outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
-        facet = replace(facet, polygon=outer)
+        if facet.certainty is not None:  # bodies keep out of all that it may be
+            wider = facet.certainty.inset_m - limits.margin_m
+            outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
+            facet = replace(facet, polygon=outer)
         surfaces += facet.patches(SMALLEST_M, friction)
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(

@@ -20,6 +20,8 @@ SLACK_M = 0.006
 collision."""
 TOUCHING_M, RISES = 0.001, 40
 """A foot that is no deeper in the terrain touches it; and how often a robot is put higher."""
+LEVEL = 0.5
+"""Upward part of the normal of a surface that a robot is put higher for; none is lifted out of a wall."""
 SAMPLES = 40
 STILL_RAD = 1e-4
 PEAK = 1.875
@@ -82,15 +84,19 @@ def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
         feet_m: centres of the feet, shape (N, 3).
         radii_m: of the feet, shape (N,).
     """
-    solids: Solids = (terrain,) if isinstance(terrain, Ground) else [each.solid for each in terrain]
+    solids: Solids = (
+        (terrain,)
+        if isinstance(terrain, Ground)
+        else [each.solid for each in terrain if each.normal[2] > LEVEL]
+    )
     rise = 0.0
-    for _ in range(RISES):
+    for _ in range(RISES if solids else 0):
         feet = feet_m + np.array([0.0, 0.0, rise])
         deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
         if deepest <= TOUCHING_M:
-            break
+            return rise
         rise += deepest
-    return rise
+    return 0.0
 
 
 def _deepest(
