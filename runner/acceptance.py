@@ -271,11 +271,16 @@ class AcceptedCrossing:
 
         Raises InvalidInput for one that is rejected, or of which something was not judged.
         """
+        if not any(isinstance(part, LeapPlan) for part in crossing.parts):
+            raise InvalidInput(f"{source}: expected a leap among its parts, got climbs alone")
         report = check_crossing(crossing)
         if not report.accepted or report.unchecked:
             raise InvalidInput(
                 f"{source}: expected a crossing that the verifier accepts, {report.message}"
             )
+        for k, part in enumerate(crossing.parts, 1):
+            if isinstance(part, Plan):
+                Accepted.verified(part, f"{source}: part {k}")
         return cls(plan=crossing, digest=report.digest, source=source)
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:

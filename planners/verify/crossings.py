@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import to_json
+from ..physics import GRAVITY_M_S2
+from ..problem.problem import Problem
 from ..robot.model import Robot
 from .certificate import check_certificate
 from .ground import off_terrain
@@ -72,6 +75,12 @@ def _defect(crossing: Crossing) -> str:
                 return f"{where}: expected the gravity of part 1, got another"
             if part.problem.wrench is not None:
                 return f"{where}: expected no wrench on a body that leaps"
+            if to_json(part.problem.robot) != to_json(first.robot):
+                return f"{where}: expected the robot of part 1, got another: their limbs differ"
+        elif not first.robot.source.own:
+            return f"{where}: expected a robot with legs of its own, got {first.robot.name}"
+        elif first.gravity_m_s2 != GRAVITY_M_S2:
+            return f"{where}: expected the gravity that leaps have, {GRAVITY_M_S2:g} m/s², got {first.gravity_m_s2:g}"
         elif not all(part.problem.still):
             return f"{where}: expected a leap that begins and ends at rest"
     return ""
@@ -202,9 +211,26 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
     if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.terrain):
         yield Group(name, message="the proof is over another terrain", verdict="violated")
         return
+    if other := _another_way(crossing, proof.problem):
+        yield Group(name, message=f"the proof is of {other}", verdict="violated")
+        return
     report = check_certificate(proof)
     yield Group(
         name,
-        message=f"refused: {report.message}",
+        message=report.message,
         verdict="holds" if report.accepted else "violated",
     )
+
+
+def _another_way(crossing: Crossing, problem: Any) -> str:
+    """What a proof is of in place of the way of a crossing, in words; empty where it is of that way."""
+    first, last = crossing.first, crossing.parts[-1].problem
+    if not isinstance(problem, Problem) or len(problem.least_steps):
+        return "a course with least steps"
+    if problem.gravity_m_s2 != first.gravity_m_s2:
+        return "another gravity"
+    if np.linalg.norm(problem.com_nominal_m[0, :2] - first.com_nominal_m[0, :2]) > BODY_M:
+        return "another start"
+    if isinstance(last, Problem) and np.linalg.norm(problem.goal_m[:2] - last.goal_m[:2]) > BODY_M:
+        return "another goal"
+    return ""
