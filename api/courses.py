@@ -164,7 +164,9 @@ def plan(
         course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
         places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
-        others = {**places, "frames": frames, "robot": robot, **old}
+        usual = vars(PlanSettings())
+        said = {k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])}
+        others = {**places, "frames": frames, "robot": robot, **said}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(

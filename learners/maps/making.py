@@ -243,6 +243,8 @@ def make_map(
             if checkpoint is not None and time.monotonic() - saved > SAVED_S:
                 saved = time.monotonic()
                 maker.map(seconds).save(checkpoint)
+        if checkpoint is not None:
+            maker.map(seconds).save(checkpoint)
         return done
 
     started = time.monotonic()

@@ -141,7 +141,9 @@ def test_a_map_goes_on_from_its_file(
         make_map(poses(level, spacing_m=0.4, friction=0.6), MapSettings(), checkpoint=path)
 
 
-def test_likely_answers_are_held_by_the_rest_of_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_likely_answers_are_held_by_the_rest_of_the_map(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     pytest.importorskip("torch")
     monkeypatch.setattr(making, "SHARE_OF_FIT", 0.0)
     monkeypatch.setattr(making, "CALIBRATION", 250)
@@ -149,7 +151,7 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(monkeypatch: pytest.Monk
     maker = Maker(made)
     maker.prove(maker.coarse_to_fine()[:350])
     made_so = maker.map({}, error=None)
-    path = Path("m.npz")
+    path = tmp_path / "m.npz"
     monkeypatch.setattr(making.StandingMap, "read", lambda _: made_so)
     monkeypatch.setattr(Path, "exists", lambda _: True)
     settings = MapSettings(fit=True, error=0.05, time_limit_s=1e-3, epochs=15)
