@@ -35,7 +35,8 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
         array = plain_numbers(value)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(
-            f"{where}: expected numbers of shape {_shape_text(shape)}, got {shown(value, 80)}"
+            f"{where}: expected {f'numbers of shape {_shape_text(shape)}' if shape else 'a number'}, "
+            f"got {shown(value, 80)}"
         ) from None
     if array.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)

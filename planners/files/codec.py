@@ -275,7 +275,7 @@ class Within:
 
 
 def check_limits(value: Any) -> None:
-    """Check the fields of a dataclass that say ``Within``, but for None.
+    """Check the fields of a dataclass that say ``Within``, but for None where it may be.
 
     Raises InvalidInput with all that is wrong.
     """
@@ -283,9 +283,16 @@ def check_limits(value: Any) -> None:
         *(
             partial(limits.check, getattr(value, name), name)
             for name, limits in _limits(cast(Any, type(value))).items()
-            if getattr(value, name) is not None
+            if getattr(value, name) is not None or name not in _optional(cast(Any, type(value)))
         )
     )
+
+
+@lru_cache(maxsize=128)
+def _optional(kind: Any) -> frozenset[str]:
+    """Names of the fields that may be None."""
+    hints = get_type_hints(kind)
+    return frozenset(name for name, hint in hints.items() if type(None) in get_args(hint))
 
 
 @lru_cache(maxsize=128)

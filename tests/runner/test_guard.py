@@ -242,7 +242,7 @@ def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
         ("robot", "hexapod", "world memory: robot: expected a Robot, got 'hexapod'"),
         ("servo", {}, "world memory: servo: expected a Servo, got {}"),
         ("rate_hz", 0.0, "world memory: rate_hz: expected a number above 0, got 0"),
-        ("rate_hz", "fast", "world memory: rate_hz: expected numbers of shape (), got 'fast'"),
+        ("rate_hz", "fast", "world memory: rate_hz: expected a number, got 'fast'"),
         ("joints", [1, 2], "world memory: joints: expected a tuple of names, got [1, 2]"),
         (
             "joints",

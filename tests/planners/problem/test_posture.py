@@ -435,7 +435,7 @@ def test_a_corner_given_twice_is_one_corner(doubled):
         ({"friction": -0.5}, "friction: expected a number in [0, 1e+06], got -0.5"),
         ({"friction": np.inf}, "friction: expected finite numbers, got inf"),
         ({"friction": [0.5]}, "friction: expected shape (), got (1,)"),
-        ({"friction": "smooth"}, "friction: expected numbers of shape (), got 'smooth'"),
+        ({"friction": "smooth"}, "friction: expected a number, got 'smooth'"),
     ],
 )
 def test_bad_surfaces_are_refused(rest, message):
