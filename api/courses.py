@@ -58,8 +58,6 @@ OLD = {
     "standing": "plan(course, settings=PlanSettings(standing=...))",
     "checkpoint": "plan(course, settings=PlanSettings(checkpoint=...))",
 }
-FRAMES_SHARE = 0.2
-"""Share of the time that key frames have where there is no way for the body, and a leap may be tried."""
 LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
 BESIDE = (
     "course",
@@ -205,6 +203,9 @@ def _or_leap(
 ) -> Answer[Plan] | Answer[Crossing]:
     """Plan by key frames alone; where they have no plan, climb, leap and climb.
 
+    Where leaps do not help either, the answer is that of key frames, a proof included, and its
+    message says what leaps came to.
+
     Arguments:
         by_frames: plans by key frames until a ``deadline``.
         question: the course between two places.
@@ -217,27 +218,23 @@ def _or_leap(
 
     assert isinstance(question, LaidBetween)
     assert question.robot is not None
-    until = deadline
-    if _no_way(question):
-        until = time.perf_counter() + FRAMES_SHARE * (deadline - time.perf_counter())
-    refusal: PlanningFailed | None = None
     answer: Answer[Plan] | None = None
     try:
-        answer = by_frames(deadline=until)
+        answer = by_frames(deadline=deadline)
         if answer.status is Status.FEASIBLE:
             return answer
         why = answer.message or answer.status.value
     except PlanningFailed as error:
-        refusal, why = error, str(error)
+        why = str(error)
     crossed = cross(
         question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
     )
-    if crossed is not None:
+    if crossed is not None and crossed.status is Status.FEASIBLE:
         return crossed
+    message = why if crossed is None else crossed.message
     if answer is None:
-        assert refusal is not None
-        raise refusal
-    return answer
+        raise PlanningFailed(message)
+    return replace(answer, message=message)
 
 
 def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
@@ -249,17 +246,6 @@ def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 
     return isinstance(question, LaidBetween) and question.robot is not None
-
-
-def _no_way(question: Problem | LayOut) -> bool:
-    """Tell whether a course between two places has no way for the body as it is asked for."""
-    try:
-        question("inner", AS_ASKED)  # type: ignore[operator]
-    except PlanningFailed:
-        return True
-    except InvalidInput:
-        return False
-    return False
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:

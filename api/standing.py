@@ -121,7 +121,11 @@ def map(
         )
         footholds = footholds_on(terrain, options, made, friction)
     except InvalidInput as refused:  # the file's spacing has another name here
-        raise InvalidInput(str(refused).replace("spacing_m", "grid_m")) from None
+        text = str(refused)
+        renamed = (
+            "grid_m:" + text.removeprefix("spacing_m:") if text.startswith("spacing_m:") else text
+        )
+        raise InvalidInput(renamed) from None
     poses = Poses.of(
         footholds,
         who,
