@@ -72,6 +72,14 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         super().__init__(path, body.postures)
 
     @cached_property
+    def torques_nm(self) -> Array:
+        """Torques as of every body that moves; where forces jump, as a limb leaves or lands, the larger
+        of those under the mean of both sides and under the forces of the sample, (K − 2, J) [Nm].
+        """
+        mean, own = (self._torques(f) for f in (self.path.forces_n, self.leap_body.forces_n))
+        return np.where(np.abs(mean) >= np.abs(own), mean, own)
+
+    @cached_property
     def shares(self) -> tuple[Array, Array]:
         """q̇/q̇_max and τ/τ_max at the inner samples, 0 where a limit is not known, shape (K − 2, J)
         each.

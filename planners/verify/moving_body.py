@@ -122,6 +122,10 @@ class MovingBodyMeasurements:
         fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
         the feet pressed by its forces; I of the rotors.
         """
+        return self._torques(self.path.forces_n)
+
+    def _torques(self, forces_n: Array) -> Array:
+        """Torques of the joints at the inner samples under these forces, shape (K, N, 3) [N]."""
         pin, known, solver = self._pin, self._known, self.kinematics
         states, between = self._states
         velocity, rising = (
@@ -136,7 +140,7 @@ class MovingBodyMeasurements:
             ]
         )
         angles, rotation, forces = (
-            of[1:-1] for of in (self.postures.angles, self.path.rotation, self.path.forces_n)
+            of[1:-1] for of in (self.postures.angles, self.path.rotation, forces_n)
         )
         levers = np.array(
             [solver.loads(q, turn)[1] for q, turn in zip(angles, rotation, strict=True)]
