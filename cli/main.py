@@ -18,6 +18,8 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
 
+from .dataclass_methods import compile_when_called
+
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
 A session, from terrain to a picture:
@@ -106,6 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(overview(), flush=True)
             return
+        compile_when_called()
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
@@ -284,12 +287,10 @@ def _command(name: str) -> type[Command]:
 
 def _others() -> dict[str, Any]:
     """The entry points of commands of other packages, by name; none takes over one of ours."""
-    from importlib.metadata import entry_points
+    from stancekit.planners.plugins import entry_points_of
 
     return {
-        point.name: point
-        for point in entry_points(group=ENTRY_POINTS)
-        if point.name not in COMMANDS
+        point.name: point for point in entry_points_of(ENTRY_POINTS) if point.name not in COMMANDS
     }
 
 
