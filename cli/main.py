@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import re
@@ -47,6 +48,9 @@ INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
 refusal."""
 TRACE = "STANCEKIT_TRACE"
+RARELY = (50_000, 20, 20)
+"""Objects made between two searches for those that only hold each other, and how many searches make
+one of older objects."""
 
 COMMANDS = {
     "sample": "Sample",
@@ -109,6 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(overview(), flush=True)
             return
         compile_when_called()
+        gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
