@@ -29,7 +29,7 @@ from .correlation import Noise, correlated_noise
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
-from .map_certainty import certainties
+from .map_certainty import certainties, excess_squares, with_local
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
@@ -146,6 +146,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         if noisy
         else [None] * len(planes)
     )
+    excess_m2 = excess_squares(labels, cells, noise_m) if noisy and len(planes) else np.zeros(0)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
@@ -174,9 +175,10 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing
         )  # kept by the outline
         narrow_too = bool(rms[number] <= flattest[number])
-        pieces += standing_pieces(
+        found = standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
+        pieces += with_local(found, labels == number, cells, excess_m2) if noisy else found
         if facet.certainty is not None:  # bodies keep out of all that it may be
             wider = facet.certainty.inset_m - limits.margin_m
             outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
