@@ -433,7 +433,7 @@ def test_options_that_there_are_not_are_refused(make, message):
 
 def test_a_set_of_several_envelopes_is_refused(learned):
     two = replace(learned, envelopes=learned.envelopes * 2)
-    with pytest.raises(InvalidInput, match=r"^envelopes: expected one for micp, got 2$"):
+    with pytest.raises(InvalidInput, match=r"^envelopes: expected one envelope for micp, got 2$"):
         MicpPlanner(envelope=two)
 
 
