@@ -24,6 +24,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -160,9 +161,13 @@ class Registry(Generic[T]):
         )
 
     def _points(self) -> Iterable[EntryPoint]:
-        return [
-            point for group in (self.group, *self._old_groups) for point in entry_points_of(group)
-        ]
+        return _installed(tuple(map(str, sys.path)), (self.group, *self._old_groups))
+
+
+@cache
+def _installed(path: tuple[str, ...], groups: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Entry points of these groups in packages on a path, which are read once."""
+    return tuple(point for group in groups for point in entry_points_of(group))
 
 
 def entry_points_of(group: str) -> Sequence[EntryPoint]:
