@@ -34,10 +34,11 @@ from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
-from stancekit.learners.selectors.selector import Learned, Selector
+from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.runner.control.envelope_choice import Predictor
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
@@ -115,7 +116,7 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
         for rows in (options.box_rows, 3 * options.box_rows)
     )
 
-    def scored(name: str, begin: float, selector: Selector | EnvelopeSet) -> Score:
+    def scored(name: str, begin: float, selector: Predictor | EnvelopeSet) -> Score:
         seconds = time.perf_counter() - begin
         return judged(name, Learned.of(selector, name, problem), scenes, problem, seconds)
 
