@@ -20,7 +20,6 @@ version; its command is run in turn with ours.
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import sys
@@ -292,7 +291,7 @@ TABLES: dict[str, Callable[[Arguments], Iterator[dict[str, Any]]]] = {
 
 def main(options: Arguments) -> None:
     """Print the table and the yardstick."""
-    print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
+    options.say({"yardstick_cpu_s": round(yardstick(), 3)})
     for row in TABLES[options.table](options):
         options.say(
             {

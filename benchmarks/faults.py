@@ -37,8 +37,8 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch, realtime
-from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
-from stop_runs import STOPS, stopped
+from _fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
+from _stop_runs import STOPS, stopped
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.plan_file import write_plan

@@ -47,15 +47,15 @@ def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
 
 @pytest.fixture(scope="session")
 def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less
-    of a way.
+    """Plan file of the course of docs/running-on-a-robot.md, shortened: two key frames, and less of
+    a way.
     """
     page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(
         encoding="utf-8"
     )
     (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     folder = tmp_path_factory.mktemp("desk")
-    for whole, part in (("frames: 6", "frames: 3"), ("goal_m: [0.10,", "goal_m: [0.04,")):
+    for whole, part in (("frames: 6", "frames: 2"), ("goal_m: [0.10,", "goal_m: [0.02,")):
         assert whole in text
         text = text.replace(whole, part)
     (folder / "desk.yaml").write_text(text)
