@@ -88,7 +88,7 @@ class GroundOptions(Options):
     clouds: str = "1e4"
     """Points of clouds."""
     noises_cm: str = "0,2"
-    """Deviations of the noise [cm]."""
+    """Deviations of the noise [cm]; 2correlated is noise of 2 cm that is correlated over 5 cm."""
     correlated: bool = False
     """Noise correlated over 5 cm beside white noise."""
     draws: int = 1
@@ -145,9 +145,12 @@ def cells(options: GroundOptions) -> list[tuple[str, str, int, str]]:
     """Sample, noise, draw and ground of every cell."""
     samples = [f"grid{each}" for each in options.grids.split(",") if each]
     samples += [f"cloud{each}" for each in options.clouds.split(",") if each]
-    noises = [f"{each}cm" for each in options.noises_cm.split(",")]
+    noises = [
+        f"{each.removesuffix('correlated')}cm{'correlated' * each.endswith('correlated')}"
+        for each in options.noises_cm.split(",")
+    ]
     if options.correlated:
-        noises += [f"{each}correlated" for each in noises if float(each[:-2]) > 0.0]
+        noises += [f"{each}correlated" for each in noises if each.endswith("cm") and each != "0cm"]
     return list(product(samples, noises, range(options.draws), options.grounds.split(",")))
 
 

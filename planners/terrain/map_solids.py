@@ -193,8 +193,8 @@ def on_surfaces(terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float
         )
         x, y = terrain.x_m[i, None], terrain.y_m[None, j]
         normals, offsets = half_planes(corners[:, :2])
-        beyond = [u * x + v * y - offset for (u, v), offset in zip(normals, offsets, strict=True)]
-        beyond = np.max(beyond, axis=0)
+        out = [u * x + v * y - offset for (u, v), offset in zip(normals, offsets, strict=True)]
+        beyond = np.max(out, axis=0)
         plane = (
             corners[0, 2]
             - ((x - corners[0, 0]) * normal[0] + (y - corners[0, 1]) * normal[1]) / (normal[2])
