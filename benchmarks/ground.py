@@ -70,6 +70,8 @@ LEAST_SD_M = 1e-4
 FAR_M, HOLE_M, STEP_M = 0.02, 0.06, 0.01
 """Footholds farther than this off the truth are counted; side of a hole; and steps lower than this
 are no edges [m]."""
+TIME_S = 600.0
+"""Time limit of a plan, which takes 5 to 15 s alone on a core [s]."""
 TILT_3 = 11.83
 """Square of two slopes in deviations that is larger as often as one value is beyond three."""
 Truth = tuple[Array, NDArray[np.int_]]
@@ -337,7 +339,9 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
     from stancekit.planners.motion.touch_down import touch_downs_m
 
     try:
-        answer = stancekit.plan(found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0])
+        answer = stancekit.plan(
+            found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0], time_limit_s=TIME_S
+        )
     except (InvalidInput, PlanningFailed) as error:
         return {"plan": "none", "why": str(error)}
     plan = answer.solution
