@@ -25,8 +25,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from _bench import Options, kept, launch
+from _robot_step import scene_course
 from _wrong import Wrong
-from robot_step import scene_course
 from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 

@@ -24,6 +24,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -157,11 +158,13 @@ class Registry(Generic[T]):
         )
 
     def _points(self) -> Iterable[EntryPoint]:
-        return [
-            point
-            for group in (self.group, *self._old_groups)
-            for point in entry_points(group=group)
-        ]
+        return _installed(tuple(map(str, sys.path)), (self.group, *self._old_groups))
+
+
+@cache
+def _installed(path: tuple[str, ...], groups: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Entry points of these groups in packages on a path, which are read once: that takes 20 ms."""
+    return tuple(point for group in groups for point in entry_points(group=group))
 
 
 def split_name(name: str) -> tuple[str, list[str]]:

@@ -33,10 +33,10 @@ terrain: {kind: flat, friction: 0.7}
 HEIGHTS = """
 name: step
 robot: dog.urdf
-frames: 6
+frames: 2
 gait: wave
 start_m: [0.0, 0.0, {0}]
-goal_m: [0.2, 0.0, {0}]
+goal_m: [0.1, 0.0, {0}]
 body: {{com_radius_m: 0.005, first_radius_m: 0.005, tilt_limit_rad: 0.01}}
 terrain: {{kind: flat, friction: 0.7}}
 """
@@ -93,7 +93,7 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
 
 @pytest.mark.parametrize(
     ("height_m", "code", "status"),
-    [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.64, 1, "infeasible")],
+    [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.66, 1, "infeasible")],
 )
 def test_plans_are_in_inner_sets_and_proofs_over_outer_ones(call, height_m, code, status):
     Path("step.yaml").write_text(HEIGHTS.format(height_m))
