@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.patch import Patch
 
 FRICTION = 0.75
-"""Of heights under a motion from elsewhere, as of walks that are asked for without one."""
+"""Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3

@@ -304,7 +304,7 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
 
 
 def _called(asked: Accepted | Timed | Problem) -> str:
-    """What a motion is, in words."""
+    """Kind of a motion, in words."""
     if isinstance(asked, AcceptedCrossing):
         return "crossing"
     return "leap" if isinstance(asked, AcceptedLeap) else "gait"

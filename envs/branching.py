@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .memoryless import MemorylessPolicy, Observation
 
 LEAST = 1e-9
-"""Of gaps and widths, so that they have logarithms."""
+"""Least value of gaps and widths, so that they have logarithms."""
 
 
 class LargestGap(MemorylessPolicy):

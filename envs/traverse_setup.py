@@ -38,7 +38,7 @@ from .distributions.courses import perturbed
 from .learned_selectors import LearnedSelector, class_envelopes
 
 DRAWS = 50
-"""Of a source that has nothing for some toe, before it is given up."""
+"""Number of draws of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
 """What courses are drawn from: names, files and descriptions, also as mappings with a file's keys;

@@ -38,7 +38,7 @@ FORMAT = "stancekit/run/1"
 LOADED = "loaded"
 """The decision to begin with joints that press already."""
 LARGEST_TIME = 1e9
-"""Of times [s] and rates [Hz] in a log."""
+"""Largest value of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
     "plan": {
         "format": "string",

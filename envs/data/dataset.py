@@ -33,7 +33,7 @@ Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 Part = Literal["all", "train", "test"]
-"""Of a data set's rows: see ``Dataset.only``."""
+"""Part of a data set's rows: see ``Dataset.only``."""
 TEST_SHARE = 5
 """One row in so many is of the part "test"."""
 LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}

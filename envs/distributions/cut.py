@@ -40,7 +40,7 @@ from .patches import FORWARD, plain_problem, triangle
 from .stance import NominalStance
 
 SPACING = 0.5
-"""Of the lattice, in radii of the smallest patch."""
+"""Spacing of the lattice, in radii of the smallest patch."""
 SMALLER = 0.4
 """The smallest patch of a terrain, in circumradii of the smallest that is drawn."""
 MOST_PLACES = 200_000

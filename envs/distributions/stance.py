@@ -42,7 +42,7 @@ BEYOND = 1.1
 """The length scale of a robot from a file, in units of how far a toe may be from its centre of
 mass."""
 POINTS = 4000
-"""Of a leg's set, by which the walls are placed."""
+"""Number of points of a leg's set, by which the walls are placed."""
 SIDEWAYS = 0.8
 """Share of a leg's set that is nearer than the wall is."""
 

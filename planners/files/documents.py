@@ -27,9 +27,9 @@ from ..errors import InvalidInput
 from .validation import shown
 
 MOST_BYTES = 128_000_000
-"""Of any file."""
+"""Largest size of any file."""
 MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
-"""Of one document. YAML is for what people write by hand, and slow to read."""
+"""Largest size of one document. YAML is for what people write by hand, and slow to read."""
 MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
 """How many keys, lists and values a document may hold, what aliases stand for counted wherever they
 stand."""

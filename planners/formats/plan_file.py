@@ -100,7 +100,7 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
 
 
 def plan_content(plan: Plan, report: Report[Plan], where: str | Path) -> dict[str, Any]:
-    """What a plan's file holds, with its seal.
+    """Content of a plan's file, with its seal.
 
     Raises InvalidInput for a provenance that is no JSON.
     """

@@ -26,7 +26,7 @@ LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 P_ENDS, F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
 """Which bounds, of low and high, they are at."""
 SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
-"""Of those rows: the first two bound m_jk from below, the others from above."""
+"""Signs of those rows: the first two bound m_jk from below, the others from above."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

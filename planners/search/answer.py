@@ -20,7 +20,7 @@ from ..verify import check_certificate, check_plan
 from .clock import Clock
 
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
-"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
+"""Reason of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
 legs."""
 
 

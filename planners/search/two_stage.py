@@ -36,8 +36,8 @@ from .least_steps import over_sides
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
 CHOICE_SHARE = 0.75
-"""Of the time limit that the search over choices may use where cuts in space, which get the rest,
-are of use."""
+"""Share of the time limit that the search over choices may use where cuts in space, which get the
+rest, are of use."""
 
 
 class TwoStageCoursePlanner(TimeLimited):
