@@ -230,7 +230,7 @@ def export_scenes(
     """
     from stancekit.learners.data import scene_set
     from stancekit.planners.plugins import split_name
-    from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+    from stancekit.planners.search.two_stage import TwoStagePlanner
     from stancekit.planners.terrain.families import drawn_name
 
     name, numbers = split_name(family)
@@ -245,7 +245,7 @@ def export_scenes(
         name,
         level,
         count=count,
-        planner=TwoStageCoursePlanner(),
+        planner=TwoStagePlanner(),
         seed=seed,
         progress=progress,
     )

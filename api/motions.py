@@ -31,7 +31,7 @@ from stancekit.runner.acceptance import (
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
-from stancekit.runner.log import McapLog, NoLog
+from stancekit.runner.log import Log, McapLog
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -150,7 +150,7 @@ def run(
     with ExitStack() as stack:
         made = _world(world, request, setup, arm)
         stack.callback(made.close)
-        written = NoLog() if log is None else stack.enter_context(McapLog(Path(log)))
+        written = Log() if log is None else stack.enter_context(McapLog(Path(log)))
         monitor = None
         if arm is not None and isinstance(made, Actuator):
             from stancekit.runner.safety.heartbeat import HeartbeatMonitor

@@ -46,7 +46,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 
 ICE, CANDIDATES = 0.55, 3
@@ -152,7 +152,7 @@ def _reached(plan: Any) -> Standing:
 def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
     planner, rows = (
-        TwoStageCoursePlanner(time_limit_s=options.time_limit_s),
+        TwoStagePlanner(time_limit_s=options.time_limit_s),
         list[tuple[str, float]](),
     )
     for index in range(options.count):
@@ -199,7 +199,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
     """
     for name in DISTRIBUTIONS:
         for copies in frames:
-            exact, planner = ExactPlanner(), TwoStageCoursePlanner()
+            exact, planner = ExactPlanner(), TwoStagePlanner()
             statuses, accepted, posture_s, course_s = (
                 Counter[str](),
                 0,

@@ -37,7 +37,7 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.decoupled import DecoupledPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     planners: dict[str, Any] = {
-        "two-stage": TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s),
+        "two-stage": TwoStagePlanner(programs=programs, time_limit_s=options.time_limit_s),
         "decoupled": DecoupledPlanner(programs=programs),
         **{name: Peer(name, programs, options.time_limit_s) for name in ("highs", "scip")},
     }

@@ -47,7 +47,7 @@ from gymnasium import spaces
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
@@ -152,17 +152,17 @@ def refinement(arguments: Arguments) -> None:
     config = replace(config, steps=arguments.steps or config.steps)
     test = test_scenes(config, folder / "test", arguments.episodes)
     rules: dict[str, Selector] = {
-        "largest gap": LargestGap(),
-        "largest gap · width": NoisyGap(np.random.default_rng(0), spread=0.0),
-        "widest dimension": WidestDimension(),
-        "random dimension": RandomDimension(np.random.default_rng(0)),
+        "largest gap": MemorylessPolicy(largest_gap),
+        "largest gap · width": noisy_gap(np.random.default_rng(0), spread=0.0),
+        "widest dimension": MemorylessPolicy(widest),
+        "random dimension": any_dimension(np.random.default_rng(0)),
     }
     played = {name: episodes(config, test, rule) for name, rule in rules.items()}
     best = max(played, key=lambda name: played[name][:, 0].mean())
     for name, found in played.items():
         compared(arguments, name, found, played[best])
     some = test[: arguments.hindsight]
-    noisy = [NoisyGap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
+    noisy = [noisy_gap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
     tries = np.stack([episodes(config, some, rule) for rule in noisy] + [played[best][: len(some)]])
     compared(
         arguments,

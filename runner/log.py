@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Protocol, Self
+from typing import IO, Any, Self
 
 import numpy as np
 
@@ -65,22 +65,14 @@ finite is null."""
 KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 
 
-class Log(Protocol):
-    """Log in which a run writes down what happens."""
+class Log:
+    """Log in which a run writes down what happens; this one forgets everything."""
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
         """Write one message."""
-        ...
 
 
-class NoLog:
-    """Forgets everything."""
-
-    def write(self, topic: str, content: Mapping[str, Any]) -> None:
-        """Nothing."""
-
-
-class McapLog:
+class McapLog(Log):
     """An MCAP file.
 
     A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.

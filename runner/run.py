@@ -32,7 +32,7 @@ from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
-from .log import FORMAT, LOADED, Log, NoLog, state_json
+from .log import FORMAT, LOADED, Log, state_json
 from .motion.soft_start import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
@@ -78,12 +78,12 @@ class Runner:
         settings: RunSettings = RunSettings(),
         dry: bool = True,
         sources: Sequence[Source] = (),
-        log: Log = NoLog(),
+        log: Log = Log(),
         progress: Progress = lambda done, total: None,
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.settings, self.log = settings, log
-        self._logs = not isinstance(log, NoLog)  # else nothing is made ready to be written
+        self._logs = type(log) is not Log  # else nothing is made ready to be written
         self.latch, self._progress = world.latch, progress
         sources = (*settings.stops, *sources, *(() if monitor is None else (monitor.gone,)))
         self.world = SafeWorld(

@@ -21,9 +21,8 @@ from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import Problem
-from .answer import Acceptance, Claim, Limitable
+from .answer import Acceptance, Claim, Kind, Limitable, kind_of
 from .clock import Clock
-from .either import Kind, kind_of
 
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet

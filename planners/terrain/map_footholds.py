@@ -25,11 +25,12 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .cells import GroundCells, Labels, fitted, renumbered, solved
+from .certainty import Certainty
 from .correlation import Noise, correlated_noise
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
-from .map_certainty import certainties
+from .map_certainty import certainties, excess_squares, with_local
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
@@ -54,6 +55,8 @@ QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
 FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
+STRAIGHT = 0.25
+"""The outline that bodies keep out of is made simpler by no more than this, in cells."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
@@ -146,6 +149,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         if noisy
         else [None] * len(planes)
     )
+    excess_m2 = excess_squares(labels, cells, noise_m) if noisy and len(planes) else np.zeros(0)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
@@ -156,6 +160,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
         )
         corner = (where[0].start, where[1].start)
+        corner_m = cells.corner_m[:2] + spacing * np.array(corner)
         outline = _outline(labels[where] == number, corner, spacing, plane)
         counted = (
             terrain.samples
@@ -174,14 +179,19 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing
         )  # kept by the outline
         narrow_too = bool(rms[number] <= flattest[number])
-        pieces += standing_pieces(
+        found = standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
-        if facet.certainty is not None:  # bodies keep out of all that it may be
-            wider = facet.certainty.inset_m - limits.margin_m
-            outer = _outline(labels[where] == number, corner, spacing, plane, wider / spacing)
-            facet = replace(facet, polygon=outer)
-        surfaces += facet.patches(SMALLEST_M, friction)
+        pieces += with_local(found, labels == number, cells, excess_m2) if noisy else found
+        # bodies keep out of all that it may be: of exact heights an edge is anywhere between two
+        known = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
+        wider = 0.5
+        if facet.certainty is not None:
+            wider = (facet.certainty.inset_m - limits.margin_m) / spacing + STRAIGHT
+            known = replace(facet.certainty, wider_m=wider * spacing)
+        outer = _outline(labels[where] == number, corner, spacing, plane, wider)
+        outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
+        surfaces += [patch.with_certainty(known) for patch in outline_of]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name,
@@ -274,7 +284,7 @@ def _outline(
         parts = [_inner(polygon) for polygon in polygons]
     else:
         parts = [
-            polygon.buffer(wider, join_style="mitre").simplify(0.5 * wider) for polygon in polygons
+            polygon.buffer(wider, join_style="mitre").simplify(STRAIGHT) for polygon in polygons
         ]
     slopes = -plane.normal[:2] / plane.normal[2]
 

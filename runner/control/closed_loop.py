@@ -24,7 +24,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
@@ -69,7 +69,7 @@ class ClosedLoop:
         policy: Policy | None = None,
         settings: LoopSettings = LoopSettings(),
     ) -> None:
-        planner = TwoStageCoursePlanner()
+        planner = TwoStagePlanner()
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planning = Replanner(

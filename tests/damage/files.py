@@ -35,7 +35,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from stancekit.planners.robot.walker import named_walker
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -96,11 +96,11 @@ def _plans(folder: Path) -> None:
     (folder / "course.yaml").write_text(yaml.safe_dump(spec))
     course = read_course(folder / "course.yaml")
     (folder / "course.json").write_text(json.dumps(course.to_json()))
-    plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).solution
+    plan = TwoStagePlanner().solve(read_course(folder / "course.yaml", 2)).solution
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
     icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
-    refuted = TwoStageCoursePlanner().solve(icy).certificate
+    refuted = TwoStagePlanner().solve(icy).certificate
     assert refuted is not None
     write_proof(folder / "proof.json", refuted.of(icy))
     command(

@@ -26,7 +26,7 @@ from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
@@ -241,7 +241,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("crawl")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(CRAWL)
-    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml")).solution
+    plan = plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 

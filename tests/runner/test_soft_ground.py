@@ -12,7 +12,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.patch import Patch
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
@@ -204,7 +204,7 @@ def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None
 def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_do_not() -> None:
     """In MuJoCo; ``benchmarks/soft_ground.py`` has both simulators and more courses."""
     pytest.importorskip("mujoco")
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     accepted, soft = Accepted.verified(plan, "walls"), SoftContact(stiffness_n_m=2e4)
     stood = []
