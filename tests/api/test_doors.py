@@ -16,7 +16,6 @@ FEW = (
     "flat-2-0.4",
     "gait-all",
     "slick-2-0.1",
-    "dog-0.58",
     "dog-0.66",
     "weak-1",
     "wall-0",
