@@ -37,7 +37,7 @@ TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
 EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
-"""What an answer of each status has to hold."""
+"""Evidence that an answer of each status has to hold."""
 CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
 

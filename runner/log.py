@@ -60,7 +60,7 @@ TOPICS: dict[str, dict[str, str]] = {
 }
 """The topics, and what every message of each has at least, by JSON type."""
 ARRAYS_OF = {"joints": str}
-"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not
+"""Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
 finite is null."""
 KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 

@@ -25,7 +25,7 @@ from .sheet import leg_colour
 
 SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
 TINT = 0.3
-"""How much of its leg's colour a link has."""
+"""Share of its leg's colour that a link has."""
 TRIANGLES = 3000
 """Most triangles of the mesh of one file: a quadruped is drawn with 20,000 to 50,000, and
 its page opens at once."""

@@ -35,7 +35,7 @@ PAPER_REACH_M = 0.35
 PAPER_LENGTH_M = 0.6
 """Length scale of Lin et al.'s robot."""
 GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
-"""How far a patch may be from its nominal place, along x, y and z, to either side."""
+"""Distance that a patch may have from its nominal place, along x, y and z, to either side."""
 CIRCUMRADIUS_M = (0.03, 0.08)
 COM_RADIUS_M = 0.08
 BEYOND = 1.1

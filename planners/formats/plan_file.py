@@ -56,7 +56,7 @@ PARTS: dict[str, dict[str, type]] = {
     "verdict": {"accepted": bool, "tolerance": float, "digest": str},
     "provenance": {},
 }
-"""What the objects in the header hold at least."""
+"""Least content of the objects in the header."""
 OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 ARRAYS: dict[str, dict[str, type]] = {

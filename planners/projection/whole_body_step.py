@@ -46,7 +46,7 @@ too much torque, at 100 steps buy distances with moments, and a Solo12 had no pl
 STILL, EVEN = 2e-3, 1e-5
 """Weights of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
-"""How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for
+"""Bounds of a step, at radius 1: com and toes [m], rotation and joints [rad], each axis for
 itself."""
 
 

@@ -36,7 +36,7 @@ LEGS = (4, 6)
 ROOM = 0.05
 """Share of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101
-"""How many heights are tried."""
+"""Number of heights that are tried."""
 UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 

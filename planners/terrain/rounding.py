@@ -22,8 +22,8 @@ ROUND_M, SLOPE = 0.03, 3.0
 SPACING_M = 0.025
 """Spacing of the grid [m]."""
 FIRST_M = 0.15
-"""How far from a patch its fall is looked at first; twice as far as long as it is above all else
-[m]."""
+"""Distance from a patch at which its fall is looked at first; twice as far as long as it is above
+all else [m]."""
 
 
 def rounded(
