@@ -184,14 +184,14 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         )
         pieces += with_local(found, labels == number, cells, excess_m2) if noisy else found
         # bodies keep out of all that it may be: of exact heights an edge is anywhere between two
-        known = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
+        whole = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
         wider = 0.5
         if facet.certainty is not None:
             wider = (facet.certainty.inset_m - limits.margin_m) / spacing + STRAIGHT
-            known = replace(facet.certainty, wider_m=wider * spacing)
+            whole = replace(facet.certainty, wider_m=wider * spacing)
         outer = _outline(labels[where] == number, corner, spacing, plane, wider)
         outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
-        surfaces += [patch.with_certainty(known) for patch in outline_of]
+        surfaces += [patch.with_certainty(whole) for patch in outline_of]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     return Footholds(
         name=terrain.name,
