@@ -38,7 +38,7 @@ FURTHER: Mapping[str, Any] = {
     "scenes": int | None,
     "tries": Mapping[str, int] | None,
 }
-"""What ``label`` takes by name beside its parameters."""
+"""Arguments that ``label`` takes by name beside its parameters."""
 OLD = {
     "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
     "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",

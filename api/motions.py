@@ -286,7 +286,7 @@ def _is_timed(asked: Accepted[Any] | Problem) -> bool:
 
 
 def _called(asked: Accepted[Any] | Problem) -> str:
-    """What a motion is, in words."""
+    """Kind of a motion, in words."""
     kinds = {Crossing: "crossing", LeapPlan: "leap", Trajectory: "gait"}
     return "plan" if isinstance(asked, Problem) else kinds.get(type(asked.plan), "plan")
 
