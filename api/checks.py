@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.patch import Patch
 
 FRICTION = 0.75
-"""Of heights under a motion from elsewhere, as of walks that are asked for without one."""
+"""Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
 EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
-"""What an answer of each status has to hold."""
+"""Evidence that an answer of each status has to hold."""
 CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
 

@@ -163,8 +163,10 @@ def plan(
     if isinstance(course, Leap):
         places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
         usual = vars(PlanSettings())
-        said = {k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])}
-        others = {**places, "frames": frames, "robot": robot, **said}
+        changed = {
+            k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])
+        }
+        others = {**places, "frames": frames, "robot": robot, **changed}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(

@@ -32,11 +32,12 @@ from .walks import walk
 Progress = Callable[[int, int], None]
 MINARI = "minari"
 FORMAT_NAMES = (*FORMATS, MINARI)
-"""What ``to`` may be."""
+"""Formats that ``to`` may name."""
 LEDGER = "motions.jsonl"
 """In a folder of drawn motions: a line per draw, and what was asked for before them."""
 GOAL_XY_M, DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
-"""Of drawn walks: where they end, how long they take, and the processor time of looking for one."""
+"""Numbers of drawn walks: where they end, how long they take, and the processor time of looking for
+one."""
 MOST_DRAWS = 10
 """So many draws per motion that is asked for are tried at most, and a few more."""
 

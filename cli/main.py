@@ -207,7 +207,7 @@ class _Page(io.StringIO):
         self._output = sys.stdout
 
     def isatty(self) -> bool:
-        """Whether standard output is a terminal."""
+        """Tell whether standard output is a terminal."""
         return self._output is not None and self._output.isatty()
 
     @property

@@ -124,8 +124,8 @@ class PlanCourse:
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file
     of modes."""
     policy: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of the hand
-    rule's."""
+    """Policy of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of
+    the hand rule's."""
     projection: Annotated[str, PROJECTION] = "scp"
     """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp:
     frees all, in steps."""
@@ -288,7 +288,7 @@ class PlanCourse:
                 )
 
     def _settings(self) -> PlanSettings:
-        """What the options say that a plan has to keep and to bear.
+        """Settings that a plan has to keep and to bear, from the options.
 
         Raises InvalidInput.
         """

@@ -103,7 +103,7 @@ def write_leap(
 
 
 def leap_content(leap: Leap, plan: LeapPlan | None = None) -> dict[str, Any]:
-    """What a leap's file holds of the leap and its plan."""
+    """Content of a leap's file: the leap and its plan."""
     content = leap_to_json(leap)
     return content if plan is None else {**content, "plan": plan_to_json(plan)}
 

@@ -46,7 +46,7 @@ SAME_AS_MODEL = 1e-6
 NEAR = 0.05
 """Share of a robot's height by which its feet may be elsewhere, on the mean."""
 DEEPEST = 0.5
-"""How deep a robot may crouch, as a share of its height."""
+"""Deepest crouch of a robot, as a share of its height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

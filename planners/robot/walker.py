@@ -34,9 +34,9 @@ BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_
 LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
 ROOM = 0.05
-"""Of the leg's length: a foot stands so far inside what it reaches, or farther."""
+"""Share of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101
-"""How many heights are tried."""
+"""Number of heights that are tried."""
 UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 
