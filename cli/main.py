@@ -19,7 +19,6 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
 
-
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
 A session, from terrain to a picture:
