@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -25,14 +25,15 @@ Kind = Literal["postures", "courses"]
 POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
 """Time limits of one posture problem and of one course where none is given [s]."""
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
-"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
+"""Reason of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
 legs."""
 
 
 class Planner(Protocol):
     """Anything that answers problems: posture problems, courses, or both.
 
-    ``name`` is its name on the command line.
+    ``name`` is its name on the command line. One whose time can be limited from outside has
+    ``with_limit``, see ``TimeLimited``.
     """
 
     name: str
@@ -42,15 +43,6 @@ class Planner(Protocol):
 
         Raises InvalidInput where the planner is not made for it.
         """
-        ...
-
-
-@runtime_checkable
-class Limitable(Protocol):
-    """A planner whose time can be limited from outside."""
-
-    def with_limit(self, limit_s: float) -> Planner:
-        """Planner whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
 

@@ -285,9 +285,9 @@ def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCell
         cells = GroundCells.of_map(terrain)
         noise_m = cells.noise_m() if limits.noise_m is None else limits.noise_m
     else:
-        spacing, told = terrain.spacing_m, limits.noise_m
-        noise_m = told or 0.0
-        if told is None:  # the upper side is cut by the noise, so that it is estimated twice
+        spacing, stated_m = terrain.spacing_m, limits.noise_m
+        noise_m = stated_m or 0.0
+        if stated_m is None:  # the upper side is cut by the noise, so that it is estimated twice
             noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
             noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
         cells = GroundCells.of_points(terrain.points_m, spacing, noise_m)

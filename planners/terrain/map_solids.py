@@ -50,7 +50,7 @@ ROOM = 0.5
 """In a cloud in which more than this share of the ground has something over it, the ground is
 below."""
 REACH_M = 0.5
-"""Of the ground beside what hangs over it, which is looked at together [m]."""
+"""Width of the ground beside what hangs over it, which is looked at together [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

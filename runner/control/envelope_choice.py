@@ -47,8 +47,8 @@ NODES = 20
 """Most choices of candidates that are looked at within boxes before the lift is asked, which is
 quicker."""
 RADIUS = 0.1
-"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of
-what is learned."""
+"""Radius of the triangles that are shown of larger patches, of a course's length scale: about the
+mean of what is learned."""
 
 
 class Predictor(Protocol):
@@ -56,9 +56,15 @@ class Predictor(Protocol):
     agent.
     """
 
-    def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
-        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more
-        envelopes, and a state, which is not looked at.
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """From an observation of ``EnvelopeSelection-v0``, or a batch of them, to its action,
+        bounds of one or more envelopes, and a state, which is not looked at.
         """
         ...
 
