@@ -154,7 +154,8 @@ def _planes_of(
     flattest = (
         most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
     )
-    level, flat = normal_z >= np.cos(limits.slope_rad), rms <= most_rms * _slack(count)
+    within = _inner_rms(labels, cells, rms) if cells.sparse else rms
+    level, flat = normal_z >= np.cos(limits.slope_rad), within <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
     refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
     narrow = _narrow(heights, known & (labels < 0), np.hypot(limits.roughness_m, noise_m))
@@ -230,6 +231,21 @@ def _planes_of(
         noise_length_m=noise.length_m,
     )
     return found, rungs
+
+
+def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:
+    """The rms of points off each surface without its outermost cells, which have points of what is beside, shape (S,)
+    [m]; that of all where these are most of it.
+    """
+    inner = np.pad(labels, 1, constant_values=-1)
+    n, m = labels.shape
+    own = np.ones((n, m), dtype=bool)
+    for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        own &= inner[u : u + n, v : v + m] == labels
+    _, without, count = fitted(np.where(own, labels, -1), cells)
+    without, count = (np.pad(each, (0, len(rms) - len(each))) for each in (without, count))
+    whole = np.bincount(labels[labels >= 0], cells.moments[0][labels >= 0], minlength=len(rms))
+    return np.where(count >= 0.5 * whole, without, rms)
 
 
 def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:

@@ -125,11 +125,10 @@ def map_rungs(
         members = order[first[k] : first[k + 1]]
         if len(members) < LONG * ROWS * ROWS:
             continue
-        rung = _rung(places[members], weights[members], spacing, noise_m, slope_rad)
-        if rung is not None:
-            mask = np.zeros(free.shape, dtype=bool)
-            mask[i[members], j[members]] = True
-            found.append(MapRung(cells=mask, **rung))
+        mask = np.zeros(free.shape, dtype=bool)
+        mask[i[members], j[members]] = True
+        rung = _rung(places[members], weights[members], mask, noise_m, slope_rad)
+        found += [] if rung is None else [rung]
     return found
 
 
@@ -148,9 +147,9 @@ def _wide(labels: Labels, spacing: float) -> NDArray[np.bool_]:
 
 
 def _rung(
-    points_m: Array, weights: Array, spacing: float, noise_m: float, slope_rad: float
-) -> dict[str, object] | None:
-    """What a rung of points says, None where they are none, shape (K, 3) [m]."""
+    points_m: Array, weights: Array, cells: NDArray[np.bool_], noise_m: float, slope_rad: float
+) -> MapRung | None:
+    """The rung of points, shape (K, 3) [m], that are of these cells; None where they are none."""
     middle = np.average(points_m, axis=0, weights=weights)
     flat = points_m - middle
     spread, ways = np.linalg.eigh(np.cov(flat[:, :2].T, aweights=weights))
@@ -210,13 +209,14 @@ def _rung(
         plane_of[1:, 1:] = slope * np.outer(axis[:2], axis[:2])
         certainty = Certainty(about_m=rung.middle_m[:2], covariance=plane_of)
     aside = min((rung.half_width_m + SURE * sd_across) / radius, 1.0)
-    return {
-        "rung": rung,
-        "span_m": (float(length.min()), float(length.max())),
-        "turn_rad": float(np.arcsin(aside)),
-        "rms_m": rms,
-        "certainty": certainty,
-    }
+    return MapRung(
+        rung=rung,
+        cells=cells,
+        span_m=(float(length.min()), float(length.max())),
+        turn_rad=float(np.arcsin(aside)),
+        rms_m=rms,
+        certainty=certainty,
+    )
 
 
 def _off(values: Array, along: Array, across: Array, z: Array) -> tuple[Array, Array]:

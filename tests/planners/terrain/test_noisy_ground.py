@@ -136,3 +136,13 @@ def test_a_low_slab_on_a_coarse_grid_is_no_part_of_the_floor_around_it():
             if np.all(np.abs(piece.patch.centre_m[:2]) < [0.2, 0.15]):
                 off = abs(piece.patch.centre_m[2] - 0.03)
                 assert off < min(3.9 * piece.height_sd_m, 0.02)
+
+
+def test_points_of_the_next_step_in_the_outermost_cells_of_a_dense_cloud_refuse_no_step():
+    rng = np.random.default_rng(3)
+    places = rng.uniform([-0.4, -0.3], [0.5, 0.3], (140_000, 2))
+    step = np.floor(places[:, 0] / 0.3)
+    points = np.column_stack([places, 0.08 * step + 0.02 * rng.standard_normal(len(places))])
+    found = footholds_of(ElevationMap.of_points(points, 0.01, "stairs"))
+    levels = {round(float(piece.patch.centre_m[2]) / 0.08) for piece in found.pieces}
+    assert levels >= {-1, 0}
