@@ -88,8 +88,9 @@ def check_file(
         proof_file,
         trajectory_file,
     )  # splines are slow to import
+    from stancekit.planners.problem.leap_names import is_leap_file
 
-    if leap_file.is_leap_file(path):
+    if is_leap_file(path):
         _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
         return leap_file.check_file(path, why=why)
     from stancekit.planners.formats import crossing_file

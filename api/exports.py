@@ -166,11 +166,12 @@ def read_accepted(path: Path) -> Subject:
     Raises InvalidInput.
     """
     from stancekit.planners.formats import crossing_file, leap_file, plan_file, trajectory_file
+    from stancekit.planners.problem.leap_names import is_leap_file
 
     subject: Subject | None
     if plan_file.is_plan_file(path):
         subject = plan_file.read_plan(path)[0]
-    elif leap_file.is_leap_file(path):
+    elif is_leap_file(path):
         subject = leap_file.read_leap(path).plan
         if subject is None:
             raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")

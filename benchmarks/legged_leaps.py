@@ -30,7 +30,7 @@ from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.motion.leap_run import REST_S
-from stancekit.runner.acceptance import AcceptedLeap
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 
@@ -109,7 +109,7 @@ def stop(path: Path, times: int = 20) -> None:
     """Press the e-stop at so many instants of a leap, spread evenly over it."""
     plan = read_leap(path).plan
     assert plan is not None
-    accepted = AcceptedLeap.verified(plan, str(path))
+    accepted = Accepted.verified(plan, str(path))
     from stancekit.planners.motion.leap_run import LeapRun
 
     duration = LeapRun(plan).duration_s

@@ -186,8 +186,8 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.courses import plan
         from stancekit.planners.answer.answer import Status
-        from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.proof_file import write_proof
+        from stancekit.planners.problem.leap_names import is_leap_file
 
         if is_leap_file(self.course):
             return self._leap()

@@ -118,7 +118,7 @@ def label(
         surrogate: likewise, which screens the draws.
 
     Raises:
-        InvalidInput: where the folder holds another data set, LabellingFailed where a shard gives
+        InvalidInput: where the folder holds another data set, StancekitError where a shard gives
             up.
     """
     execute = run or processes(workers)
@@ -194,7 +194,7 @@ class _Drafts:
     def take(self, block: LabelBlock) -> Shard | None:
         """The shard that this block completes.
 
-        Raises LabellingFailed.
+        Raises StancekitError.
         """
         draft = next((draft for draft in self._open if draft.shard == block.shard), None)
         shard = None if draft is None else draft.take(block)

@@ -26,6 +26,8 @@ import yaml
 from ..errors import InvalidInput
 from .validation import shown
 
+YAML = (".yaml", ".yml")
+"""How the names of YAML files end."""
 MOST_BYTES = 128_000_000
 """Largest size of any file."""
 MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000

@@ -170,11 +170,10 @@ def whole_body(
         [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
     )
     plan = replace(plan, joints_rad=angles)
-    borne = push_share(plan)
-    if borne and plan.problem.robot.source.own:  # whose plans have to bear one
+    if plan.problem.robot.source.own and push_share(plan):  # its plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     bent = _bent(plan, limits, solver, deadline)
-    if bent.steps and push_share(bent.plan) < borne:
+    if bent.steps and push_share(bent.plan) < push_share(plan):
         other = _bent(plan, limits, solver, deadline, braced=True)
         if other.after.excess <= bent.after.excess and push_share(other.plan) > push_share(
             bent.plan

@@ -35,7 +35,7 @@ class JointCorrection(BaseModel):
     torque, velocity.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     limits_rad: tuple[Number, Number] | None = None
     torque_nm: Positive | None = None
     velocity_rad_s: Positive | None = None

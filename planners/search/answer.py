@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -32,7 +32,8 @@ legs."""
 class Planner(Protocol):
     """Anything that answers problems: posture problems, courses, or both.
 
-    ``name`` is its name on the command line.
+    ``name`` is its name on the command line. One whose time can be limited from outside has
+    ``with_limit``, see ``TimeLimited``.
     """
 
     name: str
@@ -42,15 +43,6 @@ class Planner(Protocol):
 
         Raises InvalidInput where the planner is not made for it.
         """
-        ...
-
-
-@runtime_checkable
-class Limitable(Protocol):
-    """A planner whose time can be limited from outside."""
-
-    def with_limit(self, limit_s: float) -> Planner:
-        """Planner whose ``solve`` takes no longer than this [s], nor longer than it would."""
         ...
 
 

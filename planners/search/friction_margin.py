@@ -20,7 +20,7 @@ from ..errors import InvalidInput
 from ..problem import Problem
 from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
-from .answer import COURSE_LIMIT_S, Limitable, Planner
+from .answer import COURSE_LIMIT_S, Planner
 from .two_stage import TwoStagePlanner
 
 LOG = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ def plan_with_reserve(
 
     Arguments:
         deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can
-            be limited (``Limitable``), whose own limit is one for all shares, too. The more
+            be limited (``with_limit``), whose own limit is one for all shares, too. The more
             cautious shares and ``presses`` may take ``CAUTION`` of the time, the last share the
             rest.
 
@@ -136,7 +136,10 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
     left_s = deadline - time.perf_counter()
     if left_s <= 0.0:
         return None
-    return planner.with_limit(left_s) if isinstance(planner, Limitable) else planner
+    limited: Planner = planner
+    if hasattr(planner, "with_limit"):
+        limited = planner.with_limit(left_s)
+    return limited
 
 
 def _braced(

@@ -21,7 +21,7 @@ from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import Problem
-from .answer import Acceptance, Claim, Kind, Limitable, kind_of
+from .answer import Acceptance, Claim, Kind, kind_of
 from .clock import Clock
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class VerifiedPlanner:
 
     def with_limit(self, limit_s: float) -> VerifiedPlanner:
         """The planner made anew with this time limit [s]; itself where nobody can limit it."""
-        if self._remake is None and not isinstance(self._planner, Limitable):
+        if self._remake is None and not hasattr(self._planner, "with_limit"):
             return self
         with foreign(self._where):
             planner = (

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem import Problem
@@ -86,7 +87,7 @@ class ClosedLoop:
         self._seconds = self._worst = 0.0
 
     def run(
-        self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None
+        self, terrain: Sequence[Patch] | None = None, first: Accepted[Plan] | None = None
     ) -> LoopReport:
         """Walk.
 

@@ -56,9 +56,15 @@ class Predictor(Protocol):
     agent.
     """
 
-    def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
-        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more
-        envelopes, and a state, which is not looked at.
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """From an observation of ``EnvelopeSelection-v0``, or a batch of them, to its action,
+        bounds of one or more envelopes, and a state, which is not looked at.
         """
         ...
 
