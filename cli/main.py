@@ -19,8 +19,6 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
 
-from .dataclass_methods import compile_when_called
-
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
 A session, from terrain to a picture:
@@ -112,7 +110,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(overview(), flush=True)
             return
-        compile_when_called()
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
