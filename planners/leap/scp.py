@@ -91,7 +91,8 @@ def attempt(
         steps: convex problems at most.
     """
     scaled = reserved(numbers, choice, share)
-    program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
+    quiet = numbers.leap.robot.source.own
+    program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
         scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M
