@@ -342,7 +342,7 @@ class LeapBender:
         scaled = reserved(numbers, plan.choice, self._share)
         scaled = replace(scaled, reach=scaled.reach - judged.short_m)
         program = self._programs.get(
-            LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs), True
+            LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs), 1.0
         )
         point = point_of(numbers, plan)
         data = LeapGiven(scaled, its=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)

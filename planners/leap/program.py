@@ -44,11 +44,11 @@ class LeapProgram:
     Arguments:
         still: whether the first and the last interval are in equilibrium.
         joints: how many per leg have rows; 0 where legs were not judged.
-        quiet: turn little, and push evenly.
+        quiet: share of the prices of turning and of pushing unevenly; 0 for none.
     """
 
     def __init__(
-        self, layout: Layout, still: tuple[bool, bool], joints: int = 0, quiet: bool = False
+        self, layout: Layout, still: tuple[bool, bool], joints: int = 0, quiet: float = 0.0
     ) -> None:
         self.layout, self.rows = layout, Rows[LeapGiven](keep=False)
         rows = self.rows
@@ -69,8 +69,8 @@ class LeapProgram:
         if joints:
             legs.joints(forces, turning.momentum, joints)
         if quiet:
-            rows.square(body.rotation, None, UPRIGHT)
-            rows.square(turning.momentum, None, QUIET)
+            rows.square(body.rotation, None, quiet * UPRIGHT)
+            rows.square(turning.momentum, None, quiet * QUIET)
         if layout.reach_rows:
             legs.inside()
         forces.in_cones()
@@ -78,7 +78,7 @@ class LeapProgram:
         body.reach(toes)
         body.limits()
         trust(rows, layout, toes)
-        rows.square(forces.columns, None, EVEN if quiet else LITTLE)
+        rows.square(forces.columns, None, max(quiet * EVEN, LITTLE))
 
     def solve(self, given: LeapGiven) -> Step:
         """One step from the point of ``given``."""
